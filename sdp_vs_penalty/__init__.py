@@ -9,9 +9,9 @@ from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty import effects as effects
-    from sdp_vs_penalty.checked import diagnose as diagnose
-    from sdp_vs_penalty.checked import identify as identify
     from sdp_vs_penalty.checks import check as check
+    from sdp_vs_penalty.checks.first import diagnose as diagnose
+    from sdp_vs_penalty.checks.first import identify as identify
     from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
     from sdp_vs_penalty.data.measurements import Measurements as Measurements
@@ -67,7 +67,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
     if name in _CHECKED:
-        found = importlib.import_module(f"{__name__}.checked").with_check(found)
+        found = importlib.import_module(f"{__name__}.checks.first").with_check(found)
     return globals().setdefault(name, found)
 
 

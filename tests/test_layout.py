@@ -15,7 +15,7 @@ PACKAGE = ROOT.name
 ORDER = (
     "version", "errors", "formatting", "files", "parallel", "plugins", "robot",
     "data", "effects", "signals", "problem", "regression", "solvers", "estimators",
-    "estimation", "exporters", "diagnosis", "simulation", "checks", "checked", "shootout", "reports",
+    "estimation", "exporters", "diagnosis", "simulation", "checks", "shootout", "reports",
     "page", "paper", "cli", "__main__",
 )  # fmt: skip
 #: The front door: re-exports for users, and nothing inside goes through it.

@@ -16,8 +16,7 @@ from sdp_vs_penalty.diagnosis.remaining import Event
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
-from sdp_vs_penalty.files import read_json
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain, read_json
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN

@@ -22,7 +22,7 @@ from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MINOR, WITHIN
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,

@@ -27,7 +27,7 @@ from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import noise_level
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, plain_unit, words
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION

@@ -32,7 +32,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, TOLD_FINELY
 from sdp_vs_penalty.estimation.shape_constants import settled
 from sdp_vs_penalty.estimators.estimator import joint_weights
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.partial import UNSEEN, deviations, least_squares, partialled, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular

@@ -22,7 +22,7 @@ from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, WIDTHS
 from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich, stretched
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
 from sdp_vs_penalty.regression.partial import smallest
 from sdp_vs_penalty.regression.regression import Regression

@@ -20,7 +20,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.estimators.estimator import make_task
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 #: What a body can be known from, the best first.

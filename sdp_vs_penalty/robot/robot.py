@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 from sdp_vs_penalty.robot.joint import Joint, Mechanism, Transmission

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_pieces
 

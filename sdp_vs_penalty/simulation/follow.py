@@ -23,7 +23,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.output_error import STEP, Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array
 

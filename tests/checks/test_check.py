@@ -13,8 +13,8 @@ from commands import run_cli
 from corruptions.bench import contradicts
 
 from sdp_vs_penalty import Measurements, Problem, load_estimate, load_problem
-from sdp_vs_penalty.checked import consented
 from sdp_vs_penalty.checks import check, mended
+from sdp_vs_penalty.checks.first import consented
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.problem import measured_runs

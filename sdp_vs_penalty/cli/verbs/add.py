@@ -39,7 +39,7 @@ def verb(
     --confident: Confident findings only.
     --only 1,3: Numbers of the findings to add.
     """
-    from sdp_vs_penalty.checked import consented
+    from sdp_vs_penalty.checks.first import consented
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare

@@ -25,7 +25,7 @@ def verb(
 
     --json out.json: JSON file for the findings.
     """
-    from sdp_vs_penalty.checked import consented, refuse_meaningless
+    from sdp_vs_penalty.checks.first import consented, refuse_meaningless
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as run
     from sdp_vs_penalty.estimation.estimate import load_estimate

@@ -36,7 +36,7 @@ def verb(
     --solver: Solver of the SDP methods, of `sdp-vs-penalty list solvers`.
     --proof proof.json: File for the proof of optimality; `verify` checks it.
     """
-    from sdp_vs_penalty.checked import refuse_meaningless
+    from sdp_vs_penalty.checks.first import refuse_meaningless
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import identified

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.effects.measured_curve import WORDS, MeasuredCurve, Variable
-from sdp_vs_penalty.files.plain import Plain
+from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot

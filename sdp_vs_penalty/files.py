@@ -3,9 +3,10 @@ replace what the same command has read.
 
 An input is a regular file, no device and no pipe; at most so many bytes by its kind; and while a library
 unpacks it, at most so much memory. Whatever a file holds, it costs a bounded amount and ends in one
-sentence.
+sentence. Frozen dataclasses become plain JSON, there and back, by the types of their fields.
 """
 
+import collections.abc
 import csv
 import errno
 import glob
@@ -16,11 +17,14 @@ import re
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import types
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from dataclasses import MISSING, fields
+from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO, Literal, Self, TypeVar, get_args, get_origin, get_type_hints
 
 from sdp_vs_penalty.errors import InputError, unreadable
 
@@ -395,6 +399,68 @@ def as_csv(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def problems_folder() -> Path:
     """Where the built-in problems are: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parents[1]
+    package = Path(__file__).parent
     inside = package / "problems"
     return inside if inside.is_dir() else package.parent / "problems"
+
+
+class Plain:
+    """A dataclass of numbers, texts, arrays, other ``Plain`` ones, and tuples and mappings of these."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; null where a number is not finite."""
+        return {f.name: _plain(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote; null stands for the field's default, where it has one. Raises
+        KeyError, TypeError or ValueError for a field that is missing or of another kind."""
+        kinds = _kinds(cls)  # type: ignore[arg-type]
+        required = [f for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING]  # type: ignore[arg-type]
+        there = {f.name for f in required} | {k for k in kinds if data.get(k) is not None}
+        return cls(**{name: _restored(kinds[name], data[name]) for name in there})
+
+
+@cache
+def _kinds(cls: type) -> dict[str, Any]:
+    """The types of a class's fields, which cost more to look up than a field to read."""
+    return get_type_hints(cls)
+
+
+def _plain(value: Any) -> Any:
+    import numpy as np  # which `--help` does not pay for
+
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return [_plain(x) for x in value] if isinstance(value, tuple) else value
+
+
+def _restored(kind: Any, value: Any) -> Any:
+    """A value of a type hint; an absent one may be None."""
+    import numpy as np
+
+    origin, args = get_origin(kind), get_args(kind)
+    if origin is types.UnionType:
+        return None if value is None else _restored(args[0], value)
+    if origin is np.ndarray:
+        return np.array(value, float)
+    if origin is collections.abc.Mapping:
+        return {str(key): _restored(args[1], x) for key, x in value.items()}
+    if origin is tuple:
+        if isinstance(value, str):
+            raise TypeError(f"{value!r} is no list")
+        every = args[:1] * len(value) if args[-1] is Ellipsis else args
+        return tuple(_restored(a, x) for a, x in zip(every, value, strict=True))
+    if origin is Literal:
+        if value not in args:
+            raise ValueError(f"{value!r} is none of {', '.join(args)}")
+        return value
+    if kind in (str, bool) and not isinstance(value, kind):
+        raise TypeError(f"{value!r} is no {kind.__name__}")
+    return kind.from_dict(value) if hasattr(kind, "from_dict") else kind(value)
