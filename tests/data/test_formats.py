@@ -186,8 +186,9 @@ def test_bags_that_cannot_be_used(tmp_path):
         write_bag(tmp_path / name, run, **change)
         with pytest.raises(InputError, match=words):
             load_measurements(tmp_path / name, names=["a", "b", "c"])
-    got = read_run(tmp_path / "two", 3, ["a", "b", "c"], topic="/right/joint_states")
-    assert np.array_equal(got.q, run.q)
+    for number, side in enumerate(("left", "right")):
+        got = read_run(tmp_path / "two", 3, ["a", "b", "c"], topic=f"/{side}/joint_states")
+        assert np.array_equal(got.q, run.q + number)
     write_bag(tmp_path / "unstamped", run, no_stamps=True)
     unstamped = load_measurements(tmp_path / "unstamped", names=["a", "b", "c"])
     assert np.abs(np.diff(unstamped.t) - np.diff(run.t)).max() < 2e-9

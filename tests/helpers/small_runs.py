@@ -38,7 +38,8 @@ def write_run(path: Path, problem: Problem, seconds: float = 6.0, seed: int = 0)
 
 
 def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: Any) -> None:
-    """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the same topic."""
+    """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the same topic. Of
+    several topics the k-th one's positions are larger by k."""
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -65,10 +66,10 @@ def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: An
             order = np.roll(np.arange(run.n), 1)
             effort = np.zeros(0) if change.get("no_effort") else run.tau[k, order]
             velocity = run.dq[k, order] if run.dq is not None else np.zeros(0)
-            arm = state(header(at, ""), names, run.q[k, order], velocity, effort)
             gripper = state(header(at, ""), ["finger"], np.zeros(1), np.zeros(1), np.zeros(1))
-            for connection in connections:
-                for message in (gripper, arm):
+            for number, connection in enumerate(connections):
+                position = run.q[k, order] + number
+                for message in (gripper, state(header(at, ""), names, position, velocity, effort)):
                     raw = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
                     # The recorder is late by another time each, where stamps tell.
                     late = 0 if change.get("no_stamps") else 1000 * (k % 3)
