@@ -107,6 +107,7 @@ def test_every_public_name_is_in_the_reference():
     assert not left, f"docs/api.md has no line {left}"
 
 
+@pytest.mark.long
 def test_how_to(tmp_path, monkeypatch, capsys):
     """Every command of the page, in order, after those of the rehearsal that it starts from."""
     shutil.copy(DOCS / "my_arm.urdf", tmp_path)

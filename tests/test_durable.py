@@ -103,6 +103,7 @@ def test_of_two_writers_the_second_is_told(tmp_path):
         pass
 
 
+@pytest.mark.long
 def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
     tables = [Table(n, "t", "c", [{"a": 1.0}, {"a": 2.0}]) for n in ("I", "II")]
 
@@ -117,6 +118,7 @@ def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
         assert write(out) == right, case
 
 
+@pytest.mark.long
 def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(tmp_path, monkeypatch):
     asked: list[str] = []
 

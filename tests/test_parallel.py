@@ -45,6 +45,7 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(runs, tmp_path):
     assert Workers(2).map(dies_once, marks) == [1, 2, 3]
 
 
+@pytest.mark.long
 def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs):
     problem = load_problem("two_link")
     said: list[str] = []

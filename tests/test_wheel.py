@@ -53,8 +53,8 @@ def test_the_command_works_from_another_folder(installed, tmp_path, two_link):
         return python(*words, path=str(installed), cwd=tmp_path, check=True).stdout
 
     assert Path(call("-c", where).strip()).is_relative_to(installed)
-    for name in ("panda", "two_link", "ur10e", "emps", "tx40"):
-        assert name in call(*PROGRAM, "list", "problems")
+    problems = call(*PROGRAM, "list", "problems")
+    assert all(name in problems for name in ("panda", "two_link", "ur10e", "emps", "tx40"))
     call(*PROGRAM, "identify", "two_link", "--data", "run.csv", "--out", "model.json")
     assert "RMSE" in call(*PROGRAM, "compare", "model.json", "--data", "run.csv")
 

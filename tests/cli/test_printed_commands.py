@@ -131,7 +131,10 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     assert ConstraintSet(bounds.convex).margin(text.theta) >= 0.0
 
 
-@pytest.mark.parametrize("kind", ["two_link", pytest.param("folder", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param("two_link", marks=pytest.mark.long), pytest.param("folder", marks=pytest.mark.slow)],
+)
 def test_the_check_repairs_what_it_says(kind, run, tmp_path):
     """One run, and two, with a torque's sign flipped: the copies that it offers to write are clean."""
     source = robot(kind, tmp_path)

@@ -388,7 +388,11 @@ def places(data: Any, *keys: Any) -> Iterator[tuple[Any, ...]]:
         yield from ((*keys, key), *places(data[key], *keys, key))
 
 
-@pytest.mark.parametrize("value", ["x", [1.0], float("nan"), {}], ids=repr)
+@pytest.mark.parametrize(
+    "value",
+    ["x", [1.0], *(pytest.param(x, marks=pytest.mark.long) for x in (float("nan"), {}))],
+    ids=repr,
+)
 def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(value, model, tmp_path):
     path, said = tmp_path / "bad.json", dict[str, str]()
     for keys in places(json.loads(model.read_text())):

@@ -148,6 +148,7 @@ def test_convert_a_ros_bag(tmp_path):
     assert np.array_equal(load_measurements(out).tau, run.tau[:, [0, 1]])
 
 
+@pytest.mark.long
 def test_every_verb_takes_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path):
     """A driver's order is its own (alphabetic, often): taken as it is, torques change places."""
     problem = load_problem("two_link")

@@ -19,7 +19,7 @@ def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
     sizes = {"viscous_friction": 200.0, "coulomb_friction": 20.0}
     theta = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
     theta[model.rigid_indices] = 95.0 / problem.nominal_links[0, 0] * problem.nominal_links.ravel()
-    trajectory = random_trajectory(problem.robot, 3, 4.0)
+    trajectory = random_trajectory(problem.robot, 3, 2.5)
     late = Sensor(1000.0, np.zeros(1))
     clean = simulate(trajectory, lambda motion: model.torque(theta, motion), late)
     spiky = lambda m: 15.0 * np.exp(-((m.dq / 0.01) ** 2)) * np.sin(400.0 * m.t)[:, None]  # noqa: E731

@@ -18,7 +18,8 @@ from sdp_vs_penalty.shootout.standard_instances import measurements
 from sdp_vs_penalty.simulation import experiment
 
 _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
-_REAL = ("panda", "ur10e", "tx40", "emps", "ur10")
+#: Joints with friction, one slide; the others take longer.
+_REAL = ("panda", "emps", *(pytest.param(x, marks=pytest.mark.long) for x in ("ur10e", "tx40", "ur10")))
 
 
 def _arm(name: str, folder: Path) -> tuple[Problem, Measurements]:

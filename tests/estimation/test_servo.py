@@ -86,12 +86,16 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
+@pytest.fixture(scope="module")
+def found(arm: str) -> Estimate:
+    return identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
+
+
 def value(estimate: Estimate, name: str) -> float:
     return float(estimate.theta[[p.name for p in estimate.model.parameters].index(name)])
 
 
-def test_a_known_mass_gives_the_gains_and_friction(arm, tmp_path, capsys):
-    found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
+def test_a_known_mass_gives_the_gains_and_friction(found, tmp_path, capsys):
     assert found.details["servo"]["law"] == "PD"
     assert found.details["servo"]["delay"] == pytest.approx(0.0, abs=5e-4)
     assert found.details["servo"]["motion"][0] < 1e-3
@@ -113,7 +117,7 @@ def test_a_known_mass_gives_the_gains_and_friction(arm, tmp_path, capsys):
     assert float(loop.get("kv")) == value(found, "kd1")
     export(found, tmp_path / "model.h")
     assert "Servo gains (kd holds viscous friction): kp1 =" in (tmp_path / "model.h").read_text()
-    other = log(seed=3).window(0.0, 6.0)
+    other = log(seed=3).window(0.0, 2.5)
     told = follow(found, other, drive="servo")
     assert float(told.free[0].rms[0]) < 1e-3
     save(other, tmp_path / "other.csv")
@@ -286,8 +290,7 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     assert "these measurements make another problem" in said
 
 
-def test_report_and_page_show_the_torque_that_the_servos_make(arm, tmp_path):
-    found = identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
+def test_report_and_page_show_the_torque_that_the_servos_make(found, tmp_path):
     test, truth = log(seed=3), log(seed=3, torque=True)
     given = Runs(log(), test, concatenate([log(), test]))
     shown = summary(found, given, tmp_path / "model.json", 0.0, no_progress)

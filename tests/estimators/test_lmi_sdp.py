@@ -269,7 +269,9 @@ def check(path: Path, chosen: str, seed: int, method: str, units: tuple[float, f
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize(
+    "seed", [0, 1, 2, *(pytest.param(k, marks=pytest.mark.long) for k in range(3, 8))]
+)
 def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
     rng = np.random.default_rng(seed)
     path = random_arm(tmp_path, seed)

@@ -66,8 +66,9 @@ def independent_margins(theta: Array, links: NDArray[np.intp], thickness: float)
 @pytest.mark.parametrize(
     "name",
     [
-        *("two_link", "panda", "1 joint, seed 0", "3 joints, seed 3", "6 joints, seed 4"),
-        "3 joints, seed 3, unknown",  # with rotors beside the links
+        *("two_link", "panda", "1 joint, seed 0", "3 joints, seed 3"),
+        pytest.param("6 joints, seed 4", marks=pytest.mark.long),
+        pytest.param("3 joints, seed 3, unknown", marks=pytest.mark.long),  # rotors beside the links
     ],
 )
 def test_penalty_reaches_the_sdp_and_is_feasible(name, request):

@@ -102,6 +102,7 @@ def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions, tmp_path):
     assert all(c.consistent for c in check_urdf(s.folder / "fixed.urdf"))
 
 
+@pytest.mark.long
 def test_a_turned_robot_is_set_upright_by_the_check(sessions, hidden, tmp_path):
     """The check's finding carries the gravity that it proposes."""
     s = opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv"))

@@ -157,7 +157,9 @@ def test_what_our_interval_cannot_decide_is_not_called_wrong(two_link, proved, b
 
 
 @pytest.mark.parametrize("name", list(CONTESTANTS))
-@pytest.mark.parametrize("problem", SMALL)
+@pytest.mark.parametrize(
+    "problem", [SMALL[0], *(pytest.param(name, marks=pytest.mark.long) for name in SMALL[1:])]
+)
 def test_every_contestant_on_every_small_instance(name, problem):
     contestant = CONTESTANTS[name]
     if contestant.absent:

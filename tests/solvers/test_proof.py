@@ -66,7 +66,9 @@ def test_a_true_proof_holds_and_its_interval_is_tight(proofs, method):
     assert float((upper - lower) / upper) < 1e-6
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method", ["lmi-sdp", *(pytest.param(x, marks=pytest.mark.long) for x in METHODS[1:])]
+)
 def test_a_false_claim_is_refused_though_it_is_signed(proofs, method):
     """The digest is no argument: whoever signs a false claim is refused by the arithmetic. Of an arm the
     claims that `benchmarks/proofs.py` makes of small problems, and multipliers that prove nothing.
