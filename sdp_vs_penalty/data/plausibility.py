@@ -81,7 +81,9 @@ def _check_side(robot: Robot, run: Measurements) -> None:
 
 def extremes(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n,) least and (n,) largest of positions (N, n), in the memory of a part of them."""
-    ends = [(part.min(axis=0), part.max(axis=0)) for _, part in parts(q)]
+    # A joint after the other: several times as fast as row by row.
+    columns = (np.ascontiguousarray(part.T) for _, part in parts(q))
+    ends = [(part.min(axis=1), part.max(axis=1)) for part in columns]
     low, high = zip(*ends, strict=True)
     return np.min(low, axis=0), np.max(high, axis=0)
 

@@ -91,16 +91,15 @@ class Sandwich:
             return self.white * (np.sum(w * w, axis=1) - prior), np.full(len(w), np.inf)
         K, (B, r) = self.kernel, self.scores.shape
         AB, h = np.moveaxis(self.grams @ w.T, 2, 0), w @ self.scores.T  # (c, B, r), (c, B)
-        own = np.einsum("cbr,cr->cb", AB, w)
+        own = np.maximum(np.einsum("cbr,cr->cb", AB, w), 0.0)
         KAB = np.moveaxis((K @ np.moveaxis(AB, 1, 0).reshape(B, -1)).reshape(B, len(w), r), 1, 0)
-        M = np.swapaxes(AB, 1, 2) @ KAB
-        own = np.maximum(own, 0.0)
+        # tr (K G)^2 of G's second part, by the smaller of (A B)'K A B and K A B (A B)'.
+        M = np.swapaxes(AB, 1, 2) @ KAB if r < B else KAB @ np.swapaxes(AB, 1, 2)
         information = own.sum(axis=1)
         expected = information - np.trace(M, axis1=1, axis2=2)
         square = np.sum(own * (K.power(2) @ own.T).T, axis=1)
-        square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2)) - 2.0 * np.sum(
-            own * np.sum(KAB**2, axis=2), axis=1
-        )
+        square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2))
+        square -= 2.0 * np.sum(own * np.sum(KAB**2, axis=2), axis=1)
         found = np.maximum(np.sum(h * (K @ h.T).T, axis=1), 0.0)
         told = (expected > 1e-6 * information) & (square > 0.0)
         safe = np.where(told, expected, 1.0)
@@ -162,13 +161,12 @@ def sandwich(regression: Regression, weights: Array, prior_scale: Array | None =
     V = visible(whole.R)[1]
     z = V.T @ (whole.R.T @ whole.rho)
     B, r = len(regression.blocks), V.shape[1]
-    grams, scores, own = np.zeros((B, r, r)), np.zeros((B, r)), dict[int, Array]()
-    for f in regression.factors:
-        if f.joint not in own:
-            own[f.joint] = weights[f.joint] * V[f.indices]
-        rows, seen = weights[f.joint] * f.triangle[:, -1], f.triangle[:, :-1] @ own[f.joint]
-        grams[f.block] += seen.T @ seen
-        scores[f.block] += seen.T @ (rows - seen @ z)
+    grams, scores = np.zeros((B, r, r)), np.zeros((B, r))
+    for joint, indices, blocks, rows in regression.by_joint():
+        seen = rows[..., :-1] @ (weights[joint] * V[indices])
+        left = weights[joint] * rows[..., -1] - seen @ z
+        grams[blocks] += seen.swapaxes(1, 2) @ seen
+        scores[blocks] += np.einsum("brk,br->bk", seen, left)
     excess = float(np.sum(np.trace(grams, axis1=1, axis2=2)) - np.sum(grams**2))
     inflation = 1.0
     if excess > 1e-6 * r and white > 0.0:

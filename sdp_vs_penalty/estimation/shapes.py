@@ -122,7 +122,7 @@ def estimate_shapes(
     while refused.any():  # those that together explain most, and that folds that are left out confirm
         u = profile.best(np.where(moves, u, profile.now), np.flatnonzero(moves))
         found = profile.estimates(u)
-        gains, needed = _held_out(profile, found, folds, weights)
+        gains, needed = profile.held_out(found)
         refused = moves & ~(gains > needed)
         moves = moves & ~refused
     found = [replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)]
@@ -240,7 +240,7 @@ class _Profile:
     """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
 
     shown (b, k) : what the data show of the other columns' coefficients, at unit norm of what they make;
-    variance : of a row times how often rows repeat each other.
+    variance : of a row times how often rows repeat each other; folds, weights : what it was made of.
     """
 
     columns: Array
@@ -248,6 +248,8 @@ class _Profile:
     banks: list[_Bank]
     shown: Array
     variance: float
+    folds: Regression
+    weights: Array
 
     @classmethod
     def of(
@@ -264,7 +266,8 @@ class _Profile:
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared) or 1.0
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
-        return cls(left[:, :-1], left[:, -1], banks, V, folds.oversampling * error / free)
+        variance = folds.oversampling * error / free
+        return cls(left[:, :-1], left[:, -1], banks, V, variance, folds, weights)
 
     @cached_property
     def now(self) -> Array:
@@ -302,22 +305,72 @@ class _Profile:
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
     def near(self, found: Sequence[ShapeEstimate]) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
-        """Columns (p, d) in which a fit near what was found is linear: what the other columns show; then
-        each bank's at the value that the model has, and, of a constant that moves, those at its new
-        value and, within its range, their derivative. Of these last (c,) whose each is, and whether it
-        is new.
+        """Combinations (P, d) of the banks' columns in which a fit near what was found is linear: each
+        bank's at the value that the model has, and, of a constant that moves, those at its new value
+        and, within its range, their derivative. Of these (d,) whose each is, and whether it is new.
         """
-        p, parts = len(self.shown) + self.columns.shape[1], list[tuple[Array, int, bool]]()
+        parts = list[tuple[Array, int, bool]]()
         for k, (bank, s) in enumerate(zip(self.banks, found, strict=True)):
             parts.append((bank.weights(self.now[k])[0], k, False))
             if s.after != s.before:
                 several = bank.weights(float(np.log(s.after)))
                 parts += [(x, k, True) for x in several[: 1 if s.at_end else 2]]
-        T = np.zeros((p, len(parts)))
+        T = np.zeros((self.columns.shape[1], len(parts)))
         for out, (weights, k, _) in zip(T.T, parts, strict=True):
-            out[self.banks[k].columns] = weights
+            out[self.banks[k].columns - len(self.shown)] = weights
         of, new = (np.array([part[i] for part in parts]) for i in (1, 2))
-        return np.column_stack([np.eye(p, len(self.shown)) @ self.shown, T]), of, new
+        return T, of, new
+
+    @cached_property
+    def _left_out(self) -> tuple[Array, Array, Array]:
+        """(F, P + 1, P + 1) products of the banks' columns and of the torque in each fold and in all
+        others, less what the other columns, fitted to these others, take of them; and (P + 1, P + 1)
+        their products in all."""
+        (b, k), p, count = self.shown.shape, self.columns.shape[1] + 1, len(self.folds.blocks)
+        seen, both, own = np.zeros((count, k, k)), np.zeros((count, k, p)), np.zeros((count, p, p))
+        for joint, indices, blocks, rows in self.folds.by_joint():
+            first = indices < b
+            rows = self.weights[joint] * rows
+            made = rows[..., :-1][..., first] @ self.shown[indices[first]]
+            rest, at = rows[..., np.append(~first, True)], np.append(indices[~first] - b, p - 1)
+            seen[blocks] += made.swapaxes(1, 2) @ made
+            both[np.ix_(blocks, np.arange(k), at)] += made.swapaxes(1, 2) @ rest
+            own[np.ix_(blocks, at, at)] += rest.swapaxes(1, 2) @ rest
+        others = [x.sum(axis=0) - x for x in (seen, both, own)]
+        fit = np.linalg.solve(others[0] + UNSEEN * np.eye(k), others[1])
+        found = []
+        for squares, mixed, mine in ((seen, both, own), others):
+            crossed = fit.swapaxes(1, 2) @ (mixed - 0.5 * squares @ fit)
+            found.append(mine - crossed - crossed.swapaxes(1, 2))
+        return found[0], found[1], own.sum(axis=0)
+
+    def held_out(self, found: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
+        """(B,) what each constant alone takes from the squared error of the folds that are left out, in
+        variances, and what noise would."""
+        moved = [k for k, s in enumerate(found) if s.after != s.before]
+        count = len(self.folds.blocks)
+        taken, needed = np.zeros((2, len(found)))
+        if not moved or count < 2:
+            return taken, needed
+        T, of, new = self.near(found)
+        T = np.pad(T, (0, 1))
+        T[-1, -1] = 1.0  # the torque
+        grams, rest, total = (T.T @ x @ T for x in self._left_out)
+        size = or_one(np.sqrt(np.diagonal(total)))
+        grams, rest = (x / (size * size[:, None]) for x in (grams, rest))
+        rest += UNSEEN * np.eye(len(size))
+        fits = np.zeros((len(moved) + 1, count, len(size)))
+        for fit, k in zip(fits, (-1, *moved), strict=True):  # none of them, each alone
+            used = np.flatnonzero(np.where(of == k, new, ~new))
+            fit[:, used] = np.linalg.solve(rest[:, used[:, None], used], rest[:, used, -1:])[..., 0]
+        fits[..., -1] = -1.0
+        both = fits, fits[1:] - fits[0]
+        loss, apart = (np.sum(np.squeeze(grams @ x[..., None], 3) * x, axis=2) for x in both)
+        scale = size[-1] ** 2 / self.variance
+        gains, changes = scale * (loss[0] - loss[1:]), scale * apart
+        noise = np.maximum(np.sum((gains - changes) ** 2, axis=1), 4.0 * changes.sum(axis=1))
+        taken[moved], needed[moved] = gains.sum(axis=1), stdtrit(count - 1, 0.975) * np.sqrt(noise)
+        return taken, needed
 
     def from_grid(self) -> Array:
         """(B,) ln u, each in turn at the value of its grid that leaves least."""
@@ -361,42 +414,6 @@ class _Profile:
             one = bank.effect.name, bank.joint, bank.key
             out.append(ShapeEstimate(*one, bank.now, after, std, at_end=bool(end)))
         return out
-
-
-def _held_out(
-    profile: _Profile, found: Sequence[ShapeEstimate], folds: Regression, weights: Array
-) -> tuple[Array, Array]:
-    """(B,) what each constant alone takes from the squared error of the folds that are left out, in
-    variances, and what noise would."""
-    moved, count = [k for k, s in enumerate(found) if s.after != s.before], len(folds.blocks)
-    taken, needed = np.zeros((2, len(found)))
-    if not moved or count < 2:
-        return taken, needed
-    T, of, new = profile.near(found)
-    grams = np.zeros((count, T.shape[1] + 1, T.shape[1] + 1))
-    for f in folds.factors:
-        rows = np.column_stack([f.triangle[:, :-1] @ T[f.indices], f.triangle[:, -1]])
-        grams[f.block] += weights[f.joint] ** 2 * rows.T @ rows
-    size = or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
-    grams /= size * size[:, None]
-    rest = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
-    # The columns of no bank, which come first, take what they can in every fit.
-    first, unit = T.shape[1] - len(of), np.eye(len(size))
-    Z = np.tile(unit[:, first:], (count, 1, 1))
-    Z[:, :first] = -np.linalg.solve(rest[:, :first, :first], rest[:, :first, first:])
-    grams, rest = (Z.swapaxes(1, 2) @ x @ Z for x in (grams, rest))
-    fits = np.zeros((len(moved) + 1, count, len(size) - first))
-    for fit, k in zip(fits, (-1, *moved), strict=True):  # none of them, each alone
-        used = np.flatnonzero(np.where(of == k, new, ~new))
-        fit[:, used] = np.linalg.solve(rest[:, used[:, None], used], rest[:, used, -1:])[..., 0]
-    fits[..., -1] = -1.0
-    both = fits, fits[1:] - fits[0]
-    loss, apart = (np.sum(np.squeeze(grams @ x[..., None], 3) * x, axis=2) for x in both)
-    scale = size[-1] ** 2 / profile.variance
-    gains, changes = scale * (loss[0] - loss[1:]), scale * apart
-    noise = np.maximum(np.sum((gains - changes) ** 2, axis=1), 4.0 * changes.sum(axis=1))
-    taken[moved], needed[moved] = gains.sum(axis=1), stdtrit(count - 1, 0.975) * np.sqrt(noise)
-    return taken, needed
 
 
 def alone(effect: Effect, joint: int, **shape: float) -> Effect:

@@ -13,7 +13,6 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.inertia import parameter_names
-from sdp_vs_penalty.robot.robot import Robot
 
 
 def base_parameters(
@@ -27,8 +26,7 @@ def base_parameters(
     indices of theta_b. Raises InputError where those named are not independent.
     """
     robot = model.robot
-    motion = random_motion(robot, 0)
-    stacked = robot.regressor(motion.q, motion.dq, motion.ddq).reshape(-1, 10 * robot.links)
+    stacked = robot.random_columns
     if independent is None:
         return structure(stacked)
     rigid = [model.parameters[k].name for k in model.rigid_indices]
@@ -60,10 +58,9 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     if len(rigid) and present & alike:
         part = Model(model.robot, tuple(e for e in model.effects if e.name in ("rigid_body", *alike)))
         names = [p.name for p in model.parameters]
-        places, motion = (
-            np.array([names.index(q.name) for q in part.parameters]),
-            random_motion(part.robot, 0),
-        )
+        places = np.array([names.index(q.name) for q in part.parameters])
+        states = part.robot.random_states
+        motion = Motion(np.zeros(len(states[0])), *states)
         wide = np.stack([block.wide(len(places)) for block in part.columns(motion)], axis=1)
         stacked = wide.reshape(-1, len(places))
         # Of columns that stand for each other the first leads, whatever rounding says: links first.
@@ -87,14 +84,6 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
         for row, k in zip(rows, leading, strict=True)
     ]
     return BaseParameters(rows, names, leading)
-
-
-def random_motion(robot: Robot, seed: int) -> Motion:
-    """Enough states to tell apart whatever can be told apart."""
-    count = 20 * robot.n + 100
-    q = robot.random_configurations(count, seed)
-    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n))
-    return Motion(np.zeros(count), q, dq, ddq)
 
 
 def structure(

@@ -12,7 +12,7 @@ files cost no pass over the samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -239,6 +239,15 @@ class Regression:
         squared = both.tau_squared + float(alone[:, -1] @ alone[:, -1])
         return replace(both, R=R, rho=rho, tau_squared=squared)
 
+    def by_joint(self) -> Iterator[tuple[int, NDArray[np.intp], list[int], Array]]:
+        """Of each joint its number, its columns' parameters (k,), the blocks that show it, and their
+        rows (B, r, k + 1), of zeros where a block has fewer."""
+        for joint in range(self.joints):
+            own = [f for f in self.factors if f.joint == joint]
+            if own:
+                rows = _padded([f.triangle for f in own])
+                yield joint, own[0].indices, [f.block for f in own], rows
+
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
         theta = np.asarray(theta, float)
@@ -282,13 +291,17 @@ def _triangles(stacks: Array) -> Array:
 def _each_folded(parts: Sequence[Array]) -> list[Array]:
     """Matrices of about as many rows, as triangles where one has more rows than columns: by one call,
     since rows of zeros add nothing."""
-    most, width = max(len(part) for part in parts), parts[0].shape[1]
-    if most <= width:
+    if max(len(part) for part in parts) <= parts[0].shape[1]:
         return list(parts)
-    stacks = np.zeros((len(parts), most, width))
-    for place, part in zip(stacks, parts, strict=True):
+    return list(_triangles(_padded(parts)))
+
+
+def _padded(parts: Sequence[Array]) -> Array:
+    """Matrices (r, p) as one array (K, r, p), of zeros below those with fewer rows."""
+    out = np.zeros((len(parts), max(len(part) for part in parts), parts[0].shape[1]))
+    for place, part in zip(out, parts, strict=True):
         place[: len(part)] = part
-    return list(_triangles(stacks))
+    return out
 
 
 def compress(

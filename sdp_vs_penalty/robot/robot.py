@@ -155,6 +155,19 @@ class Robot(Plain):
         low, high, _ = joint_limits(self)
         return np.random.default_rng(seed).uniform(low, high, (count, self.n))
 
+    @cached_property
+    def random_states(self) -> tuple[Array, Array, Array]:
+        """q, dq, ddq (K, n): enough to tell apart whatever can be told apart."""
+        count = 20 * self.n + 100
+        dq, ddq = np.random.default_rng(0).normal(size=(2, count, self.n))
+        return self.random_configurations(count, 0), dq, ddq
+
+    @cached_property
+    def random_columns(self) -> Array:
+        """(r, 10 links) a triangle of the regressor at :attr:`random_states`."""
+        rows = self.regressor(*self.random_states)
+        return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
+
     def link_reach(self) -> Array:
         """(links,) distance [m] from each link frame's origin to the farthest joint that the link bears.
 

@@ -13,8 +13,9 @@ from sdp_vs_penalty import InputError, Problem, identify, load_estimate, load_pr
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.regression import BlackBox, LeastSquares, compress, load_answers
-from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows, random_motion
+from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows
 from sdp_vs_penalty.regression.black_box import compress_black_box
 from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.signals import Preprocessing, filtered_torque
@@ -143,7 +144,8 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     (tmp_path / "scara.urdf").write_text(SCARA)
     problem = load_problem(tmp_path / "scara.urdf" if which == "scara" else which)
     model = problem.model("rigid_body,rotor_inertia,viscous_friction,torque_offset")
-    motion = random_motion(problem.robot, 1)
+    rates = np.random.default_rng(1).normal(size=(2, 200, problem.robot.n))
+    motion = Motion(np.zeros(200), problem.robot.random_configurations(200, 1), *rates)
     columns = np.zeros((len(motion.t), problem.robot.n, len(model.parameters)))
     for j, block in enumerate(model.columns(motion)):
         columns[:, j, block.indices] = block.columns
