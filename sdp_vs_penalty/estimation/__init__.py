@@ -7,6 +7,7 @@ __getattr__ = surface(
     {
         "Certificate": "certificate",
         "Limits": "excitation",
+        "bootstrap": "resampling",
         "free_constants": "shape_constants",
         "prior_deviation": "shape_constants",
         "verify_proof_file": "verify",

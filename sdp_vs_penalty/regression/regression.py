@@ -81,6 +81,11 @@ class LeastSquares:
         R, rho = np.ascontiguousarray(triangle[:p, :p]), triangle[:p, p].copy()
         return cls(R, rho, rest, tau_squared, rows)
 
+    @cached_property
+    def curvature(self) -> Array:
+        """(p, p) of :meth:`loss`: 2 R' R."""
+        return 2.0 * (self.R.T @ self.R)
+
     def loss(self, theta: ArrayLike) -> float:
         """|R theta - rho|^2 + residual_norm^2 [(N m)^2], weighted."""
         residual = self.R @ np.asarray(theta, float) - self.rho
@@ -239,14 +244,14 @@ class Regression:
         squared = both.tau_squared + float(alone[:, -1] @ alone[:, -1])
         return replace(both, R=R, rho=rho, tau_squared=squared)
 
-    def by_joint(self) -> Iterator[tuple[int, NDArray[np.intp], list[int], Array]]:
+    def by_joint(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp], Array]]:
         """Of each joint its number, its columns' parameters (k,), the blocks that show it, and their
         rows (B, r, k + 1), of zeros where a block has fewer."""
         for joint in range(self.joints):
             own = [f for f in self.factors if f.joint == joint]
             if own:
-                rows = _padded([f.triangle for f in own])
-                yield joint, own[0].indices, [f.block for f in own], rows
+                blocks = np.array([f.block for f in own])
+                yield joint, own[0].indices, blocks, _padded([f.triangle for f in own])
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""

@@ -70,13 +70,12 @@ def dual_evidence(
         if not definite.all():
             inverse = np.linalg.inv(np.array([link.value(theta) for link in objective.entropy.links]))
             slopes = np.where(definite[:, None, None], own, inverse)
-    columns = data.R * bound
-    gram = 2.0 * (columns.T @ columns)
-    gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram) + float(not columns.any())
+    gram = bound[:, None] * data.curvature * bound
+    gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram) + float(not gram.any())
     factor = scipy.linalg.cho_factor(gram, lower=True, overwrite_a=True, check_finite=False)
 
     def push(slope: Array) -> Array:
-        return np.asarray(columns @ scipy.linalg.cho_solve(factor, slope, check_finite=False))
+        return data.R @ (bound * scipy.linalg.cho_solve(factor, slope, check_finite=False))
 
     # What rounding in theta leaves of the slope goes into y.
     y = data.R.astype(verified.Long) @ theta - data.rho

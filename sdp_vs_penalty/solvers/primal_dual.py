@@ -90,7 +90,6 @@ class _Path:
         self.target_rows, self.target_mats = (view[0] for view in self._views(self.target[None]))
         self.weight = cones.weight[:, None, None]
         self.logs = float(cones.weight @ np.log(or_one(cones.weight)))
-        self.gram = 2.0 * (data.R.T @ data.R)
         self.products = np.empty(cones.curvature.shape[1])
         self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
 
@@ -158,7 +157,7 @@ class _Path:
         np.divide(self.rows[1], self.rows[0], out=self.products[: cones.rows])
         inverse, Z = self.inverse[:, :, :, None, None], self.mats[1][:, None, None]
         np.multiply(inverse, Z, out=self.kronecker)
-        H = self.gram.copy()
+        H = self.data.curvature.copy()
         flat = H.ravel()
         flat[cones.places] += cones.curvature @ self.products
         flat[:: len(H) + 1] *= 1.0 + _RIDGE

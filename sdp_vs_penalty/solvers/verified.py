@@ -141,14 +141,15 @@ def lower_bound(
         slope, constant = slope + tangent[0], constant + tangent[1]
     R, rho, limit, y = (np.asarray(x, Long) for x in (data.R, data.rho, bound, evidence.y))
     floor = Long(data.residual_norm) ** 2
+    left = slope[0] + 2 * (y @ R)
     for _ in range(CORRECTIONS if evidence.push else 0):
         assert evidence.push is not None
-        leftover = np.asarray(limit * (slope[0] + 2 * (R.T @ y)), float)
+        leftover = np.asarray(limit * left, float)
         if np.abs(leftover).sum() <= _MATTERS * float(y @ y + floor):
             break
         y = y - evidence.push(leftover)
+        left = slope[0] + 2 * (y @ R)
     gamma = _gamma(operations)
-    left = slope[0] + 2 * (R.T @ y)
     sizes = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))  # whose own rounding gamma holds
     left_at_most = np.abs(left) + gamma * (slope[1] + sizes) + _TINY
     cost = left_at_most @ limit

@@ -3,22 +3,27 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.effects import Model, Motion
+from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.pose import pose
 from sdp_vs_penalty.estimation.uncertainty import (
     NOT_SEEN,
     Uncertainty,
     counts,
     of_regression,
 )
-from sdp_vs_penalty.estimators import make_task
+from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia, random_trajectory
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
+from sdp_vs_penalty.solvers.certificate import TIGHT
+from sdp_vs_penalty.solvers.objective import Objective
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
@@ -44,6 +49,45 @@ def measured(
 def told(problem: Problem, model: Model, run: Measurements) -> Uncertainty:
     data = compress(run, model, problem.preprocessing)
     return of_regression(make_task(problem, model, data), data, base_rows(problem, model))
+
+
+def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
+    """Its factor comes from blocks' products alone; blocks that do not repeat are drawn as they fall."""
+    run = measured(
+        two_link, truth_of(two_link, two_link.model(EFFECTS)), two_link.model(EFFECTS), 0, 20.0
+    )
+    found, posed = bootstrap(two_link, run, 3), pose(two_link, run)
+    assert found.gap.max() <= TIGHT
+    assert found.names == tuple(q.name for q in posed.task.model.parameters)
+    assert np.ptp(found.theta, axis=0).max() > 0.0
+    count, task = len(posed.regression.blocks), posed.task
+    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count))
+    rows = posed.regression.select(np.repeat(np.arange(count), drawn)).least_squares(task.weights)
+    objective, constraints = LmiSdp().posed(task)
+    # The priors' part of the data: what all rows together leave of it.
+    own, all_rows = objective.least_squares, posed.regression.least_squares(task.weights)
+    root = np.linalg.eigh(own.curvature - all_rows.curvature + rows.curvature)
+    R = (root[1] * np.sqrt(np.maximum(0.5 * root[0], 0.0))).T
+    slope = own.R.T @ own.rho - all_rows.R.T @ all_rows.rho + rows.R.T @ rows.rho
+    rho = np.linalg.lstsq(R.T, slope, rcond=1e-12)[0]
+    again = Objective(replace(own, R=R, rho=rho), objective.entropy)
+    best = PosedSdp.of(task, again, constraints).fit(again)
+    base = base_rows(two_link, task.model).rows
+    np.testing.assert_allclose(base @ found.theta[0], base @ best.theta, rtol=1e-3, atol=1e-4)
+
+
+def test_the_bootstrap_spreads_as_intervals_do(two_link):
+    """White noise on torque: of what the data tell, both spreads agree within a factor."""
+    run = measured(
+        two_link, truth_of(two_link, two_link.model(EFFECTS)), two_link.model(EFFECTS), 1, 40.0
+    )
+    base = base_rows(two_link, two_link.model(EFFECTS)).rows
+    drawn = np.std(bootstrap(two_link, run, 60, effects=EFFECTS).theta @ base.T, axis=0)
+    known = identify(two_link, run, effects=EFFECTS, check=False).uncertainty
+    ratio = drawn / [i.std for i in known.base]
+    assert 0.4 < np.median(ratio) < 1.3
+    with pytest.raises(InputError, match="not drawn anew"):
+        bootstrap(two_link, run, 1, "ols")
 
 
 def test_intervals_hold_the_truth(two_link):
