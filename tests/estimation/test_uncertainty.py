@@ -10,6 +10,7 @@ from sdp_vs_penalty.effects import Model, Motion
 from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.pose import pose
+from sdp_vs_penalty.estimation.sandwich import sandwich
 from sdp_vs_penalty.estimation.uncertainty import (
     NOT_SEEN,
     Uncertainty,
@@ -103,6 +104,22 @@ def test_intervals_hold_the_truth(two_link):
         assert len(base) == len(values)
         shares.append(np.mean([i.lower <= x <= i.upper for i, x in zip(base, values, strict=True)]))
     assert 0.90 <= np.mean(shares) <= 0.99
+
+
+def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
+    """Of white noise and of friction that is known beforehand to 0.02, each in its unit."""
+    model = two_link.model(EFFECTS)
+    run = measured(two_link, truth_of(two_link, model), model, 1, 20.0)
+    data = compress(run, model, two_link.preprocessing)
+    weights = make_task(two_link, model, data).weights
+    scale = np.where(np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02)
+    found = replace(sandwich(data, weights, scale), taken_white=True)
+    R, rows = data.least_squares(weights).R, base_rows(two_link, model).rows
+    unit = 1.0 / np.maximum(np.linalg.norm(R, axis=0), 1e-9)
+    information = (R * unit).T @ (R * unit) + found.white * np.diag((unit / scale) ** 2)
+    expected = found.white * (rows * unit) @ np.linalg.pinv(information, 1e-9, hermitian=True)
+    expected = NORMAL_95 * np.sqrt(np.sum(expected * (rows * unit), axis=1))
+    np.testing.assert_allclose(found.half_widths(rows, 0.95), expected, rtol=1e-5)
 
 
 def test_what_cannot_be_seen_is_said(two_link):

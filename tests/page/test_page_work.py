@@ -259,6 +259,13 @@ def test_every_error_of_a_job_is_a_sentence():
     assert "\n" not in said
 
 
+def test_a_worker_that_is_done_does_the_next_job(sessions):
+    s = opened(sessions, "two_link")
+    first = sessions.pool._spare
+    do(s, lambda: s.choose_robot("emps"))
+    assert first is sessions.pool._spare is not None
+
+
 def test_a_worker_ends_with_its_server(pool):
     """The server's end of the pipe closes, and the worker ends; tests/test_kills.py kills the server."""
     work = pool.worker()
