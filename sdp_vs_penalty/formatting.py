@@ -72,13 +72,21 @@ def finite(x: float) -> float | None:
 
 
 def words(items: Sequence[object]) -> str:
-    """ "1", "1 and 2", "1, 2 and 3"."""
+    """An enumeration.
+
+    >>> words([1]), words([1, 2]), words([1, 2, 3])
+    ('1', '1 and 2', '1, 2 and 3')
+    """
     texts = [str(item) for item in items]
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
 def joints(numbers: Sequence[int]) -> str:
-    """ "joint 4", "joints 2 and 5", "joints 1 to 4" from numbers that count from 1."""
+    """Joints by numbers that count from 1.
+
+    >>> joints([4]), joints([2, 5]), joints([1, 2, 3, 4]), joints([1, 2, 4])
+    ('joint 4', 'joints 2 and 5', 'joints 1 to 4', 'joints 1, 2 and 4')
+    """
     if len(numbers) > 2 and list(numbers) == list(range(numbers[0], numbers[-1] + 1)):
         return f"joints {numbers[0]} to {numbers[-1]}"
     return f"joint{'s' if len(numbers) > 1 else ''} {words(numbers)}"

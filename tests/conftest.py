@@ -91,7 +91,7 @@ def _issues_say_what_they_mean():
 
 @pytest.fixture(scope="session")
 def scara_arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
-    from random_arms import scara
+    from arms import scara
 
     return load_problem(scara(tmp_path_factory.mktemp("arm")))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_arms import run_of_widths
+from arms import run_of_widths
 
 from sdp_vs_penalty import Estimate, InputError, Measurements, Problem, add, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arms import SCARA_FRICTION, SCARA_NOISE, run_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_arms import SCARA_FRICTION, SCARA_NOISE, run_of
 from random_robots import link_parameters, open_problem, posed_task, repeating_run, sines, tree
 
 from sdp_vs_penalty import Estimate, InputError, Problem, add, compare, export, identify, load_estimate

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_arms import SCARA_FRICTION, run_of_widths
+from arms import SCARA_FRICTION, run_of_widths
 from random_robots import sines
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify

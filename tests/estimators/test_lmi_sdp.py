@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arms import random_arm, random_run, scara
 from cvxpy_model import cvxpy_model
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_arms import random_arm, random_run, scara
 from random_robots import bare, link_parameters, open_problem, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_problem

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cvxpy as cp
 import numpy as np
 
 from sdp_vs_penalty import Problem
@@ -52,8 +53,6 @@ def cvxpy_model(
     theta = centre + scale x: only the numbers that the solver handles are scaled, each parameter by
     the torque that it makes (by its bound where it makes none), the loss by that of least squares.
     """
-    import cvxpy as cp
-
     data = objective.least_squares
     norms = data.column_norms
     scale = np.minimum(np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf), task.bound)
@@ -101,16 +100,12 @@ class Link:
 
     @classmethod
     def of(cls, theta: Any, indices: Sequence[int]) -> Link:
-        import cvxpy as cp
-
         m, mx, my, mz, xx, xy, yy, xz, yz, zz = (theta[int(k)] for k in indices)
         return cls(m, cp.hstack([mx, my, mz]), cp.bmat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
     @property
     def sigma(self) -> Any:
         """The second moment of the mass about the frame (3, 3)."""
-        import cvxpy as cp
-
         return 0.5 * cp.trace(self.J) * np.eye(3) - self.J
 
     @property
@@ -118,16 +113,12 @@ class Link:
         return self.with_corner(self.sigma)
 
     def with_corner(self, corner: Any) -> Any:
-        import cvxpy as cp
-
         column = cp.reshape(self.h, (3, 1), order="F")
         mass = cp.reshape(self.mass, (1, 1), order="F")
         return cp.bmat([[corner, column], [column.T, mass]])
 
 
 def _link(problem: Problem, number: int, link: Link, thickness: float) -> list[Any]:
-    import cvxpy as cp
-
     box = problem.box[number]
     largest, com, _ = (x[number] for x in problem.link_sizes)
     # A congruence under which the nominal link is the identity: a solver sees numbers of one size.

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from effect_contract import Array, wide_columns
@@ -163,11 +164,12 @@ def check_every_form_is_met(name: str) -> None:
     assert len(forms) == int(np.prod(choices)), "the hidden worlds do not meet every form"
 
 
-def _drifts(forms: Mapping[float, Callable[[TrueMotion, int], Array]]):
+def _laws(*forms: tuple[Callable[[TrueMotion, int], Array], float | None, dict[str, float]]):
+    """Of a joint's motion: its torque, the number behind it and its shape, form by form."""
+
     def made(w: World, j: int) -> list[Hidden]:
         return [
-            at_joint(j, lambda w, m, law=law: law(m, j), None, form=form, T=60.0)
-            for form, law in forms.items()
+            at_joint(j, lambda w, m, x=law: x(m, j), number, **shape) for law, number, shape in forms
         ]
 
     return made
@@ -206,17 +208,6 @@ def _both_ways(w: World, j: int) -> list[Hidden]:
     return [Hidden((), change, None, {"T": 0.01, "phase": 2.0}, 0.01)]
 
 
-def _by_the_clock(w: World, j: int) -> list[Hidden]:
-    laws: dict[float, Callable[[TrueMotion], Array]] = {
-        1.0: lambda m: np.sign(m.dq[:, j]),
-        2.0: lambda m: m.dq[:, j],
-    }
-    return [
-        at_joint(j, lambda w, m, x=x: np.exp(-m.t / 60.0) * x(m), 1.0, law=law, by=2.0, T=60.0)
-        for law, x in laws.items()
-    ]
-
-
 def _sharp_flanks(w: World, j: int) -> list[Hidden]:
     def change(w: World, m: TrueMotion, b: float) -> Array:
         q = m.q.copy()
@@ -226,57 +217,53 @@ def _sharp_flanks(w: World, j: int) -> list[Hidden]:
     return [Hidden((j,), change, 1.0, size=5e-4, details={"sharp": True})]
 
 
-def _dips(w: World, j: int) -> list[Hidden]:
-    laws: dict[tuple[float, float], Callable[[Array], Array]] = {
-        (1.0, 1.0): lambda x: np.exp(-x),
-        (1.0, 2.0): lambda x: 1.0 / (1.0 + x),
-        (2.0, 2.0): lambda x: 1.0 / (1.0 + x**2),
-    }
-    return [
-        at_joint(
-            j,
-            lambda w, m, g=g: np.sign(m.dq[:, j]) * g(np.abs(m.dq[:, j]) / 0.1),
-            1.0,
-            vs=0.1,
-            delta=delta,
-            law=law,
-        )
-        for (delta, law), g in laws.items()
-    ]
+def _wave(m: TrueMotion, j: int) -> Array:
+    q = m.q[:, j]
+    return np.asarray(np.sign(m.dq[:, j]) * (np.cos(2.0 * q + 1.0) + 0.5 * np.sin(4.0 * q)))
 
 
-def _rises(w: World, j: int) -> list[Hidden]:
-    def law(m: TrueMotion, kind: float) -> Array:
-        v = m.dq[:, j]
-        share = np.arctan2(v, 0.1) / (0.5 * np.pi) if kind == 2.0 else v / np.sqrt(v**2 + 0.01)
-        return np.asarray(share - np.sign(v))
+def _dip(
+    share: Callable[[Array], Array], law: float, delta: float
+) -> tuple[Any, float, dict[str, float]]:
+    def torque(m: TrueMotion, j: int) -> Array:
+        return np.asarray(np.sign(m.dq[:, j]) * share(np.abs(m.dq[:, j]) / 0.1))
 
-    kinds = (2.0, 3.0)
-    return [at_joint(j, lambda w, m, k=k: law(m, k), 1.0, v0=0.1, law=k) for k in kinds]
+    return torque, 1.0, {"vs": 0.1, "delta": delta, "law": law}
 
 
-def _two_waves(w: World, j: int) -> list[Hidden]:
-    def law(w: World, m: TrueMotion) -> Array:
-        q = m.q[:, j]
-        return np.asarray(np.sign(m.dq[:, j]) * (np.cos(2.0 * q + 1.0) + 0.5 * np.sin(4.0 * q)))
+def _rise(share: Callable[[Array], Array], law: float) -> tuple[Any, float, dict[str, float]]:
+    def torque(m: TrueMotion, j: int) -> Array:
+        return np.asarray(share(m.dq[:, j]) - np.sign(m.dq[:, j]))
 
-    return [at_joint(j, law, None, k=2.0, waves=2.0)]
+    return torque, 1.0, {"v0": 0.1, "law": law}
 
 
 #: By effect what makes the forms that no world draws, of a world and a joint.
 OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
-    "drift_offset": _drifts({1.0: lambda m, j: m.t / 100.0}),
-    "drift_friction": _drifts(
-        {
-            1.0: lambda m, j: m.t / 100.0 * np.sign(m.dq[:, j]),
-            3.0: lambda m, j: m.t / 100.0 * m.dq[:, j],
-        }
+    "drift_offset": _laws((lambda m, j: m.t / 100.0, None, {"form": 1.0, "T": 60.0})),
+    "drift_friction": _laws(
+        (lambda m, j: m.t / 100.0 * np.sign(m.dq[:, j]), None, {"form": 1.0, "T": 60.0}),
+        (lambda m, j: m.t / 100.0 * m.dq[:, j], None, {"form": 3.0, "T": 60.0}),
     ),
     "backlash": _sharp_flanks,
     "transmission_friction": _transmission,
     "torque_filter": _both_ways,
-    "warming_friction": _by_the_clock,
-    "stribeck_friction": _dips,
-    "sigmoid_friction": _rises,
-    "position_dependent_friction": _two_waves,
+    "warming_friction": _laws(
+        (
+            lambda m, j: np.exp(-m.t / 60.0) * np.sign(m.dq[:, j]),
+            1.0,
+            {"law": 1.0, "by": 2.0, "T": 60.0},
+        ),
+        (lambda m, j: np.exp(-m.t / 60.0) * m.dq[:, j], 1.0, {"law": 2.0, "by": 2.0, "T": 60.0}),
+    ),
+    "stribeck_friction": _laws(
+        _dip(lambda x: np.exp(-x), 1.0, 1.0),
+        _dip(lambda x: 1.0 / (1.0 + x), 2.0, 1.0),
+        _dip(lambda x: 1.0 / (1.0 + x**2), 2.0, 2.0),
+    ),
+    "sigmoid_friction": _laws(
+        _rise(lambda v: np.arctan2(v, 0.1) / (0.5 * np.pi), 2.0),
+        _rise(lambda v: v / np.sqrt(v**2 + 0.01), 3.0),
+    ),
+    "position_dependent_friction": _laws((_wave, None, {"k": 2.0, "waves": 2.0})),
 }

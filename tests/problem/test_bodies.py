@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import random_arm, run_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_arms import random_arm, run_of
 from random_robots import link_parameters, tree
 
 from sdp_vs_penalty import Problem, add, identify, load_estimate, load_problem

@@ -1,5 +1,7 @@
 """Rigid-body dynamics against Pinocchio's RNEA and virtual work; the exciting trajectory."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -113,6 +115,20 @@ def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
     first, again = (random_trajectory(panda.robot, 3).states([4.0])[0] for _ in range(2))
     np.testing.assert_array_equal(first, again)
     assert not np.allclose(first, random_trajectory(panda.robot, 4).states([4.0])[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"name": ""}, "name is ''"),
+        ({"axis": np.array([0.0, 0.0, 2.0])}, "no unit vector"),
+        ({"kind": "ball"}, "kind 'ball' is unknown"),
+        ({"lower": 1.0, "upper": 0.0}, "the lower limit 1 is above the upper 0"),
+    ],
+)
+def test_a_joint_that_cannot_be_is_refused(two_link, change, said):
+    with pytest.raises(InputError, match=said):
+        replace(two_link.robot.joints[0], **change)
 
 
 def test_a_duration_without_room_for_the_blends_is_refused():

@@ -142,6 +142,8 @@ def test_a_run_is_split_by_phase():
     assert phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None
     once = MotionClock(0, 0.0, 20.0, False)
     assert phase_windows(once, 20.0, 0.7, 0.5, 1.5) == ([(0.0, 14.0)], [(14.5, 20.0)])
+    assert phase_windows(once, 20.0, 0.7, 5.0, 1.5) == ([(0.0, 8.5)], [(13.5, 20.0)])
+    assert phase_windows(once, 20.0, 0.7, 5.5, 1.5) is None  # less than two fifths to train on
 
 
 def test_a_long_recording_is_seen_in_windows_spread_over_it():
