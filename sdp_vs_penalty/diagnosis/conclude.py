@@ -10,7 +10,7 @@ doubt.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -41,7 +41,7 @@ from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums, model_co
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, sensitivities
+from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, prior_deviation, sensitivities
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.formatting import plain_unit
@@ -55,8 +55,8 @@ from sdp_vs_penalty.signals.standstill import STILL
 class Found:
     """What a search came to: first : the model as it was given; estimate : with the constants of its own
     that explain most; shapes : those constants; search : the findings beside it, in order; left : by
-    these; held_out : of all terms, of which ``offered`` are these; before (n,) : errors of the model as
-    given."""
+    these; held_out : of all candidates, of which ``offered`` are the constants, and then the
+    findings."""
 
     first: Estimate
     estimate: Estimate
@@ -65,7 +65,6 @@ class Found:
     left: Remainder
     held_out: HeldOut
     offered: tuple[int, ...]
-    before: Array
     curves: tuple[Measured, ...] = ()
 
 
@@ -85,9 +84,9 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     rows, noise = data.rows, data.noise
     left, residual = found.left, found.left.residual
     happened = events(data, found.left.odd, residual, left.matters)
-    count = len(found.offered) + 1
-    errors = np.array([found.held_out.errors(found.offered[:k]) for k in range(count)])
-    retuned = retunes(found.shapes, found.estimate.robot, found.before, errors[0])
+    held_out, offered = found.held_out, found.offered
+    own = len(offered) - len(search.terms)
+    errors = np.array([held_out.errors(offered[:k]) for k in range(own, len(offered) + 1)])
     doubt = torque_errors(data, found.estimate, gain_errors)
     moved = shape_columns(search)
     sizes = [size_of_term(search, t, doubt, moved) for t in search.terms]
@@ -96,9 +95,20 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         for k, both in enumerate(zip(search.terms, sizes, strict=True))
     ]
     # Data left out have the last word on those that are sure, too, as a whole.
-    sure = [k for k, why in zip(found.offered, weak, strict=True) if not why]
-    for k in set(sure).difference(found.held_out.offered(sure)):
-        weak[found.offered.index(k)]["alone"] = REASONS["alone"]
+    sure = [k for k, why in zip(offered[own:], weak, strict=True) if not why]
+    alone = set(sure).union(offered[:own]).difference(held_out.offered([*offered[:own], *sure]))
+    for k in alone.intersection(sure):
+        weak[offered.index(k) - own]["alone"] = REASONS["alone"]
+    retuned = tuple(
+        retune(
+            replace(s, std=spread(search, moved, s)),
+            found.estimate.robot,
+            held_out.errors([i for i in offered if i != k]),
+            errors[-1],
+            k in alone,
+        )
+        for k, s in zip(offered, found.shapes, strict=False)
+    )
     findings = tuple(
         _finding(*each, errors[k : k + 2])
         for k, each in enumerate(zip(search.terms, sizes, weak, strict=True))
@@ -118,9 +128,9 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         left.share,
         errors[-1],
         rows.cutoff,
-        remarks(data, residual, found.held_out.source, new_share),
-        found.before if retuned else errors[0],
-        found.held_out.source,
+        remarks(data, residual, held_out.source, new_share),
+        held_out.errors(()),
+        held_out.source,
         data.frozen,
         new_share,
         retuned,
@@ -279,6 +289,18 @@ def shape_columns(search: Search) -> list[Moved]:
     return [(s, data.columns(s)) for s in sensitivities(effects, thetas)]
 
 
+def spread(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
+    """Standard deviation of a constant of the model beside the findings; infinite where the rows do not
+    bound it."""
+    for change, columns in moved:
+        own = change.effect
+        if own.name == s.effect and s.joint in own.joints and s.shape in change.keys:
+            left = search.fit.beside(search.fit.scaled(columns))[:, :, change.keys.index(s.shape)]
+            told = float(np.sum(left**2))
+            return s.after * prior_deviation(own, s.shape) / told**0.5 if told > 1.0 else np.inf
+    return np.inf
+
+
 def size_of_term(search: Search, term: Term, errors: Array, moved: Sequence[Moved]) -> Size:
     """errors (n, M, e) : a factor of the covariance of white rows' torque, from
     :func:`torque_errors`; moved : of :func:`shape_columns`."""
@@ -332,21 +354,18 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     return np.stack(parts)
 
 
-def retunes(
-    found: Sequence[ShapeEstimate], robot: Robot, before: Array, after: Array
-) -> tuple[Retune, ...]:
-    """before, after (n,) : held-out errors with the model's own constants, and with the new ones."""
-    out = []
-    for s in found:
-        shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
-        values = [shape.said(v, kind) for v in (s.after, s.before)]
-        unit = plain_unit(robot.torque_units[s.joint])
-        errors = float(before[s.joint]), float(after[s.joint])
-        said = f"joint {s.joint + 1}: {s.effect} has {s.shape} = {values[0]}, not {values[1]}"
-        said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
-        remarks = ["it lies at the end of the range in which it was looked for"] * s.at_end
-        out.append(Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks)))
-    return tuple(out)
+def retune(s: ShapeEstimate, robot: Robot, before: Array, after: Array, alone: bool = False) -> Retune:
+    """before, after (n,) : held-out errors of all findings without the new constant, and with it;
+    alone : whether it does harm beside the confident findings alone."""
+    shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
+    values = [shape.said(v, kind) for v in (s.after, s.before)]
+    unit = plain_unit(robot.torque_units[s.joint])
+    errors = float(before[s.joint]), float(after[s.joint])
+    said = f"joint {s.joint + 1}: {s.effect} has {s.shape} = {values[0]}, not {values[1]}"
+    said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+    remarks = ["it lies at the end of the range in which it was looked for"] * s.at_end
+    remarks += [REASONS["alone"]] * alone
+    return Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks))
 
 
 # In words.

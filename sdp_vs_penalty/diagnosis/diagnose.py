@@ -1,6 +1,6 @@
 """The verb: which effect does the model miss?"""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,36 +13,26 @@ from sdp_vs_penalty.diagnosis.conclude import (
     conclude,
     what_is_left,
 )
-from sdp_vs_penalty.diagnosis.constants import APART, MINOR
+from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import Judge, harm, lowers
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
+from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
-from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.constants import CHANGES, TURNS
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
-from sdp_vs_penalty.estimation.shape_constants import settled
-from sdp_vs_penalty.estimation.shapes import (
-    ShapeEstimate,
-    at_end,
-    estimate_shapes,
-    with_shapes,
-)
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.noise import REPETITION
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import (
-    SegmentedRuns,
     segmented,
     subsample_sentence,
     window_subsample,
@@ -98,18 +88,12 @@ def diagnose(
         estimate.require_joints(given, "runs for the noise")
         _, given = driven(whole_estimate, given)
         whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
-    judge, shapes, before = Judge(estimate, measurements, test, frozen), list[ShapeEstimate](), None
-    if not frozen:
-        progress("the model's own shape constants")
-        every = opened(estimate.model)
-        known = estimate_shapes(every, measurements, settings, estimate.weighting, widest=TURNS[-1])
-        estimate, shapes, before = retuned(judge, rows, known)
     progress("noise, and columns of all candidates")
-    data = prepare(with_estimate(rows, estimate) if shapes else rows, estimate, frozen, whole)
+    data = prepare(rows, estimate, frozen, whole)
     search = Search(data, library(data))
     search.run(progress)
     progress("held-out errors")
-    found = _offered(search, judge, shapes, before, settings)
+    found = _offered(search, Judge(estimate, measurements, test, frozen))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
@@ -122,35 +106,29 @@ def diagnose(
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
-def _offered(
-    search: Search,
-    judge: Judge,
-    shapes: Sequence[ShapeEstimate],
-    before: Array | None,
-    settings: Preprocessing,
-) -> Found:
-    """Findings in order that data left out do not speak against."""
-    now, beside = referred(search)
-    # What the model's own shape constants make as well is none, where these settle and are confirmed.
-    doubted = beside.limited(beside.terms, beside.data.doubted).terms
-    lost = [t for t, d in zip(beside.terms, doubted, strict=True) if d.J <= APART]
-    if lost:
-        others = beside.limited([t for t in beside.terms if t not in lost])
-        known = {(s.effect, s.joint, s.shape): s for s in shapes}
-        new = settled_on({j for t in lost for j in t.joints}, others, judge, settings)
-        for s in new:
-            key = s.effect, s.joint, s.shape
-            known[key] = replace(s, before=known[key].before) if key in known else s
-        now, shapes, before = retuned(judge, beside.data.rows, list(known.values()))
-        moved = {s.joint for s in shapes} & {s.joint for s in new}
-        named = [t for t in beside.terms if t not in lost or not t.joints <= moved]
-        beside = beside.limited(named).carried(now)
-    beside = beside.limited(beside.terms)
-    terms = sorted(beside.terms, key=lambda t: -t.J)
-    held_out = judge.of(beside.data.rows, [t.form.effect for t in terms], now)
+def _offered(search: Search, judge: Judge) -> Found:
+    """Findings and constants in order that data left out do not speak against."""
+    first, own = judge.first, [t for t in search.terms if t.form.own]
+
+    def beside_model(own: Sequence[Term], findings: Sequence[Term]) -> tuple[Estimate, Search]:
+        """Some findings beside the model with other constants of its own."""
+        now = adopted(first, changed(own, first.model), judge.data) if own else first
+        moved = search.limited(findings)
+        now, beside = referred(moved.carried(now) if own else moved)
+        return now, beside.limited(beside.terms)
+
+    now, beside = beside_model(own, [t for t in search.terms if not t.form.own])
+    terms = [*own, *sorted(beside.terms, key=lambda t: -t.J)]
+    given = replace(first, theta=now.theta)
+    held_out = judge.of(beside.data.rows, [t.form.effect for t in terms], given)
     # Evidence against a noise that is guessed proves nothing by itself.
     order = held_out.offered(range(len(terms)), needed=beside.data.noise.source != REPETITION)
-    final = beside.limited([terms[k] for k in order])
+    kept = [terms[k] for k in order if k < len(own)]
+    if len(kept) < len(own):
+        now, beside = beside_model(kept, [terms[k] for k in order if k >= len(own)])
+        final = beside
+    else:
+        final = beside.limited([terms[k] for k in order if k >= len(own)])
     left = what_is_left(final)
     if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
         beside = final.carried(now, left.odd)
@@ -158,8 +136,8 @@ def _offered(
         rest = what_is_left(beside, left.odd)
         if len(rest.matters) < len(left.matters):
             final, left = beside, rest
-    before = held_out.errors(()) if before is None else before
-    found = Found(judge.first, now, tuple(shapes), final, left, held_out, tuple(order), before)
+    shapes = tuple(changed(kept, first.model))
+    found = Found(first, now, shapes, final, left, held_out, tuple(order))
     parts = in_parts(final)
     if not left.matters and not parts:
         return found
@@ -167,54 +145,17 @@ def _offered(
     return _with_curves(found, curves, judge) if curves else found
 
 
-def opened(model: Model, beside: Sequence[Effect] = ()) -> Model:
-    """The model, all of whose shape constants are to be estimated, with effects more."""
-    return replace(model, effects=(*(e.opened(e.shapes) for e in model.effects), *beside))
-
-
-def settled_on(
-    joints: Collection[int], search: Search, judge: Judge, settings: Preprocessing
-) -> list[ShapeEstimate]:
-    """The constants of the model's own effects on some joints (from 0) where they explain most beside
-    the findings, within their range."""
-    model = opened(search.data.estimate.model, [t.form.effect for t in search.terms]).reference_free
-    there = [
-        (e, j, k)
-        for e in model.effects
-        for k, shape in e.shapes.items()
-        if shape.role == "estimated" and k not in e.given and len(e.parameters) == len(e.joints)
-        for j in e.joints
-        if j in joints
-    ]
-    now = [ShapeEstimate(e.name, j, k, e.shape[k], e.shape[k]) for e, j, k in there]
-    single = replace(model, effects=with_shapes(model.effects, now))
-    wanted = {(s.effect, s.joint, s.shape) for s in now}
-    best = settled(single, wanted, lambda m: compress(judge.data, m, settings), judge.first.weighting)
-    values = {
-        (e.name, j, k): v for e in best.model.effects for j in e.joints for k, v in e.shape.items()
-    }
-    found = [replace(s, after=values[s.effect, s.joint, s.shape]) for s in now]
-    kinds = [judge.first.robot.joints[j].kind for _, j, _ in there]
-    ends = [e.shapes[k].on(x).bounds or (0.0, np.inf) for (e, _, k), x in zip(there, kinds, strict=True)]
-    return [s for s, x in zip(found, ends, strict=True) if not at_end(*np.log([s.after, *x]).tolist())]
-
-
-def retuned(
-    judge: Judge, rows: SegmentedRuns, found: Sequence[ShapeEstimate]
-) -> tuple[Estimate, list[ShapeEstimate], Array | None]:
-    """The model with those constants of its own that data left out do not speak against; these; and the
-    errors of the model as it was given, if it has others."""
-    first = judge.first
-    shapes = [s for s in found if abs(np.log(s.after / s.before)) > CHANGES]
-    before = judge.of(rows, (), first).errors(()) if shapes else None
-    while shapes and before is not None:
-        now = adopted(first, shapes, judge.data)
-        after = judge.of(rows, (), now).errors(())
-        kept = [s for s in shapes if after[s.joint] < before[s.joint]]
-        if len(kept) == len(shapes):
-            return now, shapes, before
-        shapes = kept
-    return first, [], None
+def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
+    """The constants of terms that stand in the place of a model's own effects, beside the model's."""
+    out = []
+    for t in own:
+        (joint,), new = t.joints, t.form.effect
+        old = next(e for e in model.effects if e.name == new.name and joint in e.joints)
+        for key in (k for k in new.estimated if new.shape[k] != old.shape[k]):
+            value, ends = new.shape[key], np.log(t.form.bounds(key) or (0.0, np.inf))
+            end = at_end(float(np.log(value)), *ends.tolist())
+            out.append(ShapeEstimate(new.name, joint, key, old.shape[key], value, gain=t.J, at_end=end))
+    return out
 
 
 def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Found:

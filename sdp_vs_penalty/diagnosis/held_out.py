@@ -56,10 +56,11 @@ class Split:
     def squares(self, estimate: Estimate, frozen: bool, chosen: Sequence[int]) -> Array:
         """(n,) squared errors with some of the effects."""
         sizes = [len(e.parameters) for e in self.effects]
-        own = [e for k, e in enumerate(self.effects) if k in chosen]
+        new = [e for k, e in enumerate(self.effects) if k in chosen]
         picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
-        wanted = np.concatenate([np.ones(self.train.p - len(picked), bool), picked])
-        theta = fitted_parameters(estimate, own, self.train.keeping(wanted), frozen)
+        own, left = exchanged(() if frozen else estimate.model.effects, new)
+        wanted = np.append(left, picked).astype(bool)
+        theta = fitted_parameters(estimate, own, new, self.train.keeping(wanted), frozen)
         return self.there.keeping(wanted).joint_losses(theta)
 
 
@@ -129,7 +130,7 @@ class Judge:
         if self.test is None:
             splits = _folds(rows, self.frozen, estimate, effects, by_fold or {})
             return HeldOut(estimate, self.frozen, splits, "folds")
-        model = model_beside(estimate, effects, changes=self.frozen)
+        model = model_beside(estimate, effects, changes=True)
         runs, settings = (self.data, self.test), estimate.preprocessing
         train, there = (compress(run, model, settings, blocks_per_run=1) for run in runs)
         if self.frozen:
@@ -174,8 +175,22 @@ def _folds(
     return splits
 
 
+def exchanged(effects: Sequence[Effect], new: Sequence[Effect]) -> tuple[list[Effect], list[bool]]:
+    """Effects without those joints of theirs on which a new one, with another shape constant, stands in
+    their place; and which of their parameters are left."""
+    others = {(e.name, j) for e in new if not (e.whole_robot or e.several) for j in e.joints}
+    out, left = list[Effect](), list[bool]()
+    for e in effects:
+        stay = [j for j in e.joints if (e.name, j) not in others]
+        whole = len(stay) == len(e.joints)
+        left += [True] * len(e.parameters) if whole else [p.joint - 1 in stay for p in e.parameters]
+        if stay:
+            out.append(e if whole else type(e)(e.robot, stay, **e.shape))
+    return out, left
+
+
 def model_beside(estimate: Estimate, new: Sequence[Effect], changes: bool = False) -> Model:
-    """The estimate's model, held fixed, with effects more that refer to it; changes : of its own too."""
+    """The estimate's model with effects more that refer to it; changes : of its own too."""
     every = (*estimate.model.effects, *new)
     model = replace(estimate.model, effects=every, reference=None, changes=changes)
     if not model.needs_reference:
@@ -215,14 +230,13 @@ def task_beside(
 
 
 def fitted_parameters(
-    estimate: Estimate, effects: Sequence[Effect], rows: Regression, frozen: bool
+    estimate: Estimate, own: Sequence[Effect], new: Sequence[Effect], rows: Regression, frozen: bool
 ) -> Array:
-    """(p,) parameters of the estimate's model with ``effects`` more, from rows in its columns; frozen :
-    of the effects alone, from rows of what the model leaves."""
-    if frozen and not effects:
+    """(p,) parameters of an estimate's ``own`` effects and ``new`` ones, from rows in their columns;
+    frozen : of the new ones alone, from rows of what the model leaves."""
+    if not (own or new):
         return np.zeros(0)
-    own = tuple(effects) if frozen else (*estimate.model.effects, *effects)
-    model = Model(estimate.robot, own, gains=estimate.model.gains)
+    model = Model(estimate.robot, (*own, *new), gains=estimate.model.gains)
     if frozen:
         task, method = task_beside(estimate, model, rows), estimator_beside(estimate)
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,8 @@ from sdp_vs_penalty.diagnosis.whitening import WhiteData, filled
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import STANDS, Effect
 from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.constants import TURNS
+from sdp_vs_penalty.estimation.shapes import alone
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -22,10 +24,12 @@ Key = tuple[str, int | None]
 
 @dataclass(frozen=True)
 class Form:
-    """A candidate with one set of shape constants."""
+    """A candidate with one set of shape constants; own : another constant of the model's own effect,
+    which stands in its place and is a nuisance, no finding."""
 
     key: Key
     effect: Effect
+    own: bool = False
 
     @cached_property
     def k(self) -> int:
@@ -33,7 +37,9 @@ class Form:
 
     @cached_property
     def constants(self) -> int:
-        """Continuous shape constants."""
+        """Continuous shape constants; none of the model's own effect, whose size is no new one."""
+        if self.own:
+            return 0
         return sum(self.effect.shapes[x].bounds is not None for x in self.effect.searched)
 
     @cached_property
@@ -58,7 +64,12 @@ class Form:
         return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
 
     def with_shape(self, **shape: float) -> Form:
-        return Form(self.key, self.effect.with_shape(**shape))
+        return replace(self, effect=self.effect.with_shape(**shape))
+
+    def bounds(self, name: str) -> tuple[float, float] | None:
+        """Within which a shape constant is looked for; wider for the model's own."""
+        found = self.effect.shapes[name].on(self.effect.robot.joints[self.effect.joints[0]].kind).bounds
+        return (found[0], max(found[1], TURNS[-1])) if self.own and found else found
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +80,10 @@ class Batch:
     joints: tuple[int, ...]
     forms: tuple[Form, ...]
     white: Array
+
+    @property
+    def own(self) -> bool:
+        return self.forms[0].own
 
     @cached_property
     def signed(self) -> NDArray[np.bool_]:
@@ -103,15 +118,15 @@ class Library:
 
 def library(data: WhiteData) -> Library:
     """All candidates beside the model; their columns white."""
-    forms = list(_forms(data.rows, data.estimate.model, data.frozen))
+    forms = [*_forms(data.rows, data.estimate.model, data.frozen), *_own_forms(data)]
     blocks = data.rows.blocks_of([f.effect for f in forms])
-    groups: dict[tuple[tuple[int, ...], int], list[int]] = {}
+    groups: dict[tuple[tuple[int, ...], int, Key | None], list[int]] = {}
     for at, (form, own) in enumerate(zip(forms, blocks, strict=True)):
         if own:
             joints = tuple(sorted(b.joint for b in own))
-            groups.setdefault((joints, form.k), []).append(at)
+            groups.setdefault((joints, form.k, form.key if form.own else None), []).append(at)
     batches = []
-    for (joints, k), members in groups.items():
+    for (joints, k, _), members in groups.items():
         white = []
         for j in joints:
             parts = [
@@ -141,6 +156,17 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
             if key not in taken and _at_rest(kind, rows, joint):
                 every = kind.candidates(model.robot, joint, start)
                 yield from (Form(key, e) for e in every if warm or not e.needs_temperature)
+
+
+def _own_forms(data: WhiteData) -> Iterator[Form]:
+    """The model's own effects with other values of the shape constants that are estimated."""
+    for key, (effect, _) in data.own.items():
+        for name in effect.estimated:
+            grid = list(effect.shapes[name].on(effect.robot.joints[key[1]].kind).grid)
+            high = max(grid[-1], TURNS[-1])
+            while 2.0 * grid[-1] < high:
+                grid.append(2.0 * grid[-1])
+            yield from (Form(key, alone(effect, key[1], **{name: x}), own=True) for x in (*grid, high))
 
 
 def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool:

@@ -20,16 +20,15 @@ what ALPHA rows of a joint tell, however many there are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA
-from sdp_vs_penalty.diagnosis.library import Batch, Form
+from sdp_vs_penalty.diagnosis.library import Batch, Form, Key
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums
 from sdp_vs_penalty.robot.arrays import Array, or_one
 
@@ -63,15 +62,16 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """White columns A (n, M, p) of the model, in a basis of r, and of terms, of unit length; y (n, M)
-    the torque; gram (n, p, p), pull (n, p) : A'A, A'y; own : r; at : each term's columns of A, by text.
+    """White columns A (n, M, p) of the model and of terms, of unit length; y (n, M) the torque; gram
+    (n, p, p), pull (n, p) : A'A, A'y; model : by key the column of each of its own effects whose
+    constant may be another one, under None those of all others; at : each term's columns, by text.
     """
 
     A: Array
     y: Array
     gram: Array
     pull: Array
-    own: int
+    model: Mapping[Key | None, list[int]]
     at: dict[str, list[int]]
     fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
@@ -91,12 +91,13 @@ class Design:
 class Fit:
     """The model and some terms fitted to white rows, each joint's divided by its ``level`` (n,).
 
-    W (p, r) : the columns A W, divided by the levels, are orthonormal; theta (p,) : coefficients;
-    residual (n, M) : what they leave; rss, degrees (n,) : squared error in units of the noise, and rows
-    less the joint's share of the rank.
+    kept : the columns that take part; W (p, r) : the columns A W, divided by the levels, are
+    orthonormal; theta (p,) : coefficients; residual (n, M) : what they leave; rss, degrees (n,) :
+    squared error in units of the noise, and rows less the joint's share of the rank.
     """
 
     design: Design
+    kept: tuple[int, ...]
     W: Array
     theta: Array
     level: Array
@@ -104,6 +105,7 @@ class Fit:
     rss: Array
     degrees: Array
     floor: float
+    apart: dict[Key, Fit] = field(default_factory=dict)
 
     @property
     def target(self) -> Array:
@@ -145,25 +147,42 @@ class Score:
         self.floor = 1.0 if data.known else 1e-12
 
     @cached_property
-    def _basis(self) -> tuple[Array, Array]:
-        """(n, M, r) a basis of the model's columns, and its products (n, r, r)."""
-        n, M, p = self.data.X.shape
-        B = orthonormal(self.data.X.reshape(n * M, p))
-        B = B.reshape(n, M, B.shape[1])
-        return B, B.transpose(0, 2, 1) @ B
+    def _basis(self) -> tuple[Array, Array, dict[Key | None, list[int]]]:
+        """(n, M, r) a basis of the model's columns, with those of effects whose constant may be another
+        one by themselves; its products (n, r, r); and where whose stand."""
+        X, own = self.data.X, self.data.own
+        n, M, _ = X.shape
+        alone = [column for _, column in own.values()]
+        B = orthonormal(np.delete(X, alone, axis=2).reshape(n * M, -1))
+        r = B.shape[1]
+        B = np.concatenate([B.reshape(n, M, r), _unit(X[:, :, alone])], axis=2)
+        at: dict[Key | None, list[int]] = {None: list(range(r))}
+        return B, B.transpose(0, 2, 1) @ B, at | {key: [r + k] for k, key in enumerate(own)}
 
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
         """The model with the terms, each joint's rows weighted by what is left of them; near : a fit
         whose columns serve where they hold the terms', and at whose levels it begins."""
         design = near.design if near is not None and near.design.holds(terms) else self._design(terms)
-        kept = (*range(design.own), *sorted(i for t in terms for i in design.at[t.text]))
+        others = {t.key for t in terms if t.form.own}
+        own = [i for key, columns in design.model.items() if key not in others for i in columns]
+        kept = (*own, *sorted(i for t in terms for i in design.at[t.text]))
         if kept not in design.fits:
             level = np.ones(len(design.y)) if near is None else near.level
-            design.fits[kept] = self._fitted(design, np.array(kept, int), level)
+            design.fits[kept] = self._fitted(design, kept, level)
         return design.fits[kept]
 
+    def without(self, fit: Fit, form: Form) -> Fit:
+        """A fit, at its levels, without what a form stands in the place of; itself where that is
+        nothing."""
+        if not form.own:
+            return fit
+        if form.key not in fit.apart:
+            left = tuple(i for i in fit.kept if i not in fit.design.model[form.key])
+            fit.apart[form.key] = self._fitted(fit.design, left, fit.level, settle=False)
+        return fit.apart[form.key]
+
     def _design(self, terms: Sequence[Term]) -> Design:
-        B, gram = self._basis
+        B, gram, model = self._basis
         n, M, r = B.shape
         ends = np.cumsum([r, *(t.form.k for t in terms)]).tolist()
         A = np.zeros((n, M, ends[-1]))
@@ -173,15 +192,19 @@ class Score:
             at[t.text] = list(range(first, stop))
             for j, z in t.columns.items():
                 A[j][:, first:stop] = z
-        A[:, :, r:] /= or_one(np.sqrt(np.sum(A[:, :, r:] ** 2, axis=(0, 1))))
+        A[:, :, r:] = _unit(A[:, :, r:])
         G = np.zeros((n, ends[-1], ends[-1]))
         G[:, :r, :r] = gram
         cross = A.transpose(0, 2, 1) @ A[:, :, r:]
         G[:, :, r:], G[:, r:, :r] = cross, cross[:, :r].transpose(0, 2, 1)
         y = self.data.y
-        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], r, at)
+        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], model, at)
 
-    def _fitted(self, design: Design, kept: NDArray[np.intp], level: Array) -> Fit:
+    def _fitted(
+        self, design: Design, columns: tuple[int, ...], level: Array, settle: bool = True
+    ) -> Fit:
+        """settle : the levels, too."""
+        kept = np.array(columns, int)
         G, pull = design.gram[:, kept[:, None], kept], design.pull[:, kept]
         square, degrees = np.sum(design.y**2, axis=1), self.data.count
         while True:  # each round raises the likelihood
@@ -189,7 +212,7 @@ class Score:
             theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
             last, level = level, np.sqrt(np.maximum(rss / degrees, self.floor))
-            if np.allclose(last, level, rtol=1e-2):
+            if not settle or np.allclose(last, level, rtol=1e-2):
                 break
         root = scipy.linalg.solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False).T
         p = design.A.shape[2]
@@ -198,11 +221,12 @@ class Score:
         residual = (design.y - design.A @ every) / last[:, None]
         rss = np.sum(residual**2, axis=1) * last**2
         degrees = np.maximum(degrees - np.sum(G * (root @ root.T), axis=(1, 2)) / last**2, 1.0)
-        return Fit(design, W, every, last, residual, rss, degrees, self.floor)
+        return Fit(design, columns, W, every, last, residual, rss, degrees, self.floor)
 
     def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
-        """A form beside a fit."""
-        none = Term(form, columns, beta=np.zeros(form.k))
+        """A form beside a fit; another constant of the model's own effect stands in that one's place."""
+        none, least = Term(form, columns, beta=np.zeros(form.k)), fit
+        fit = self.without(fit, form)
         T, known = self.apart(fit, form, columns)
         flat = T.reshape(-1, form.k)
         D = flat.T @ flat
@@ -212,13 +236,18 @@ class Score:
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
         beta = _bounded(A, flat.T @ fit.residual.ravel(), form.nonnegative)
         left = fit.residual - T @ beta
-        drop = fit.deviance(fit.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
+        drop = fit.deviance(least.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
         drop -= float(np.sum((beta / known) ** 2))
-        on = list(columns)
+        on, size = list(columns), float(np.trace(inverse @ D))
         count = float(fit.degrees[on].mean())
+        if form.own:  # what its other constant makes of it
+            T = least.beside(least.scaled(columns))
+            energy = float(np.sum(T**2))
+            if not DEPENDENT**2 * float(np.sum(flat**2)) < energy:
+                return none
+            inverse = np.array([[1.0 / energy]])
         v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
-        size = float(np.trace(inverse @ D))
         J = float(drop) / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)
         return replace(none, J=J, beta=beta)
 
@@ -267,14 +296,16 @@ class Score:
 
     def screened(self, fit: Fit, batch: Batch) -> Array:
         """(F,) drop of the weighted squared error less k log N, of a batch's forms."""
-        k, on = batch.forms[0].k, list(batch.joints)
+        k, on, least = batch.forms[0].k, list(batch.joints), fit
+        fit = self.without(fit, batch.forms[0])
+        lost = float(np.sum((fit.rss - least.rss) / fit.level**2))
         price = np.log(max(float(fit.degrees[on].sum()), 3.0))
         G, pull, raw = self._products(fit, batch)
         if k == 1:
             energy = raw[:, 0, 0]
             D = energy - np.sum(G[:, :, 0] ** 2, axis=0)
             good = (ABSORBED * energy < D) & ~(batch.signed & (pull[:, 0] < 0.0))
-            return np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0) - price
+            return np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0) - lost - price
         G = G.transpose(1, 2, 0)
         D = raw - G @ G.transpose(0, 2, 1)
         energy = np.diagonal(raw, axis1=1, axis2=2)
@@ -307,6 +338,11 @@ def orthonormal(columns: Array) -> Array:
         R = np.linalg.qr(basis, mode="r") if _ else triangle[:rank, :rank]
         basis = scipy.linalg.solve_triangular(R, basis.T, trans="T").T
     return np.ascontiguousarray(basis)
+
+
+def _unit(columns: Array) -> Array:
+    """Columns (n, M, k) at unit length."""
+    return columns / or_one(np.sqrt(np.sum(columns**2, axis=(0, 1))))
 
 
 def _triangle(gram: Array) -> Array:

@@ -72,7 +72,7 @@ class Search:
         shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
         if shape.bounds is None:
             return start
-        low, high = shape.bounds
+        low, high = start.form.bounds(name) or shape.bounds
         linear = shape.scale == "linear"
         there, back = (float, float) if linear else (np.log, np.exp)
         starts = type(effect).starts(effect.robot, effect.joints[0])
@@ -221,7 +221,7 @@ class Search:
             more |= len(t.joints) > len(term.joints)
             return J + (EQUIVALENT if more else -EQUIVALENT) < t.J
 
-        return tuple(t for t in found if t.key != term.key and rivals(t))
+        return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
 
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""

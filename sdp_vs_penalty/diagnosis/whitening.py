@@ -15,7 +15,7 @@ from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FOLDS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shape_constants import sensitivities
+from sdp_vs_penalty.estimation.shapes import alone
 from sdp_vs_penalty.estimation.verdict import with_parameters
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
@@ -74,17 +74,19 @@ class WhiteData:
         """Whether the size of the noise is known, rather than taken from what the model leaves."""
         return self.noise.source != RESIDUAL
 
-    @property
-    def doubted(self) -> WhiteData:
-        """The same where the shape constants of the model's own effects are open, to first order: those
-        that the rows tell better than their priors."""
-        model, theta, wide = self.estimate.model, self.estimate.theta, [self.X]
-        for s in sensitivities(model.effects, [theta[k] for k in model.indices]):
-            white = white_rows(self.rows, self.noise, spread_columns(self.rows, s), self.rows.residual)[
-                0
-            ]
-            wide.append(white[:, :, np.sum(white**2, axis=(0, 1)) > 1.0])
-        return self if self.frozen else replace(self, X=np.concatenate(wide, axis=2))
+    @cached_property
+    def own(self) -> dict[tuple[str, int], tuple[Effect, int]]:
+        """By name and joint the model's own effects, each alone, whose shape constant may be another
+        one: with one column a joint; and where that stands in X."""
+        if self.frozen:
+            return {}
+        model = self.estimate.model
+        return {
+            (e.name, j): (alone(e, j), int(column))
+            for e, columns in zip(model.effects, model.indices, strict=True)
+            if e.estimated and len(columns) == len(e.joints)
+            for j, column in zip(e.joints, columns, strict=True)
+        }
 
     @cached_property
     def raw(self) -> Array:

@@ -306,6 +306,11 @@ class Effect(ABC):
         """The shape constants that measurements can tell, on which the columns truly depend."""
         return tuple(key for key, shape in self.shapes.items() if shape.role != "clock")
 
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Those of them that `identify` estimates as well."""
+        return tuple(key for key, shape in self.shapes.items() if shape.role == "estimated")
+
     def opened(self, keys: Iterable[str]) -> Effect:
         """The same effect, some of whose shape constants are to be estimated again."""
         out = copy(self)

@@ -9,7 +9,7 @@ from arms import run_of_widths
 
 from sdp_vs_penalty import Estimate, InputError, Measurements, Problem, add, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.conclude import retunes
+from sdp_vs_penalty.diagnosis.conclude import retune
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.problem import as_problem
 
@@ -64,8 +64,9 @@ def test_findings_without_retunes_still_load(found):
 
 def test_at_the_end_of_its_range_a_constant_is_weak():
     known = {"effect": "coulomb_friction", "joint": 1, "shape": "v_s", "before": 0.01, "after": 0.02}
+    errors = np.array([0.0, 1.0]), np.array([0.0, 0.5])
     both = [ShapeEstimate(**known, at_end=x) for x in (False, True)]
-    made = retunes(both, as_problem("two_link").robot, np.array([0.0, 1.0]), np.array([0.0, 0.5]))
+    made = [retune(s, as_problem("two_link").robot, *errors) for s in both]
     assert [r.confidence for r in made] == ["confident", "weak"]
     assert all(r.joint == 2 and (r.rmse_before, r.rmse_after) == (1.0, 0.5) for r in made)
 

@@ -41,6 +41,7 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
     y[0] += size * z
     clusters = (np.arange(M) // 10, np.arange(M) % 30)
     data = SimpleNamespace(X=X, y=y, n=n, clusters=clusters, count=np.full(n, float(M)), known=True)
+    data.own = {}
     return data, z[:, None]
 
 
@@ -220,7 +221,7 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
 )
 def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, lead, rival):
     def term(name: str, k: int, constants: int, joints: tuple[int, ...], J: float) -> Any:
-        form = SimpleNamespace(k=k, constants=constants)
+        form = SimpleNamespace(k=k, constants=constants, own=False)
         return SimpleNamespace(key=(name, 0), form=form, joints=joints, J=J)
 
     mine = term("mine", 1, 0, (0,), 50.0)
