@@ -146,40 +146,6 @@ def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
         assert in_two_link(two_link, 1, c2) == (distance <= radius)
 
 
-@pytest.mark.parametrize("name", ["panda", "two_link"])
-def test_convex_constraints_follow_from_the_published_bounds(name, request):
-    """Whatever satisfies the barycentric boxes and is consistent satisfies the SDP's constraints:
-    the trace bound and the centre-of-mass rows are consequences, not further demands."""
-    problem: Problem = request.getfixturevalue(name)
-    rng = np.random.default_rng(11)
-    model = problem.model(["rigid_body"])
-    demands = problem.constraints(model)
-    # Where nothing is published, somewhere near.
-    box = np.where(np.isfinite(problem.box), problem.box, np.sign(problem.box) * 0.2)
-    kept, worst = 0, dict.fromkeys(("trace", "centre of mass", "mass"), 0.0)
-    bound = problem.parameter_bound(model)
-    for _ in range(3000):
-        # Moments biased to their upper bounds, where the trace bound would bite first.
-        u = rng.random(box.shape[:2]) ** np.where(np.arange(10) >= 4, 0.3, 1.0)
-        barycentric = box[..., 0] + u * (box[..., 1] - box[..., 0])
-        barycentric[:, [5, 7, 8]] *= 0.1
-        links = inertia.standard_from_barycentric(barycentric)
-        links = links[inertia.consistency_margin(links) > 0.0]
-        if len(links) < problem.robot.n:
-            continue
-        theta = links.ravel()
-        if demands.with_families(lambda f: f in ("centre of mass cone", "total mass")).margin(theta) < 0:
-            continue
-        kept += 1
-        violations = demands.worst(theta)
-        for family in worst:
-            worst[family] = max(worst[family], violations[family])
-        if violations.get("bounding ellipsoid", 0.0) == 0.0:
-            assert np.all(np.abs(theta) <= bound + 1e-12)
-    assert kept > 10
-    assert worst == {"trace": 0.0, "centre of mass": 0.0, "mass": 0.0}
-
-
 @quick
 @given(seeds)
 def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):

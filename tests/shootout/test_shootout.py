@@ -19,6 +19,7 @@ from sdp_vs_penalty import InputError
 from sdp_vs_penalty import parallel as cluster
 from sdp_vs_penalty.robot import Constraint
 from sdp_vs_penalty.shootout import runner, standard_instances, summary
+from sdp_vs_penalty.shootout.augmented_lagrangian import Chart
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.shootout.instance import Instance, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
@@ -147,6 +148,25 @@ def test_planted_wrong_answers_are_found(two_link, proved, best):
     assert judge(two_link, proved, replace(suboptimal, claims="inaccurate"), 1e-8).kind == "inaccurate"
     assert judge(two_link, proved, replace(suboptimal, claims="failed"), 1e-8).kind == "failed"
     assert judge(two_link, proved, suboptimal, 0.5).kind == "right"
+
+
+def test_a_chart_of_links_has_the_demands_of_all_other_constraints():
+    """Fulfilled where these are, of either sign; slopes by central differences; it begins inside."""
+    made = instance("two_link simulated one-step cones")
+    inside, others = made.interior, [c for c in made.sent if c.cone != "psd"]
+    assert {c.cone for c in others} == {"soc", "nonnegative"}
+    chart, rng, met = Chart(made.sent, inside), np.random.default_rng(0), set()
+    np.testing.assert_allclose(chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12)
+    for spread in (0.01, 0.3, 0.3, 3.0):
+        theta = inside + spread * rng.normal(size=len(inside)) * np.maximum(np.abs(inside), 1e-2)
+        h, slopes = chart.demands(theta)
+        holds = min(float(c.margin(theta)) for c in others) >= 0.0
+        assert (h.min() >= 0.0) == holds
+        met.add(holds)
+        step = 1e-8 * rng.normal(size=len(inside))
+        moved = chart.demands(theta + step)[0] - chart.demands(theta - step)[0]
+        np.testing.assert_allclose(moved, 2.0 * slopes @ step, rtol=1e-3, atol=1e-13)
+    assert met == {True, False}
 
 
 def test_what_our_interval_cannot_decide_is_not_called_wrong(two_link, proved, best):

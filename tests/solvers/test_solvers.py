@@ -16,6 +16,7 @@ from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.shootout.standard_instances import chain_task, shape_cones
 from sdp_vs_penalty.solvers import (
+    ConicProblem,
     Entropy,
     Objective,
     Solution,
@@ -161,6 +162,21 @@ def test_rewriting_keeps_the_solution_and_its_multipliers(step):
     full = sparse.triu(conic.P) + sparse.triu(conic.P, 1).T
     slope = full @ x + conic.q + conic.A.T @ z
     np.testing.assert_allclose(slope, 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "root", [np.diag([2.0, 0.0, 3.0]), np.array([[1.0, 2.0, 3.0], [0.0, 4.0, 5.0]])]
+)
+def test_a_quadratic_is_the_square_of_its_factor(root):
+    """Of a diagonal and of a full matrix, both without full rank; only its upper triangle is told."""
+    whole, x = root.T @ root, np.array([0.3, -1.0, 2.0])
+    nothing = sparse.csc_matrix((0, 3))
+    told = ConicProblem(sparse.csc_matrix(np.triu(whole)), np.zeros(3), nothing, np.zeros(0), ())
+    factor = rewrite.quadratic_factor(told)
+    assert factor.shape == (2, 3)
+    np.testing.assert_allclose((factor.T @ factor).toarray(), whole, atol=1e-12)
+    bounded = rewrite.linear_objective(told).problem  # t >= |G x|^2 / 2 is what it costs
+    assert bounded.q @ np.append(x, 0.5 * x @ whole @ x) == pytest.approx(0.5 * x @ whole @ x)
 
 
 @pytest.mark.parametrize("ending", [".dat-s", ".cbf"])
