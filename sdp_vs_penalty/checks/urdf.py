@@ -10,7 +10,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.content import ROUNDING, Inertial
-from sdp_vs_penalty.exporters.urdf import Document, write_inertial
+from sdp_vs_penalty.exporters.urdf import Document, inertial_tags
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
@@ -168,7 +168,7 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
     links = {link.get("name"): link for link in document.root.findall("link")}
     for check in checks:
         if check.nearest is not None:
-            write_inertial(document, links[check.link], check.nearest)
+            document.put(links[check.link], "inertial", {}, inertial_tags(check.nearest))
         elif not check.consistent:
             what = f"link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict})"
             raise InputError(what, "correct it in the file, because no inertia is nearest to it", path)

@@ -39,23 +39,20 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     for c in curves:
         for row in zip(c.velocity, c.torque, c.std, strict=True):
             lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
-    left = (
-        e.text for e in estimate.model.effects if not follows_alone(e, "dq") and e.name != "rigid_body"
-    )
-    return ("\n".join(lines) + "\n").encode(), tuple(left)
+    others = (e for e in estimate.model.effects if e.name != "rigid_body")
+    left = tuple(e.text for e in others if not follows_alone(e, "dq"))
+    return ("\n".join(lines) + "\n").encode(), left
 
 
-def friction_curves(estimate: Estimate, points: int = 30) -> list[FrictionCurve]:
-    """One a joint; none without an effect that follows the velocity alone.
-
-    points : velocities on either side of zero. Velocities lie closest where dry friction turns round.
-    """
+def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
+    """One a joint, over 61 velocities that lie closest where dry friction turns round; none without an
+    effect that follows the velocity alone."""
     model, robot = estimate.model, estimate.robot
     own = zip(model.effects, model.indices, strict=True)
-    held = [(e, k) for e, k in own if follows_alone(e, "dq")]
+    held = [(e, indices) for e, indices in own if follows_alone(e, "dq")]
     factor, curves = estimate.uncertainty.factor, []
-    for j, most in enumerate(joint_limits(robot)[2]):
-        up = np.geomspace(min(model.sign_width[j], most) / 4.0, most, points)
+    for j, most in enumerate(joint_limits(robot)[2] if held else ()):
+        up = np.geomspace(min(model.sign_width[j], most) / 4.0, most, 30)
         speed = np.concatenate([-up[::-1], [0.0], up])
         still = np.zeros((len(speed), robot.n))
         dq = still.copy()
@@ -63,8 +60,6 @@ def friction_curves(estimate: Estimate, points: int = 30) -> list[FrictionCurve]
         motion = Motion(np.zeros(len(speed)), still, dq, still, sign_width=model.sign_width)
         found = [(i[b.parameters], b) for e, i in held for b in e.blocks(motion) if b.joint == j]
         torque = sum((b.columns @ estimate.theta[at] for at, b in found), still[:, 0])
-        spread = sum(
-            (b.columns @ factor[at] for at, b in found), np.zeros((len(speed), factor.shape[1]))
-        )
+        spread = sum((b.columns @ factor[at] for at, b in found), np.zeros((len(speed), len(factor.T))))
         curves.append(FrictionCurve(j, speed, torque, np.linalg.norm(spread, axis=1)))
-    return curves if held else []
+    return curves

@@ -8,12 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.content import Content, Inertial, Options, element, parts, xml_text
+from sdp_vs_penalty.exporters.content import ROUNDING, Content, Options, element, parts, xml_text
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
-
-#: MuJoCo's mjMINVAL: moving bodies need a mass and moments of inertia above it.
-_SMALLEST = 1e-15
 
 ENDING, FILE, ABOUT = ".xml", "robot.xml", "MuJoCo's MJCF: links, armature, damping, dry friction, gears"
 
@@ -41,14 +38,18 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         quat = Rotation.from_matrix(place[:3, :3]).as_quat(scalar_first=True)
         body = element(bodies[joint.parent + 1], "body", name=part.name, pos=place[:3, 3], quat=quat)
         bodies.append(body)
-        if part.body is None:
+        solid = part.inertial
+        smallest = np.linalg.eigvalsh(solid.about_com)[0]
+        # MuJoCo wants its mjMINVAL, 1e-15; less than this is rounding.
+        if solid.mass <= ROUNDING or smallest <= ROUNDING:
+            what = "mass" if solid.mass <= ROUNDING else "moment of inertia about some axis"
             raise InputError(
-                f"link {i + 1} (on joint {joint.name!r}) is declared massless, which MuJoCo refuses",
-                "write .json instead",
+                f"link {i + 1} (on joint {joint.name!r}): it has no {what}, which MuJoCo refuses",
+                "identify with the method lmi-sdp-thickness, whose links have a minimum thickness, or "
+                "write .json where a link is declared massless",
             )
-        _require_solid(part.body, i, joint.name)
-        full = part.body.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        element(body, "inertial", pos=part.body.com, mass=part.body.mass, fullinertia=full)
+        full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
         kind = "hinge" if joint.kind == "revolute" else "slide"
         own = {"name": joint.name, "type": kind, "axis": joint.axis}
         if np.isfinite(joint.lower) and np.isfinite(joint.upper):
@@ -62,7 +63,12 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             course = (offset, multiplier, 0.0, 0.0, 0.0)
             element(body, "joint", **own)
             element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=course)
-        _capsules(body, robot, i)
+        for child in robot.tree:  # a thin capsule to every joint that the link carries: only to be seen
+            end = child.placement[:3, 3]
+            if child.parent == i and (length := float(np.linalg.norm(end))) > 0.0:
+                seen = {"contype": "0", "conaffinity": "0", "rgba": "0.6 0.65 0.7 0.5"}
+                ends = np.concatenate([np.zeros(3), end])
+                element(body, "geom", type="capsule", fromto=ends, size=0.08 * length, **seen)
     if len(equality):
         root.append(equality)
     root.append(actuators)
@@ -81,24 +87,3 @@ def _actuator(actuators: Any, joint: Joint, content: Content, k: int) -> None:
     if np.isfinite(joint.effort) and joint.effort > 0.0:
         names["ctrlrange"] = (-joint.effort, joint.effort)
     element(actuators, "motor", **names)
-
-
-def _require_solid(body: Inertial, i: int, joint: str) -> None:
-    smallest = float(np.linalg.eigvalsh(body.about_com)[0])
-    if body.mass <= _SMALLEST or smallest <= _SMALLEST:
-        what = "mass" if body.mass <= _SMALLEST else "moment of inertia about some axis"
-        raise InputError(
-            f"link {i + 1} (on joint {joint!r}): it has no {what}, which MuJoCo refuses",
-            "identify with the method lmi-sdp-thickness, whose links have a minimum thickness",
-        )
-
-
-def _capsules(body: Any, robot: Robot, i: int) -> None:
-    """A thin capsule to every joint that the link carries: no mass, no collisions."""
-    for child in robot.tree:
-        end = child.placement[:3, 3]
-        length = float(np.linalg.norm(end))
-        if child.parent == i and length > 0.0:
-            seen = {"contype": "0", "conaffinity": "0", "rgba": "0.6 0.65 0.7 0.5"}
-            ends = np.concatenate([np.zeros(3), end])
-            element(body, "geom", type="capsule", fromto=ends, size=0.08 * length, **seen)

@@ -1,7 +1,6 @@
 """The model as plain JSON: also the effects that a URDF or MJCF has no place for."""
 
 import json
-from typing import Any
 
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, verdict_line
@@ -17,9 +16,8 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     if len(model.rigid_indices):
         parts = inertia.barycentric_from_standard(estimate.links)
         for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
-            moments = dict(
-                zip(("ixx", "ixy", "iyy", "ixz", "iyz", "izz"), row[4:].tolist(), strict=True)
-            )
+            names = "ixx", "ixy", "iyy", "ixz", "iyz", "izz"
+            moments = dict(zip(names, row[4:].tolist(), strict=True))
             links.append(
                 {
                     "link": k + 1,
@@ -29,7 +27,14 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
                     "inertia_about_centre_of_mass_kg_m2": moments if row[0] else None,
                 }
             )
-    effects = [_effect(estimate, k) for k in range(len(model.effects))]
+    effects = []
+    for effect, indices in zip(model.effects, model.indices, strict=True):
+        about = {name: getattr(effect, name) for name in ("equation", "explanation", "reference")}
+        about["parameters"] = [
+            {"name": p.name, "joint": p.joint, "value": float(value), "unit": p.unit}
+            for p, value in zip(effect.parameters, estimate.theta[indices], strict=True)
+        ]
+        effects.append({**effect.to_dict(), **about})
     content = {
         "robot": robot.to_dict(),
         "links": links,
@@ -39,18 +44,3 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         "provenance": estimate.provenance,
     }
     return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode(), ()
-
-
-def _effect(estimate: Estimate, index: int) -> dict[str, Any]:
-    model = estimate.model
-    effect, values = model.effects[index], estimate.theta[model.indices[index]]
-    return {
-        **effect.to_dict(),
-        "equation": effect.equation,
-        "explanation": effect.explanation,
-        "reference": effect.reference,
-        "parameters": [
-            {"name": p.name, "joint": p.joint, "value": float(value), "unit": p.unit}
-            for p, value in zip(effect.parameters, values, strict=True)
-        ],
-    }

@@ -8,24 +8,17 @@ from lxml import etree
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Content, Options, element, number, parts, xml_text
 from sdp_vs_penalty.exporters.urdf import rpy_of
-from sdp_vs_penalty.robot.robot import Robot
 
 ENDING, FILE, ABOUT = ".sdf", "robot.sdf", "SDFormat, for Gazebo"
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """Links, damping and dry friction."""
-    content = Content.plausible(estimate, options)
-    return make_sdf(estimate.robot, content), content.left_out(armature=False)
-
-
-def make_sdf(robot: Robot, content: Content) -> bytes:
     """SDF 1.9 of a model's kinematics, inertials, damping and friction; the base stands in the world."""
-    root = etree.Element("sdf", version="1.9")
-    model = element(root, "model", name=robot.name)
+    content, root = Content.plausible(estimate, options), etree.Element("sdf", version="1.9")
+    model = element(root, "model", name=estimate.robot.name)
     element(model, "link", name="base_link")
     _texts(element(model, "joint", name="base", type="fixed"), parent="world", child="base_link")
-    for part in parts(robot, content.links):
+    for part in parts(estimate.robot, content.links):
         joint, body = part.joint, part.inertial
         link = element(model, "link", name=part.name)
         pose = np.concatenate([joint.placement[:3, 3], rpy_of(joint.placement[:3, :3])])
@@ -43,7 +36,7 @@ def make_sdf(robot: Robot, content: Content) -> bytes:
         if (k := part.place) is not None:
             friction = {"damping": content.damping[k], "friction": content.friction[k]}
             _texts(element(axis, "dynamics"), **friction)
-    return xml_text(root)
+    return xml_text(root), content.left_out(armature=False)
 
 
 def _texts(parent: Any, /, **texts: Any) -> None:

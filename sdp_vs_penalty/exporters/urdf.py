@@ -1,7 +1,7 @@
 """A URDF made from a model, or the user's own URDF with its inertials and friction replaced.
 
-lxml parses and answers questions; expat, on the same bytes, says where each element's tags begin;
-changes are spliced into the bytes, of which every other one stays: quotes, spaces in tags, line ends.
+lxml parses and answers questions; where each element's tags lie in the bytes is scanned; changes are
+spliced into these bytes, of which every other one stays: quotes, spaces in tags, line ends.
 """
 
 import re
@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
-from xml.parsers import expat
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -36,8 +35,10 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
 
-#: A whole tag; a > inside quotes does not end it.
-_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+#: What may hold a < or > that is none of a tag's; then a whole tag, in which quotes may hold a >.
+_MARKUP = re.compile(
+    rb"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|(?P<tag><(?:[^"'>]|"[^"]*"|'[^']*')*>)""", re.DOTALL
+)
 _ATTRIBUTE = re.compile(rb"""(\s([^\s=<>"']+)\s*=\s*)("[^"]*"|'[^']*')""")
 _END = re.compile(rb"\s*/?>$")
 
@@ -82,7 +83,10 @@ class Document:
         end of its parent, on a line of its own; values that read as the same numbers stay as written."""
         found = parent.find(tag)
         if found is None:
-            self._append(parent, _text(tag, attributes, children))
+            made = etree.Element(tag, dict(attributes))
+            for name, own in children.items():
+                etree.SubElement(made, name, dict(own))
+            self._append(parent, etree.tostring(made))
             return
         for name, own in children.items():
             self.put(found, name, own)
@@ -93,16 +97,16 @@ class Document:
             value = left.pop(there[2].decode(), None)
             return there[0] if value is None else there[1] + f'"{escape(value)}"'.encode()
 
-        made = _ATTRIBUTE.sub(renewed, self.source[start:end])
+        edited = _ATTRIBUTE.sub(renewed, self.source[start:end])
         more = "".join(f' {name}="{escape(value)}"' for name, value in left.items()).encode()
-        self._changes.append((start, end, _END.sub(lambda last: more + last[0], made)))
+        self._changes.append((start, end, _END.sub(lambda last: more + last[0], edited)))
 
-    def _append(self, element: Any, text: str) -> None:
+    def _append(self, element: Any, text: bytes) -> None:
         start, end, closing = self.spans[element]
         newline = b"\r\n" if b"\r\n" in self.source else b"\n"
         before = self.source[self.source.rfind(b"\n", 0, start) + 1 : start]
         indent = newline + (b"" if before.strip() else before)
-        line = indent + b"  " + text.encode()
+        line = indent + b"  " + text
         if closing is None:
             name = element.tag.encode()
             self._changes.append((end - 2, end, b">" + line + indent + b"</" + name + b">"))
@@ -121,36 +125,20 @@ class Document:
         return b"".join([*out, self.source[last:]])
 
 
-def _text(tag: str, attributes: Attributes, children: Children) -> str:
-    """An element as it is written anew."""
-    head = tag + "".join(f' {name}="{escape(value)}"' for name, value in attributes.items())
-    inner = "".join(_text(name, own, {}) for name, own in children.items())
-    return f"<{head}>{inner}</{tag}>" if inner else f"<{head}/>"
-
-
 def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
-    """Of every element in document order."""
-    starts: list[int] = []
-    closings: dict[int, int] = {}
-    stack: list[int] = []
-    parser = expat.ParserCreate()
-
-    def opened(_name: str, _attributes: Any) -> None:
-        stack.append(len(starts))
-        starts.append(parser.CurrentByteIndex)
-
-    def closed(_name: str) -> None:
-        closings[stack.pop()] = parser.CurrentByteIndex
-
-    parser.StartElementHandler = opened
-    parser.EndElementHandler = closed
-    parser.Parse(source, True)
+    """Of every element in document order, of a file that a parser has accepted."""
     out: list[tuple[int, int, int | None]] = []
-    for k, start in enumerate(starts):
-        found = _TAG.match(source, start)
-        assert found is not None  # the parser has accepted the file
-        end = found.end()
-        out.append((start, end, None if source[end - 2 : end] == b"/>" else closings[k]))
+    stack: list[int] = []
+    for found in _MARKUP.finditer(source):
+        if (tag := found["tag"]) is None:
+            continue
+        if tag.startswith(b"</"):
+            k = stack.pop()
+            out[k] = *out[k][:2], found.start()
+            continue
+        if not tag.endswith(b"/>"):
+            stack.append(len(out))
+        out.append((*found.span(), None))
     return out
 
 
@@ -213,8 +201,7 @@ def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
 def _joint(root: Any, robot: Robot, part: Part, content: Content) -> None:
     joint = part.joint
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
-    open_kind = "continuous" if joint.kind == "revolute" else "prismatic"
-    kind = joint.kind if bounded else open_kind
+    kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
     own = element(root, "joint", name=joint.name, type=kind)
     element(own, "origin", xyz=joint.placement[:3, 3], rpy=rpy_of(joint.placement[:3, :3]))
     element(own, "parent", link=part.parent)
@@ -263,7 +250,7 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
         index, carries = owner[name]
         if carries:
             require_consistent(links[index], f"{path}: link {name!r}")
-            write_inertial(document, link, Inertial.of(links[index]))
+            document.put(link, "inertial", {}, inertial_tags(Inertial.of(links[index])))
         elif link.find("inertial") is not None:
             zero = Inertial.of(np.zeros(10)).urdf_attributes
             document.put(link, "inertial", {}, {"mass": {"value": "0"}, "inertia": zero})
@@ -276,11 +263,6 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
             written = {key: number(value) for key, value in values.items()}
             document.put(joints[joint.name], "dynamics", written)
     return document.edited()
-
-
-def write_inertial(document: Document, link: Any, body: Inertial) -> None:
-    """Replace the numbers of a link's inertial; add whatever of it is missing."""
-    document.put(link, "inertial", {}, inertial_tags(body))
 
 
 def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
