@@ -48,7 +48,7 @@ def torque_chart(
         cut = slice(min(low, len(t) - 1), max(high, low + 1))
     part = Curves(t[cut], run.torque[cut], {name: m[cut] for name, m in run.modelled.items()})
     plot = torque_figure([part], joint, units[joint], beside=False)
-    plot.update_layout(shapes=shades(stretches, ("x", "x2")))
+    plot.update_layout(shapes=shades(stretches))
     if span is not None:
         plot.update_axes("x", range=list(span))
     return ready(plot, 420)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -69,15 +70,15 @@ def report(
     if noise_from is not None:
         whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
     said = load_diagnosis(findings) if isinstance(findings, str | Path) else findings
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as error:
-        raise missing_extra("The report needs", "report") from error
+    if (plotly := find_spec("plotly")) is None:  # its script alone is needed: no import of it
+        raise missing_extra("The report needs", "report")
+    script = Path(str(plotly.origin)).parent / "package_data" / "plotly.min.js"
     material = _material(named, runs, whole, forward, progress)
     progress("drawing")
     material = replace(material, commands=commands, diagnosis=said)
     made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]
-    write_text(out, page(f"{material.last.robot.name}: identified dynamics", made, get_plotlyjs()))
+    title = f"{material.last.robot.name}: identified dynamics"
+    write_text(out, page(title, made, script.read_text("utf-8")))
     return material.verdict
 
 

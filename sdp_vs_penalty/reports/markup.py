@@ -99,14 +99,10 @@ def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:
     """By confident finding the share of each joint's held-out error variance that it takes away."""
     out: dict[str, list[float]] = {}
     for f in () if diagnosis is None else diagnosis.effects:
-        if f.confidence != "confident":
-            continue
-        pairs = zip(f.held_out_rmse_before, f.held_out_rmse_after, strict=True)
-        shares = [max(0.0, 1.0 - (b / a) ** 2) if a > 0.0 else 0.0 for a, b in pairs]
-        own = {j - 1 for j in f.joints}
-        row = out.setdefault(f"found: {f.effect}", [0.0] * n)
-        for j in range(n):
-            row[j] = max(row[j], shares[j] if j in own or not own else 0.0)
+        row = out.setdefault(f"found: {f.effect}", [0.0] * n) if f.confidence == "confident" else []
+        for j in [j - 1 for j in f.joints] or range(n) if row else ():
+            a, b = f.held_out_rmse_before[j], f.held_out_rmse_after[j]
+            row[j] = max(row[j], 1.0 - (b / a) ** 2 if a > 0.0 else 0.0)
     return out
 
 
@@ -116,10 +112,9 @@ def heat_rows(
     """Causes and findings with each joint's share, those that explain nothing anywhere left out.
 
     failures : of each joint `held_out_shares`, as JointFailure.to_dict() has it."""
-    every = [(name, list(shares)) for name, shares in found.items()]
     names = failures[0]["held_out_shares"] if failures else {}
-    every += [(name, [f["held_out_shares"][name] for f in failures]) for name in names]
-    return [(name, shares) for name, shares in every if _per_cent(max(shares))]
+    every = {**found, **{name: [f["held_out_shares"][name] for f in failures] for name in names}}
+    return [(name, list(shares)) for name, shares in every.items() if _per_cent(max(shares))]
 
 
 def _per_cent(share: float) -> str:
@@ -171,18 +166,16 @@ def legend(causes: Sequence[str]) -> str:
     return f'<p class="legend">Shaded where the error is large: {chips}</p>' if causes else ""
 
 
-def shades(
-    stretches: Sequence[tuple[float, float, str]], axes: Sequence[str] = ("x",)
-) -> list[dict[str, Any]]:
-    """Plotly shapes behind curves; stretches : first and last instant on the figure, and the cause;
-    axes : the x axes ("x", "x2") that they stand on."""
+def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]]:
+    """Plotly shapes behind the curves of both panels of a torque's figure; stretches : first and last
+    instant on the figure, and the cause."""
     return [
         {
             "type": "rect", "layer": "below", "line": {"width": 0}, "opacity": 0.18,
-            "xref": axis, "yref": f"{axis.replace('x', 'y')} domain", "x0": a, "x1": b, "y0": 0, "y1": 1,
+            "xref": f"x{panel}", "yref": f"y{panel} domain", "x0": a, "x1": b, "y0": 0, "y1": 1,
             "fillcolor": SHADES.get(cause, SHADES["no cause seen"]),
         }
-        for axis in axes
+        for panel in ("", "2")
         for a, b, cause in stretches
     ]  # fmt: skip
 
@@ -299,10 +292,10 @@ _STYLE = f"{_STYLE}\n{LOOK}"
 def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> str:
     """A whole HTML document; sections : anchor, title and body, in which everything is escaped;
     ``script`` is plotly's, embedded once."""
-    links = "".join(f'<a href="#{at}">{escape(name)}</a>' for at, name, _ in sections)
-    bodies = "".join(
-        f'<section id="{at}"><h2>{escape(name)}</h2>{body}</section>' for at, name, body in sections
-    )
+    links, bodies = "", ""
+    for at, name, body in sections:
+        links += f'<a href="#{at}">{escape(name)}</a>'
+        bodies += f'<section id="{at}"><h2>{escape(name)}</h2>{body}</section>'
     return (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

@@ -39,8 +39,7 @@ def parameters(material: Material) -> str:
     rows = [cells(i, *base_said.get(i.name, ())) for i in known.base]
     body += table(HEADS, rows, numbers_from=3)
     inner = table(HEADS, standard_rows(last), numbers_from=3)
-    body += f"<details><summary>Standard parameters</summary>{inner}</details>"
-    return body
+    return f"{body}<details><summary>Standard parameters</summary>{inner}</details>"
 
 
 #: What :func:`cells` says of a parameter.
@@ -61,12 +60,10 @@ def cells(i: Interval, source: str = "", nominal: float = np.nan) -> tuple[str, 
 
 def caveats(estimate: Estimate) -> list[str]:
     """What to know before parameters are read, a sentence each; the verdict judges the links."""
-    law, sources = estimate.details.get("servo"), estimate.sources
-    said = []
-    if law:
-        said.append(
-            f"No torque was logged: the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
-        )
+    sources, said = estimate.sources, []
+    if law := estimate.details.get("servo"):
+        told = f"the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
+        said.append(f"No torque was logged: {told}")
     if others := [source for source in sources if source != "data"]:
         told = f"{len(others)} of {len(sources)} standard parameters are from the {others[0]}"
         said.append(f"{told}, not from the data: do not read them one by one.")
@@ -80,44 +77,36 @@ def arm(material: Material) -> str:
         return text("This model has no rigid_body effect.")
     robot, links = estimate.robot, estimate.links
     (poses,) = robot.poses(robot.tree_state(material.measurements.q.mean(axis=0))[0])
-    plot = _picture(robot, links, poses)
     caption = (
         "Uniform ellipsoids with the identified masses and inertias, in the runs' mean pose. An "
         "ellipsoid that leaves the picture belongs to a link that these data hardly determine. Zero "
         "thickness (a rod or a sheet) is unphysical."
     )
-    return (
-        text(" ".join(caveats(estimate)))
-        + table(LINK_HEADS, link_rows(estimate))
-        + figure(plot, caption, 460)
-    )
+    body = text(" ".join(caveats(estimate))) + table(LINK_HEADS, link_rows(estimate))
+    return body + figure(_picture(robot, links, poses), caption, 460)
 
 
 def friction(material: Material) -> str:
     """Friction by velocity with its band, a figure a joint."""
-    curves, units = friction_curves(material.last), material.last.robot.torque_units
     body = text("Torque of all effects that follow the velocity alone; shaded: 95 % intervals.")
-    for c in curves:
-        plot = friction_figure(c.velocity, c.torque, NORMAL_95 * c.std, c.joint, units[c.joint])
+    if not (curves := friction_curves(material.last)):
+        return text("The model has no friction that follows the velocity alone.")
+    for c, unit in zip(curves, material.last.robot.torque_units, strict=True):
+        plot = friction_figure(c.velocity, c.torque, NORMAL_95 * c.std, c.joint, unit)
         body += figure(plot, "", 250)
-    if not curves:
-        body = text("The model has no friction that follows the velocity alone.")
     return body
 
 
 def _picture(robot: Robot, links: Array, poses: Array) -> Figure:
     """The skeleton and an ellipsoid a link."""
-    plot = Figure()
+    plot, look = Figure(), dict[str, Any]()
     link = {carrier: place for place, carrier in enumerate(robot.link_joints)}
     for i, joint in enumerate(robot.tree):
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
         x, y, z = np.stack([begin, poses[i][:3, 3]]).T
-        bone: dict[str, Any] = {
-            "line": {"color": MEASURED, "width": 6},
-            "marker": {"size": 3, "color": MEASURED},
-        }
-        bone |= {"mode": "lines+markers", "showlegend": False, "hoverinfo": "skip"}
-        plot.add(trace("scatter3d", x=x, y=y, z=z, **bone))
+        look = {"mode": "lines+markers", "showlegend": False, "hoverinfo": "skip"}
+        look |= {"line": {"color": MEASURED, "width": 6}, "marker": {"size": 3, "color": MEASURED}}
+        plot.add(trace("scatter3d", x=x, y=y, z=z, **look))
         shape = ellipsoid(links[link[i]]) if i in link else None
         if shape is None:
             continue
@@ -131,10 +120,8 @@ def _picture(robot: Robot, links: Array, poses: Array) -> Figure:
     joints = np.array([np.zeros(3), *(pose[:3, 3] for pose in poses)])
     room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
     low, high = joints.min(axis=0) - room, joints.max(axis=0) + room
-    axes = {
-        f"{name}axis": {**axis, "range": [float(a), float(b)]}
-        for name, a, b in zip("xyz", low, high, strict=True)
-    }
+    ends = zip("xyz", low.tolist(), high.tolist(), strict=True)
+    axes = {f"{name}axis": {**axis, "range": [a, b]} for name, a, b in ends}
     camera = {"eye": {"x": 1.3, "y": 1.3, "z": 0.6}}
     ratio = dict(zip("xyz", (1.2 * (high - low) / (high - low).max()).tolist(), strict=True))
     plot.update_layout(scene={"aspectmode": "manual", "aspectratio": ratio, "camera": camera, **axes})

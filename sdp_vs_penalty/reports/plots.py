@@ -91,9 +91,8 @@ def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _packed(array: Any) -> Any:
+def _packed(values: Array) -> Any:
     """An array as plotly's script reads it."""
-    values = np.asarray(array)
     if values.dtype.kind not in "fiu" or values.ndim != 1:
         return values.tolist()
     raw = np.ascontiguousarray(values, "<f4").tobytes()

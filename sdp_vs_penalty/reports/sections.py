@@ -16,20 +16,8 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
-from sdp_vs_penalty.reports.markup import (
-    SHADES,
-    Material,
-    bars,
-    figure,
-    found_shares,
-    heat_map,
-    heat_rows,
-    legend,
-    marked,
-    shades,
-    table,
-    text,
-)
+from sdp_vs_penalty.reports import markup
+from sdp_vs_penalty.reports.markup import Material, figure, table, text
 from sdp_vs_penalty.reports.plots import POINTS, Curves, missing_figure, shifts, torque_figure, trace
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -51,12 +39,12 @@ def verdict(material: Material) -> str:
     """How good the last model is, what became of each joint's error, and each model in a line."""
     said, first, last = material.verdict, material.comparisons[0], material.comparisons[-1]
     several = len(material.comparisons) > 1
-    body = f'<p class="verdict {said.grade.replace(" ", "-")}">{marked(said.headline)}</p>'
+    body = f'<p class="verdict {said.grade.replace(" ", "-")}">{markup.marked(said.headline)}</p>'
     if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
         body += f"<p><b>{escape(changed[0].upper() + changed[1:])}</b></p>"
     floor = None if last.noise_floor is None else last.noise_floor.tolist()
     after = last.rmse.tolist() if several else None
-    body += bars(first.rmse.tolist(), after, floor, material.last.robot.torque_units)
+    body += markup.bars(first.rmse.tolist(), after, floor, material.last.robot.torque_units)
     lines = [(line.about, line.grade, line.text) for line in said.lines]
     body += table(("verdict", "grade", "why"), lines, numbers_from=3)
     if said.remark:
@@ -78,22 +66,19 @@ def torques(material: Material) -> str:
     shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
     units, first = material.last.robot.torque_units, material.judged[material.first_name]
     moved = shifts([run.motion.t for run, _ in first])
+    modelled = [{name: each[k][1] for name, each in material.judged.items()} for k in range(len(first))]
     runs = [
-        Curves(
-            run.motion.t + shift,
-            run.torque,
-            {name: each[k][1] for name, each in material.judged.items()},
-        )
-        for k, ((run, _), shift) in enumerate(zip(first, moved, strict=True))
+        Curves(run.motion.t + shift, run.torque, of)
+        for (run, _), shift, of in zip(first, moved, modelled, strict=True)
     ]
     failing = material.failures[material.first_name]
-    causes = [c for c in SHADES if any(s.cause == c for f in failing for s in f.stretches)]
+    causes = [c for c in markup.SHADES if any(s.cause == c for f in failing for s in f.stretches)]
     body = text(
         "Left: measured and modelled torque. Right: the errors on the same time axis. Click a name to "
         f"hide it, drag to look closer. Grey band: where 95 % of the errors of {material.last_name} "
         "should lie, given its parameters' uncertainty and what it left of its own training runs."
     )
-    body += legend(causes)
+    body += markup.legend(causes)
     bands = _bands(material, moved)
     for j, unit in enumerate(units):
         plot = torque_figure(runs, j, unit)
@@ -107,7 +92,7 @@ def torques(material: Material) -> str:
             for run, shift in zip(material.measurements.runs(), moved, strict=True)
             if s.run.startswith(run.names[0]) and run.t[0] <= s.start <= run.t[-1]
         ]
-        plot.update_layout(shapes=shades(placed, ("x", "x2")))
+        plot.update_layout(shapes=markup.shades(placed))
         plot.update_axes("x", 1, matches="x")
         body += figure(plot, group="torques")
     return body
@@ -140,12 +125,10 @@ def history(material: Material) -> str:
     ]
     whole = (cell for c in compared for cell in (f"{c.relative_error_percent:.3f} %", ""))
     rows.append(["all, relative error", *whole, ""])
-    made = []
-    known: set[str] = set()
+    made, known = [], set[str]()
     for name, estimate in material.models.items():
-        new = [e.brief for e in estimate.model.effects if e.text not in known]
-        told = ", ".join(new) or "the same effects"
-        made.append((name, estimate.method, len(estimate.theta), told))
+        new = ", ".join(e.brief for e in estimate.model.effects if e.text not in known)
+        made.append((name, estimate.method, len(estimate.theta), new or "the same effects"))
         known |= {e.text for e in estimate.model.effects}
     body = table(("model", "method", "parameters", "new effects"), made, numbers_from=4)
     body += table([*heads, "noise floor"], rows)
@@ -174,15 +157,15 @@ def forward(material: Material) -> str:
 
 def failures(material: Material) -> str:
     """Which cause explains how much of each joint's error, before and after, and in words."""
-    found = found_shares(material.diagnosis, material.last.robot.n)
+    found = markup.found_shares(material.diagnosis, material.last.robot.n)
     body = text(
         "How much of each joint's error a function of each cause explains on held-out data, in per "
         "cent; causes that explain nothing are left out. `sdp-vs-penalty diagnose` names effects."
     )
     maps = ""
-    for k, (name, failing) in enumerate(material.failures.items()):
-        rows = heat_rows([f.to_dict() for f in failing], found if k == 0 else {})
-        maps += heat_map(name, rows, len(failing))
+    for name, failing in material.failures.items():
+        rows = markup.heat_rows([f.to_dict() for f in failing], {} if maps else found)
+        maps += markup.heat_map(name, rows, len(failing))
     body += f'<div class="maps wide" tabindex="0">{maps}</div>'
     last = material.failures[material.last_name]
     units = material.last.robot.torque_units
@@ -215,7 +198,7 @@ def findings(material: Material) -> str:
         first, last = found.effects[0].held_out_rmse_before, found.effects[-1].held_out_rmse_after
         floor = found.noise_floor.tolist() if found.noise_known else None
         body += text("Held-out error of each joint before all findings and with all of them:")
-        body += bars(list(first), list(last), floor, units)
+        body += markup.bars(list(first), list(last), floor, units)
         body += table((*heads, "noise floor"), rows, numbers_from=5)
     body += "".join(text(remark) for remark in found.remarks)
     judged = material.judged[material.last_name]
@@ -230,29 +213,25 @@ def findings(material: Material) -> str:
 def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
     """What is certified of each: violations of every family of constraints, loss, objective, its bound
     and their gap, mass matrices; the name first."""
+
+    def poses(c: Certificate) -> str:
+        if (share := c.positive_mass_matrices) is None:
+            return "-"
+        return "all (follows from the links)" if c.at_every_pose else f"{100.0 * share:.4g} %"
+
     found = [e.certificate for e in estimates]
     families = sorted({f for c in found for f in c.violations})
-    rows = [
-        [f"worst violation: {f}", *(_violation(c.violations.get(f)) for c in found)] for f in families
-    ]
-    figures: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
-        ("loss (sum of squared weighted errors)", lambda c: number(c.loss, 6)),
-        (
-            "objective (the loss and, where the method has one, its regulariser)",
-            lambda c: number(c.upper, 6),
-        ),
-        ("certified lower bound of the objective", lambda c: number(c.lower, 6)),
-        ("objective above its bound, relative to the loss", lambda c: number(c.gap, 2)),
-        ("poses with positive definite M(q)", _poses),
-    )
-    return rows + [[name, *map(said, found)] for name, said in figures]
-
-
-def _poses(c: Certificate) -> str:
-    share = c.positive_mass_matrices
-    if share is None:
-        return "-"
-    return "all (follows from the links)" if c.at_every_pose else f"{100.0 * share:.4g} %"
+    worst = {f: [number(c.violations.get(f), 2) for c in found] for f in families}
+    rows = [[f"worst violation: {family}", *cells] for family, cells in worst.items()]
+    objective = "objective (the loss and, where the method has one, its regulariser)"
+    figures: dict[str, Callable[[Certificate], str]] = {
+        "loss (sum of squared weighted errors)": lambda c: number(c.loss, 6),
+        objective: lambda c: number(c.upper, 6),
+        "certified lower bound of the objective": lambda c: number(c.lower, 6),
+        "objective above its bound, relative to the loss": lambda c: number(c.gap, 2),
+        "poses with positive definite M(q)": poses,
+    }
+    return rows + [[name, *map(said, found)] for name, said in figures.items()]
 
 
 #: What the certificate says, and who computed it.
@@ -271,10 +250,6 @@ def certificate(material: Material) -> str:
             held = ", ".join(e.certificate.held)
             body += text(f"{name}: objective and gap are of the added effects, with {held} held fixed.")
     return body
-
-
-def _violation(value: float | None) -> str:
-    return "-" if value is None else ("0" if value == 0.0 else f"{value:.2g}")
 
 
 def data(material: Material) -> str:
@@ -296,21 +271,18 @@ def provenance(material: Material) -> str:
     """Versions, settings, hashes, and the commands."""
     rows = []
     for name, e in material.models.items():
-        versions = ", ".join(f"{k} {v}" for k, v in e.provenance.get("versions", {}).items())
         settings = ", ".join(f"{k}={v}" for k, v in e.settings.items())
-        effects = ", ".join(effect.brief for effect in e.model.effects)
-        p = e.preprocessing
-        filters = f"states {number(p.state_cutoff, 4)} Hz, torque {number(p.torque_cutoff, 4)} Hz"
-        for what, value in (
-            ("method", f"{e.method} ({settings})"),
-            ("effects", effects),
-            ("filters", filters),
-            ("runs", ", ".join(map(str, e.provenance.get("runs", [])))),
-            ("data hash", e.provenance.get("data_hash", "")),
-            ("seed", e.provenance.get("seed", "")),
-            ("versions", versions),
-        ):
-            rows.append((name, what, value))
+        p, known = e.preprocessing, e.provenance
+        said = {
+            "method": f"{e.method} ({settings})",
+            "effects": ", ".join(effect.brief for effect in e.model.effects),
+            "filters": f"states {number(p.state_cutoff, 4)} Hz, torque {number(p.torque_cutoff, 4)} Hz",
+            "runs": ", ".join(map(str, known.get("runs", []))),
+            "data hash": known.get("data_hash", ""),
+            "seed": known.get("seed", ""),
+            "versions": ", ".join(f"{k} {v}" for k, v in known.get("versions", {}).items()),
+        }
+        rows += [(name, what, value) for what, value in said.items()]
     body = table(("model", "what", "which"), rows, numbers_from=3)
     if material.commands:
         body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"
