@@ -183,7 +183,7 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
         ("RMSE", *aligned([[f.rmse for f in failures]])[0]),
         ("noise floor", *(number(f.noise_floor, 2) for f in failures)),
         ("repeatable [%]", *("-" if share is None else f"{100 * share:.0f}" for share in repeats)),
-        ("RMS ratio at reversals", *(_short(f.reversal_lift) for f in failures)),
+        ("RMS ratio at reversals", *(number(f.reversal_lift) for f in failures)),
     ]
     table("Residual of each joint", joints, rows)
 
@@ -273,7 +273,3 @@ def before_after(before: Comparison, after: Comparison, units: Sequence[str], wh
     comparison([before, after], units, names=("before", "after"))
     errors = (number(before.relative_error_percent), number(after.relative_error_percent))
     say(f"all joints together, relative error: {errors[0]} % before, {errors[1]} % after")
-
-
-def _short(x: float) -> str:
-    return f"{x:.2f}" if np.isfinite(x) else "-"

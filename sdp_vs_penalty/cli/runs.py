@@ -1,22 +1,18 @@
 """The runs that a model is fitted to and tested on."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
+from sdp_vs_penalty.data.files import load_measurements, windowed
+from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
+from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.errors import InputError, other_robot
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sdp_vs_penalty.data.measurements import Measurements, Runs
-    from sdp_vs_penalty.estimation.estimate import Estimate
-    from sdp_vs_penalty.problem.problem import Problem
-    from sdp_vs_penalty.regression.black_box import BlackBox
-
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.black_box import BlackBox, load_answers
 
 #: How to do without the check.
 NO_CHECK = "pass --no-check to"
@@ -26,8 +22,6 @@ def as_told(
     source: str, gravity: str | None = None, bounds: str | None = None, filters: str | None = None
 ) -> Problem:
     """The problem named ``source`` with --gravity, --bounds and --filters as they are written."""
-    from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
-
     mounting = None if gravity is None else numbers("--gravity", gravity, 3)
     return with_filters(with_bounds(load_problem(source, mounting), bounds), filters)
 
@@ -36,10 +30,6 @@ def runs_as_told(
     problem: Problem, data: Sequence[Path], window: str | None
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
     """The runs, or a black box's answers, behind --data: whole, and what --window leaves of them."""
-    from sdp_vs_penalty.data.files import load_measurements, windowed
-    from sdp_vs_penalty.data.measurements import Measurements
-    from sdp_vs_penalty.regression.black_box import load_answers
-
     windows, robot = time_windows(window), problem.robot
     whole = load_answers(list(data), joints=robot.n) or load_measurements(
         *data, joints=robot.n, names=robot.joint_names
@@ -68,10 +58,6 @@ def runs_for(
     test_window: str | None = None,
 ) -> Runs:
     """The runs to fit and the run to test on, both possible for the model's robot."""
-    from sdp_vs_penalty.data.files import load_measurements, windowed
-    from sdp_vs_penalty.data.measurements import Runs, concatenate
-    from sdp_vs_penalty.data.plausibility import check_plausible
-
     robot = estimate.robot
     train, judge = time_windows(window), time_windows(test_window, "--test-window")
     if test is None and test_window is not None:

@@ -266,7 +266,7 @@ def test_an_error_of_our_own_is_no_traceback(run, runs, tmp_path, monkeypatch):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("inner")
 
-    monkeypatch.setattr("sdp_vs_penalty.data.files.load_measurements", broken)
+    monkeypatch.setattr("sdp_vs_penalty.cli.runs.load_measurements", broken)
     code, _, err = run("identify", "two_link", "--data", runs[0], "--out", tmp_path / "m.json")
     assert code == 1
     assert_one_sentence(err, "ZeroDivisionError", "--debug")

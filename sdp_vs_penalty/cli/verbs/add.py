@@ -1,16 +1,7 @@
-from __future__ import annotations
-
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sdp_vs_penalty.cli.runs import runs_for, words
-from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.errors import InputError
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis.findings import Diagnosis
-    from sdp_vs_penalty.effects.effect import Effect
 
 
 def verb(
@@ -41,6 +32,7 @@ def verb(
     """
     from sdp_vs_penalty.checks.first import consented
     from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli.runs import runs_for, words
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -61,26 +53,20 @@ def verb(
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
     console.explain(f"added: {', '.join(e.brief for e in added)}")
-    for text in _left_out(effects, added):
-        console.say(f"not added: {text} (the held model has it: identify it again on runs like these)")
+    there = {(e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added}
+    for f in effects.beside_curves if not isinstance(effects, str) and effects.frozen else ():
+        if (f.effect, f.joints) not in there:  # the held model keeps its own
+            why = "the held model has it: identify it again on runs like these"
+            console.say(f"not added: {f.text} ({why})")
     printing.certificate(bigger)
     console.written(out)
     judge = words(data, window) if test is None else words([test], test_window)
     console.next_step(["report", model, out, "--data", *judge, "--out", "report.html"])
 
 
-def _left_out(effects: str | Diagnosis, added: Sequence[Effect]) -> list[str]:
-    """The findings of a held model's own effects, which it keeps."""
-    if isinstance(effects, str) or not effects.frozen:
-        return []
-    there = {(e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added}
-    return [f.text for f in effects.beside_curves if (f.effect, f.joints) not in there]
-
-
-def _effects(
-    effect: str | None, findings: Path | None, confident: bool, only: str | None
-) -> str | Diagnosis:
-    """What to add: the text, or what a findings.json holds, all or some of it."""
+def _effects(effect: str | None, findings: Path | None, confident: bool, only: str | None) -> Any:
+    """What to add: the text, or the Diagnosis of a findings.json, all or some of it."""
+    from sdp_vs_penalty.data.cli_parsing import numbers
     from sdp_vs_penalty.diagnosis.findings import load_diagnosis
 
     if (effect is None) == (findings is None):

@@ -1,14 +1,6 @@
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.cli.runs import as_told
 from sdp_vs_penalty.errors import InputError
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.checks import Report
 
 
 def verb(
@@ -30,7 +22,11 @@ def verb(
     --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
     --verbose: Also say which errors this motion could not show.
     """
+    from rich.markup import escape
+
     from sdp_vs_penalty.checks import check, of_one_arm
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli.runs import as_told
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.files import write_text
 
@@ -46,8 +42,17 @@ def verb(
             progress(path.name)
             reports += check(robot, read_run(path, robot.robot.n, robot.robot.joint_names))
     reports = of_one_arm(reports)
+    colours = {"error": "red", "warning": "yellow", "note": "dim"}
     for report in reports:
-        _show(report, verbose)
+        console.say(report.verdict, style="bold")
+        for f in report.issues:
+            if f.kind == "not visible" and not verbose:
+                continue
+            word = f"[{colours[f.severity]}]{f.severity}[/]"
+            console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
+            fixed = " (--fix does it)" if f.mends else ""
+            for text in (f.what, f"How sure: {f.certainty}.", f"What to do: {f.remedy}{fixed}."):
+                console.say(f"    {text}")
     mounting = [] if gravity is None else ["--gravity", gravity]
     meaningless = any(report.meaningless for report in reports)
     if fix is not None:
@@ -73,18 +78,3 @@ def verb(
         console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
     if meaningless:
         raise SystemExit(1)
-
-
-def _show(report: Report, verbose: bool) -> None:
-    from rich.markup import escape
-
-    colours = {"error": "red", "warning": "yellow", "note": "dim"}
-    console.say(report.verdict, style="bold")
-    for f in report.issues:
-        if f.kind == "not visible" and not verbose:
-            continue
-        word = f"[{colours[f.severity]}]{f.severity}[/]"
-        console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
-        fixed = " (--fix does it)" if f.mends else ""
-        for text in (f.what, f"How sure: {f.certainty}.", f"What to do: {f.remedy}{fixed}."):
-            console.say(f"    {text}")

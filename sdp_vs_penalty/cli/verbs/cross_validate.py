@@ -47,7 +47,7 @@ def verb(
     title = f"Relative error, and RMSE [{units}] of each joint below {number(result.band_hz)} Hz"
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
     console.table(title, heads, rows)
-    how_told = [*["--effects", effects] * bool(effects), *["--gravity", gravity] * bool(gravity)]
-    told = ["identify", problem, "--data", *data, "--method", method, *how_told, "--out", "model.json"]
+    told = {"--method": method, "--effects": effects, "--gravity": gravity, "--out": "model.json"}
+    words = (word for pair in told.items() if pair[1] for word in pair)
     console.save_json(json_, result.to_dict())
-    console.next_step(told)
+    console.next_step(["identify", problem, "--data", *data, *words])

@@ -1,9 +1,6 @@
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.cli.runs import NO_CHECK, runs_for
-from sdp_vs_penalty.cli.runs import words as data_words
-
 
 def verb(
     model: Path,
@@ -26,24 +23,24 @@ def verb(
     --json out.json: JSON file for the findings.
     """
     from sdp_vs_penalty.checks.first import consented, refuse_meaningless
-    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.diagnosis.diagnose import diagnose as run
     from sdp_vs_penalty.estimation.estimate import load_estimate
 
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
-        given = runs_for(estimate, data, window, test, test_window)
+        given = runs.runs_for(estimate, data, window, test, test_window)
         if consented(estimate, given.train):
             console.warn("data check skipped: the model comes from these runs with --no-check")
         elif not no_check:
             progress("checking the measurements")
-            refuse_meaningless(estimate.problem, given.train, "diagnose", NO_CHECK, warn=console.warn)
+            how_not = "diagnose", runs.NO_CHECK
+            refuse_meaningless(estimate.problem, given.train, *how_not, warn=console.warn)
         how: dict[str, Any] = {"seed": seed, "frozen": frozen, "gain_uncertainty": gain_uncertainty}
         how |= {"noise_from": given.whole, "progress": progress}
         result = run(estimate, given.train, given.test, **how)
-    words = ["--data", *data_words(data, window), *["--frozen"] * frozen]
-    gain = None if gain_uncertainty is None else f"{gain_uncertainty:g}"
-    asked = {"--test": test, "--test-window": test_window, "--gain-uncertainty": gain}
+    words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
+    asked = {"--test": test, "--test-window": test_window, "--gain-uncertainty": gain_uncertainty}
     words += [str(word) for pair in asked.items() if pair[1] is not None for word in pair]
     shown, what = printing.worth_showing(result.effects), list[str]()
     offered = {str(k): f.text for k, f in enumerate(shown, start=1) if f.plausible}
@@ -57,11 +54,8 @@ def verb(
     printing.undecided(result, model)
     console.save_json(json_, result.to_dict())
     if what:
-        console.next_step(["add", model, *what, *words, "--out", _next_to(model)])
-
-
-def _next_to(model: Path) -> Path:
-    """The file beside the model with the next number that is free: model.json, model2.json, ..."""
-    stem = model.stem.rstrip("0123456789") or model.stem
-    taken = {int(n) for p in model.parent.glob(f"{stem}*.json") if (n := p.stem[len(stem) :]).isdigit()}
-    return model.with_name(f"{stem}{max(taken, default=1) + 1}.json")
+        stem = model.stem.rstrip("0123456789") or model.stem  # model.json, model2.json, ...
+        numbers = (path.stem.removeprefix(stem) for path in model.parent.glob(f"{stem}*.json"))
+        free = max((int(n) for n in numbers if n.isdigit()), default=1) + 1
+        beside = model.with_name(f"{stem}{free}.json")
+        console.next_step(["add", model, *what, *words, "--out", beside])

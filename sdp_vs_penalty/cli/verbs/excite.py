@@ -40,16 +40,13 @@ def verb(
     --joints J+J: With --payload: joints that move, such as 5+6; default: the last three.
     --urdf ARM.urdf: With --separate: shapes for the check of self-collision.
     """
-    usual = 2.0 if payload and separate is None else 21.0
-    rounds = 60 if separate is None else 200
+    usual, rounds = (21.0, 200) if separate else (2.0, 60) if payload else (21.0, 60)
     how: dict[str, Any] = {"duration": duration or usual, "iterations": iterations or rounds}
     how["seed"] = seed
     if separate is not None:
-        _separate(Path(problem), separate, out, urdf, level=level, **how)
-        return
+        return _separate(Path(problem), separate, out, urdf, level=level, **how)
     if payload:
-        _payload(Path(problem), joints, out, **how)
-        return
+        return _payload(Path(problem), joints, out, **how)
     from sdp_vs_penalty.estimation.excitation import excite
 
     how |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
@@ -70,6 +67,8 @@ _LOOK = "look at the motion before it is run."
 
 def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> None:
     """The run that weighs a load, and how well it does."""
+    import numpy as np
+
     from sdp_vs_penalty.errors import InputError
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.excitation import payload_run, save_trajectory
@@ -82,13 +81,10 @@ def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> Non
     with console.progress("weighing") as progress:
         found = payload_run(estimate, joints=moving, progress=progress, **settings)
     save_trajectory(found.trajectory, out)
-    for name, part, unit in (
-        ("mass", slice(0, 1), "kg"),
-        ("mass times centre of mass", slice(1, 4), "kg m"),
-        ("inertia about the flange", slice(4, 10), "kg m^2"),
-    ):
-        worst = [f"{deviation[part].max():.2g}" for deviation in (found.deviation, found.started)]
-        console.say(f"{name}: +- {worst[0]} {unit} ({worst[1]} on a random motion)")
+    ends = (np.maximum.reduceat(x, (0, 1, 4)) for x in (found.deviation, found.started))
+    names = {"mass": "kg", "mass times centre of mass": "kg m", "inertia about the flange": "kg m^2"}
+    for (name, unit), own, random in zip(names.items(), *ends, strict=True):
+        console.say(f"{name}: +- {own:.2g} {unit} ({random:.2g} on a random motion)")
     console.explain(
         f"Standard deviations of a load after {settings['duration']:g} s, the largest of three or six, "
         "from the noise of the model's data; the model and the gains of its channels count as exact. "

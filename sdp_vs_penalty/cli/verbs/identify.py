@@ -2,7 +2,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.cli.runs import NO_CHECK, as_told, next_diagnosis, runs_as_told, words
 from sdp_vs_penalty.errors import Infeasible
 
 
@@ -37,7 +36,7 @@ def verb(
     --proof proof.json: File for the proof of optimality; `verify` checks it.
     """
     from sdp_vs_penalty.checks.first import refuse_meaningless
-    from sdp_vs_penalty.cli import console, printing
+    from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import identified
     from sdp_vs_penalty.estimation.known_load import parsed_known, parsed_known_load
@@ -45,15 +44,14 @@ def verb(
     from sdp_vs_penalty.parallel import Workers
 
     estimator = with_solver(method, solver)
-    robot = as_told(problem, gravity, bounds, filters)
+    robot = runs.as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
-        whole, given = runs_as_told(robot, data, window)
+        whole, given = runs.runs_as_told(robot, data, window)
         checks: dict[str, Any] = {}
         if isinstance(given, Measurements) and not no_check:
             progress("checking the measurements")
-            checks = refuse_meaningless(
-                robot, given, "identify", NO_CHECK, bool(known_load), console.warn
-            )
+            how_not = "identify", runs.NO_CHECK, bool(known_load)
+            checks = refuse_meaningless(robot, given, *how_not, console.warn)
         begin = time.perf_counter()
         how: dict[str, Any] = {"effects": effects, "instruments": instruments, "proof": proof}
         how |= {"seed": seed, "gain_uncertainty": gain_uncertainty or 0.0, "progress": progress}
@@ -67,10 +65,10 @@ def verb(
                 console.written(proof, "it proves that nothing satisfies all constraints")
             raise
         seconds = time.perf_counter() - begin
-        estimate.provenance.update(data=words(data, window), checked=not no_check, checks=checks)
+        estimate.provenance.update(data=runs.words(data, window), checked=not no_check, checks=checks)
         estimate.save(out)
     printing.estimate(estimate, fit, seconds)
     for path in filter(None, (out, proof)):
         console.written(path)
     if fit is not None:
-        next_diagnosis(out, estimate, data, window)
+        runs.next_diagnosis(out, estimate, data, window)

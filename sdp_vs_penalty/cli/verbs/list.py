@@ -19,7 +19,10 @@ def verb(what: Kind, name: str | None = None) -> None:
 
     headings, rows = listing(what)
     if name is not None:
-        console.details(headings, details(what, name))
+        known = {row[0]: row for row in rows}
+        if name not in known:
+            raise unknown("", name, known, where=what)
+        console.details(headings, known[name])
         return
     columns = [headings.index(heading) for heading in _SHORT.get(what, headings)]
     console.listing([headings[k] for k in columns], [[row[k] for k in columns] for row in rows])
@@ -34,14 +37,6 @@ _SHORT = {
     "engines": ("name", "version here", "formulation"),
     "datasets": ("name", "licence", "what it is"),
 }
-
-
-def details(kind: str, name: str) -> tuple[str, ...]:
-    """The whole row of one name; InputError where there is none."""
-    rows = {row[0]: row for row in listing(kind)[1]}
-    if name not in rows:
-        raise unknown("", name, rows, where=kind)
-    return rows[name]
 
 
 def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
@@ -80,7 +75,7 @@ def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
         case "tables":
             from sdp_vs_penalty.paper.tables import makers
 
-            rows = [(name, ", ".join(maker.problems), maker.about) for name, maker in makers().items()]
+            rows = [(name, ", ".join(table.problems), table.about) for name, table in makers().items()]
             return ("name", "only for", "what it is"), rows
         case "datasets":
             from sdp_vs_penalty.data.datasets import DATASETS
@@ -90,10 +85,8 @@ def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
         case "engines":
             from sdp_vs_penalty.simulation.engines import engine_types
 
-            rows = [
-                (name, engine.version() or "absent", engine.install, engine.formulation)
-                for name, engine in engine_types().items()
-            ]
+            own = engine_types().items()
+            rows = [(n, e.version() or "absent", e.install, e.formulation) for n, e in own]
             return ("name", "version here", "installed by", "formulation"), rows
         case _:
             from sdp_vs_penalty.exporters.export import formats

@@ -46,17 +46,8 @@ def verb(
     usual = runner.Shootout.accuracies
     asked = tuple(numbers("--accuracy", accuracy)) if accuracy else usual[1:2] if quick else usual
     limit = time_limit if time_limit is not None else 10.0 if quick else 60.0
-    setup = runner.Shootout(
-        out,
-        None if solvers is None else _words(solvers),
-        list(GROUPS) if problems is None else _words(problems),
-        asked,
-        limit,
-        memory,
-        quick,
-        scheduler,
-        jobs,
-    )
+    chosen = None if solvers is None else _words(solvers), _words(problems or ",".join(GROUPS))
+    setup = runner.Shootout(out, *chosen, asked, limit, memory, quick, scheduler, jobs)
     with console.progress("proving intervals") as say:
         outcome = runner.run(setup, lambda what, done, total: say(f"{done} of {total}: {what}"))
     for note in outcome.notes:
@@ -75,9 +66,8 @@ def _export(folder: Path, groups: list[str] | None) -> None:
     everything = instances.library()
     wanted, _ = instances.selected(groups or [e.group for e in everything], everything)
     with console.progress("writing instances") as say:
-        rows = library.write_library(
-            folder, wanted, lambda what, done, total: say(f"{done} of {total}: {what}")
-        )
+        told = lambda what, done, total: say(f"{done} of {total}: {what}")  # noqa: E731
+        rows = library.write_library(folder, wanted, told)
     proved = sum(row["status"] != "not proved" for row in rows)
     console.say(f"{len(rows)} instances, {proved} with a proof")
     console.next_step(["verify", folder])

@@ -49,8 +49,6 @@ def verb(
 def _follow(
     model: str, runs: list[Path], drive: str, seed: int, out: Path | None, json_file: Path | None
 ) -> None:
-    from typing import Any, cast
-
     from sdp_vs_penalty.cli.runs import next_diagnosis
     from sdp_vs_penalty.data.formats import csv
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -58,7 +56,7 @@ def _follow(
 
     with console.progress("reading the measurements") as progress:
         estimate = load_estimate(model)
-        made = follow(estimate, runs, drive=cast(Any, drive), seed=seed, progress=progress)
+        made = follow(estimate, runs, drive=drive, seed=seed, progress=progress)  # type: ignore[arg-type]
     console.say(made.verdict, style="bold")
     console.table("Forward simulation against the measured motion (RMS)", *made.table())
     console.explain(made.explained)
