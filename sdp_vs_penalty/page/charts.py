@@ -14,19 +14,9 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.page.controls import button, chart, note, tag
 from sdp_vs_penalty.page.session import ModelStep
 from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.reports import plots
 from sdp_vs_penalty.reports.markup import shades
-from sdp_vs_penalty.reports.plots import (
-    COLOURS,
-    MEASURED,
-    Curves,
-    Figure,
-    missing_figure,
-    residual_figure,
-    signal_title,
-    styled,
-    torque_figure,
-    trace,
-)
+from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, Curves, Figure, trace
 
 
 def torque_chart(
@@ -47,7 +37,7 @@ def torque_chart(
         low, high = np.searchsorted(t, (span[0] - edge, span[1] + edge))
         cut = slice(min(low, len(t) - 1), max(high, low + 1))
     part = Curves(t[cut], run.torque[cut], {name: m[cut] for name, m in run.modelled.items()})
-    plot = torque_figure([part], joint, units[joint], beside=False)
+    plot = plots.torque_figure([part], joint, units[joint], beside=False)
     plot.update_layout(shapes=shades(stretches))
     if span is not None:
         plot.update_axes("x", range=list(span))
@@ -66,15 +56,13 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
             look: dict[str, Any] = {"line": {"color": colour, "width": 1.2}, "showlegend": row == 0}
             plot.add(trace("scatter", x=t, y=read[name][:, j], **look, **named), row)
             there = read.get(f"repaired_{name}")
-            if there is None or not (rows := np.isfinite(there[:, j])).any():
-                continue
-            named["name"] += ", repaired"
-            look = {"marker": {"symbol": "x", "size": 5, "color": colour}, "showlegend": False}
-            look["mode"] = "markers"
-            plot.add(trace("scatter", x=t[rows], y=there[rows, j], **look, **named), row)
+            if there is not None and (rows := np.isfinite(there[:, j])).any():
+                named["name"] += ", repaired"
+                look = {"marker": {"symbol": "x", "size": 5, "color": colour}, "showlegend": False}
+                crosses = trace("scatter", x=t[rows], y=there[rows, j], mode="markers", **look, **named)
+                plot.add(crosses, row)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
-    torques = "/".join(dict.fromkeys(units))
-    titles = (f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{torques}]")
+    titles = f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{'/'.join(dict.fromkeys(units))}]"
     for row, said in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=said)
     plot.update_axes("x", len(shown) - 1, title="time [s]")
@@ -87,15 +75,12 @@ def asked_span(event: Any) -> tuple[float, float] | bool | None:
     >>> asked_span({"xaxis2.range[0]": 1, "xaxis2.range[1]": 2.5})
     (1.0, 2.5)
     """
-    if not isinstance(event, dict):
-        return False
-    for axis in ("xaxis", "xaxis2"):
+    for axis in ("xaxis", "xaxis2") if isinstance(event, dict) else ():
         if event.get(f"{axis}.autorange"):
             return None
         ends = [event.get(f"{axis}.range[{k}]") for k in (0, 1)]
         if all(isinstance(end, int | float) for end in ends):
-            low, high = (float(end) for end in ends if end is not None)
-            return low, high
+            return float(ends[0]), float(ends[1])
     return False
 
 
@@ -103,7 +88,7 @@ def missing_chart(curve: Curve, units: Sequence[str], read: Mapping[str, Any]) -
     """A measured curve with its band, and where the rows of a recording lie."""
     motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
     warm = any(v.startswith("temp") for v in curve.of)  # a recording holds none
-    return ready(missing_figure(curve, units, [] if warm else [motion]), 260)
+    return ready(plots.missing_figure(curve, units, [] if warm else [motion]), 260)
 
 
 def residual_chart(
@@ -116,22 +101,21 @@ def residual_chart(
 ) -> dict[str, Any]:
     """What one or two models leave of a joint's torque against one of SIGNALS, the last one's reversals
     ringed; span : only these seconds of the run."""
-    read = reads[-1]
-    t = read["t"] - read["t"][0]
+    read, t = reads[-1], reads[-1]["t"] - reads[-1]["t"][0]
     cut = slice(None) if span is None else slice(*np.searchsorted(t, span))
     if len(t[cut]) < 2:
         cut = slice(None)
     x = np.asarray(t if signal == "t" else read[signal][:, joint])[cut]
     *first, last = ((r["torque"][:, joint] - r["modelled"][:, joint])[cut] for r in reads)
-    plot = residual_figure(x, last, read["dq"][cut, joint], floor, *first)
-    plot.update_axes("x", title=signal_title(signal, unit))
+    plot = plots.residual_figure(x, last, read["dq"][cut, joint], floor, *first)
+    plot.update_axes("x", title=plots.signal_title(signal, unit))
     plot.update_axes("y", title=f"error of joint {joint + 1} [{unit}]")
     return ready(plot, 320)
 
 
 def ready(plot: Figure, height: int) -> dict[str, Any]:
     """Plain JSON; to be zoomed in time only."""
-    styled(plot, height).update_layout(margin={"l": 66, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
+    plots.styled(plot, height).update_layout(margin={"l": 66, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
     data: dict[str, Any] = json.loads(plot.update_axes("y", fixedrange=True).to_json())
     return {**data, "config": {"displayModeBar": False, "responsive": True}}
 
@@ -179,14 +163,9 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
                 return
 
     with tag("div", style="arm") as frame:
-        with ui.scene(
-            width=360,
-            height=330,
-            grid=False,
-            background_color="#f8f9fb",
-            on_click=clicked,
-            camera=ui.scene.perspective_camera(fov=_ANGLE),
-        ) as scene:
+        look = {"width": 360, "height": 330, "grid": False, "background_color": "#f8f9fb"}
+        camera = ui.scene.perspective_camera(fov=_ANGLE)
+        with ui.scene(**look, on_click=clicked, camera=camera) as scene:  # type: ignore[arg-type]
             shapes = view.session.robot["drawn"]["shapes"]
             groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, shapes, look)]
         frame.props["data-arm"] = scene.id
@@ -195,10 +174,8 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
         with tag("div", style="row"):
             play = f"arms[{scene.id}]?.play()"
             button("Play", lambda: ui.run_javascript(play), f"play-{arms}", data_play="")
-            tag(
-                "input", type="range", min="0", max="1000", value="0", data_key=f"time-{arms}",
-                data_time=scene.id, aria_label="Time in the run",
-            )  # fmt: skip
+            bar = {"type": "range", "min": "0", "max": "1000", "value": "0", "data_key": f"time-{arms}"}
+            tag("input", "", "", **bar, data_time=scene.id, aria_label="Time in the run")
             tag("span", "0.0 s", "soft", data_clock="")
         note(f"Ellipsoids of uniform density; {said}. Click a link to see its joint.")
 

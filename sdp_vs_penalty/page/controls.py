@@ -30,6 +30,11 @@ def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
     return made
 
 
+def plain_name(effect: str) -> str:
+    """presliding_hysteresis as Presliding hysteresis."""
+    return effect.replace("_", " ").capitalize()
+
+
 def note(text: str) -> None:
     """A paragraph beside the matter."""
     tag("p", text, "soft")
@@ -111,11 +116,11 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
             values.pop(name, None)
 
     for o in options:
-        key, now, said = f"option-{o.dest}", values.get(o.dest, ""), told(o)
+        key, now, write = f"option-{o.dest}", values.get(o.dest, ""), partial(put, o.dest)
         if o.nargs == 0:
-            check(said, bool(now), lambda on, name=o.dest: put(name, "yes" * on), key)  # type: ignore[misc]
+            check(told(o), bool(now), lambda on, write=write: write("yes" * on), key)  # type: ignore[misc]
         else:
-            text_field(said, now, partial(put, o.dest), key, str(o.metavar))
+            text_field(told(o), now, write, key, str(o.metavar))
 
 
 def told(option: Action) -> str:

@@ -18,7 +18,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import urdf
 from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements, Runs
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
@@ -37,7 +37,6 @@ from sdp_vs_penalty.estimation.separation import separate as separation
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimation.verify import verify_proof_file
 from sdp_vs_penalty.estimators import with_solver
-from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.exporters.friction_table import friction_curves
@@ -85,12 +84,6 @@ def _known(problem: Problem) -> str:
     )
 
 
-def _model(asked: Asked, estimate: Estimate, begin: float) -> Answer:
-    """A model kept and judged on the runs; begin : when its identification began."""
-    seconds = time.perf_counter() - begin
-    return summary(estimate, asked.runs, Path(asked["out"]), seconds, asked.progress)
-
-
 def fit(asked: Asked) -> Answer:
     """Identify a model and look where it fails."""
     runs, options = asked.runs, asked["options"]
@@ -107,7 +100,7 @@ def fit(asked: Asked) -> Answer:
         known_loads=_known_loads(asked, options.get("known_load")),
         workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),
     )
-    return _model(asked, estimate, begin)
+    return summary(asked, estimate, begin)
 
 
 def _known_loads(asked: Asked, text: str | None) -> list[tuple[str, float]]:
@@ -127,44 +120,31 @@ def open_model(asked: Asked) -> Answer:
     train, estimate = asked.runs.train, asked.model
     if estimate.robot.n != train.n:
         raise other_robot(train.n, estimate.robot.n, asked["model"], "model")
-    return _model(asked, estimate, time.perf_counter())
+    return summary(asked, estimate, time.perf_counter())
 
 
 def extend(asked: Asked) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
-    train, model, frozen = asked.runs.train, asked.model, bool(asked["frozen"])
-    begin = time.perf_counter()
-    how: dict[str, Any] = {"frozen": frozen, "seed": asked.seed, "progress": asked.progress}
-    return _model(asked, add(model, asked["effect"], train, **how), begin)
+    train, model, begin = asked.runs.train, asked.model, time.perf_counter()
+    how: dict[str, Any] = {"frozen": asked["frozen"], "seed": asked.seed, "progress": asked.progress}
+    return summary(asked, add(model, asked["effect"], train, **how), begin)
 
 
 def find(asked: Asked) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
     runs, model = asked.runs, asked.model
-    result = diagnose(
-        model,
-        runs.train,
-        runs.test,
-        frozen=bool(asked["frozen"]),
-        seed=asked.seed,
-        progress=asked.progress,
-        noise_from=runs.whole,
-    )
+    how: dict[str, Any] = {"frozen": asked["frozen"], "seed": asked.seed, "progress": asked.progress}
+    result = diagnose(model, runs.train, runs.test, noise_from=runs.whole, **how)
     curves = [curve.effect(model.robot).text for curve in result.curves]
     return {"diagnosis": result.to_dict(), "curves": curves}
 
 
 def separate(asked: Asked) -> Answer:
     """The run that would tell two effects apart: what `sdp-vs-penalty excite --separate` does."""
-    found = separation(
-        asked.model,
-        asked["effects"],
-        duration=asked.number("duration", 21.0),
-        level=asked.number("level", 1.0),
-        iterations=int(asked.number("iterations", 200)),
-        seed=asked.seed,
-        progress=asked.progress,
-    )
+    how: dict[str, Any] = {"duration": asked.number("duration", 21.0), "seed": asked.seed}
+    how |= {"level": asked.number("level", 1.0), "progress": asked.progress}
+    how["iterations"] = int(asked.number("iterations", 200))
+    found = separation(asked.model, asked["effects"], **how)
     out = asked.folder / "trajectory.csv"
     save_trajectory(found.trajectory, out)
     said = (
@@ -203,9 +183,8 @@ def take(asked: Asked) -> Answer:
     """A file to take away: a run as it was used, the diagnosis, the report, or the model in the format
     of the name's suffix; says which effects have no place in it."""
     name, found = asked["name"], asked.get("findings")
-    out = asked.folder / name
+    out, lost = asked.folder / name, tuple[str, ...]()
     asked.progress(f"writing {name}")
-    lost: Sequence[str] = ()
     if name.startswith("run-"):
         save(load_measurements(asked.folder / asked["runs"][int(name[4:-4]) - 1]["file"]), out)
     elif name == "findings.json":
@@ -213,15 +192,10 @@ def take(asked: Asked) -> Answer:
     elif name == "model.json":
         write_bytes(out, Path(asked["model"]).read_bytes())
     elif name == "report.html":
-        write_report(
-            {m["label"]: load_estimate(m["file"]) for m in asked["models"]},
-            asked.runs.judge,
-            out,
-            commands=asked["commands"],
-            noise_from=asked.runs.whole,
-            findings=found and Diagnosis.from_dict(found),
-            progress=asked.progress,
-        )
+        models, runs = {m["label"]: load_estimate(m["file"]) for m in asked["models"]}, asked.runs
+        how: dict[str, Any] = {"commands": asked["commands"], "progress": asked.progress}
+        said = found and Diagnosis.from_dict(found)
+        write_report(models, runs.judge, out, noise_from=runs.whole, findings=said, **how)
     else:
         given = asked.get("urdf") if name == "robot.urdf" else None
         x, y, z = numbers("flange", asked.get("flange") or "0,0,0", 3)
@@ -320,16 +294,15 @@ def drawn_arm(
     """The arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid, and
     the convex hulls of a URDF's shapes and meshes (robot/geometry.py) with their joint, as STL."""
     bodies, shapes = [], []
-    for k, some in enumerate(hulls):
-        frame = robot.tree[robot.link_joints[k]].link_frame
-        placed = [corners @ frame[:3, :3].T + frame[:3, 3] for corners in some]
-        shapes += [{"joint": robot.link_joints[k], "stl": _stl(corners)} for corners in placed]
-    for k, link in enumerate(links):
+    frames = [robot.tree[joint].link_frame for joint in robot.link_joints]
+    for joint, frame, some in zip(robot.link_joints, frames, hulls, strict=False):
+        placed = (corners @ frame[:3, :3].T + frame[:3, 3] for corners in some)
+        shapes += [{"joint": joint, "stl": _stl(corners)} for corners in placed]
+    for k, (joint, frame, link) in enumerate(zip(robot.link_joints, frames, links, strict=False)):
         if (body := half_axes(link)) is not None:
-            frame = robot.tree[robot.link_joints[k]].link_frame
             half, axes, com = body
             place = frame @ np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
-            bodies.append({"link": k, "joint": robot.link_joints[k], "half": half, "place": place})
+            bodies.append({"link": k, "joint": joint, "half": half, "place": place})
     joints = [{"parent": j.parent, "at": j.placement[:3, 3]} for j in robot.tree]
     return {"bodies": bodies, "joints": joints, "shapes": shapes}
 
@@ -345,19 +318,19 @@ def _stl(corners: Array) -> str:
 def _named(runs: Sequence[Measurements]) -> list[str]:
     """Their names; parts of one run by their seconds too."""
     names = [run.names[0] for run in runs]
-    return [
-        name if names.count(name) == 1 else f"{name}, {run.t[0]:.4g} to {run.t[-1]:.4g} s"
-        for name, run in zip(names, runs, strict=True)
-    ]
+    parts = (f", {run.t[0]:.4g} to {run.t[-1]:.4g} s" for run in runs)
+    return [n + part * (names.count(n) > 1) for n, part in zip(names, parts, strict=True)]
 
 
-def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress: Progress) -> Answer:
-    """Save a model at ``out`` and its curves beside it; judge it: what makes a session's ModelStep.
+def summary(asked: Asked, estimate: Estimate, begin: float) -> Answer:
+    """Save a model at ``out`` and its curves beside it; judge it on the runs: what makes a session's
+    ModelStep. begin : when its identification began.
 
     Curves, an .npz a run, training runs first: t, torque, modelled, its motion q, dq, ddq, and tf (F,),
     poses (F, joints, 4, 4) of some instants for the 3D view.
     """
-    progress("comparing measured with modelled")
+    seconds, given, out = time.perf_counter() - begin, asked.runs, Path(asked["out"])
+    asked.progress("comparing measured with modelled")
     comparison = compare({"model": estimate}, given.judge, noise_from=given.whole)[0]
     (arm, judge), (_, train) = driven(estimate, given.judge), driven(estimate, given.train)
     settings = estimate.preprocessing.resolve(judge)
@@ -371,7 +344,7 @@ def summary(estimate: Estimate, given: Runs, out: Path, seconds: float, progress
         arrays = {"t": motion.t, **{name: x.astype(np.float32) for name, x in found.items()}}
         arrays["tf"], arrays["poses"] = placed(estimate.robot, motion.t, motion.q)
         save_arrays(out.with_name(f"{out.stem}-{k}.npz"), arrays)
-    progress("looking where it fails")
+    asked.progress("looking where it fails")
     try:
         failing = where_it_fails(estimate, judge, noise_from=given.whole, noise=comparison.noise)
         units = estimate.robot.torque_units

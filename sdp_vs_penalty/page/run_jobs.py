@@ -76,19 +76,19 @@ class Asked(dict[str, Any]):
         if not chosen:
             raise InputError("No run to identify from", "add measurements first")
         loaded = load_measurements(*(self.folder / run["file"] for run in chosen))
-        train, test = [], []
+        train, test = list[Measurements](), list[Measurements]()
         for run, part in zip(chosen, loaded.runs(), strict=True):
             named = replace(part, names=(run["name"],))
             if run["use"] == "split":
                 if run["split"] is None:
                     raise InputError(
-                        "the motion repeats too fast to be split into one part to identify from and "
-                        "one to test on",
+                        "the motion repeats too fast to be split into a part to identify from and one "
+                        "to test on",
                         "use the run for identification only, or record another one",
                         run["name"],
                     )
-                train.append(windowed(named, [(a, b) for a, b in run["split"]["train"]]))
-                test.append(windowed(named, [(a, b) for a, b in run["split"]["test"]]))
+                for side, name in ((train, "train"), (test, "test")):
+                    side.append(windowed(named, [(a, b) for a, b in run["split"][name]]))
             elif run["use"] != "load":
                 (test if run["use"] == "test" else train).append(named)
         if not train:
@@ -115,8 +115,7 @@ def real_files(problem: str) -> tuple[str, list[Path]]:
 def read(asked: Asked) -> Answer:
     """files : {path, name} of each; those that can be used become runs, the others a sentence each."""
     problem = asked.problem
-    hashes = {run["hash"]: run["name"] for run in asked["runs"]}
-    runs, refused, remarks = [], [], []
+    runs, refused, remarks = list[Answer](), list[str](), list[str]()
     for file in asked["files"]:
         asked.progress(f"reading {file['name']}")
         path = Path(file["path"])
@@ -125,14 +124,12 @@ def read(asked: Asked) -> Answer:
                 warnings.simplefilter("always", Remark)
                 part = _loaded(asked, problem, path)
             remarks += [str(w.message) for w in heard if w.category is Remark]
-            if twin := hashes.get(part.data_hash):
-                raise InputError(f"holds the same samples as {twin}", "name each run once", path)
-            run = keep(asked, problem, part, file["name"], given=file.get("given", file["name"]))
+            for twin in (run for run in (*asked["runs"], *runs) if run["hash"] == part.data_hash):
+                raise InputError(f"holds the same samples as {twin['name']}", "name each run once", path)
+            given = file.get("given", file["name"])
+            runs.append(keep(asked, problem, part, file["name"], given=given))
         except InputError as error:
             refused.append(str(error))
-            continue
-        hashes[run["hash"]] = run["name"]
-        runs.append(run)
     return {"runs": runs, "refused": refused, "remarks": remarks}
 
 
@@ -158,19 +155,16 @@ def _loaded(asked: Asked, problem: Problem, path: Path) -> Measurements:
 
 def look_again(asked: Asked) -> Answer:
     """The runs, checked for the robot as it is now."""
-    problem, kept = asked.problem, []
-    for run in asked["runs"]:
-        part = load_measurements(asked.folder / run["file"])
-        kept.append(keep(asked, problem, part, run["name"], run["use"], run["given"]))
-    return {"runs": kept}
+    problem, names = asked.problem, ("name", "use", "given")
+    parts = ((load_measurements(asked.folder / run["file"]), run) for run in asked["runs"])
+    return {"runs": [keep(asked, problem, part, *map(run.get, names)) for part, run in parts]}
 
 
 def simulate(asked: Asked) -> Answer:
     """Three runs and one for testing, with an effect hidden in them; the truth is not shown."""
     problem = asked.problem
     asked.progress("simulating four runs of 20 s")
-    joints = [j - 1 for j in asked["joints"]]
-    hidden = [] if asked["effect"] == "none" else [(asked["effect"], joints)]
+    hidden = [(asked["effect"], [j - 1 for j in asked["joints"]])] * (asked["effect"] != "none")
     made = hidden_runs(problem, hidden, asked["level"], asked.seed)
     named = zip(RUN_FILES, made.runs, strict=True)
     runs = [keep(asked, problem, part, name) for name, part in named]
@@ -224,15 +218,13 @@ def keep(
 def _preview(problem: Problem, part: Measurements, mended: Measurements) -> dict[str, Any]:
     """What the page shows of a run at once: t, q, dq, tau at some instants, the positions and torques
     that the check would put there (NaN where it changes nothing), and the arm's poses."""
-    raw = np.hstack([part.q, part.tau])
-    repaired = np.full(raw.shape, np.nan)
-    if len(mended.t) == len(part.t) or np.all(np.diff(mended.t) > 0.0):
-        there = np.hstack([mended.q, mended.tau])
-        if len(mended.t) != len(part.t):
-            there = np.column_stack([np.interp(part.t, mended.t, x) for x in there.T])
-        # What a picture shows; rows that were left out come between their neighbours.
-        changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
-        repaired[changed] = there[changed]
+    raw, there = (np.hstack([run.q, run.tau]) for run in (part, mended))
+    if len(there) != len(raw):  # rows that were left out come between their neighbours
+        ordered = np.all(np.diff(mended.t) > 0.0)
+        there = np.column_stack([np.interp(part.t, mended.t, x) for x in there.T]) if ordered else raw
+    # What a picture shows of it.
+    changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
+    repaired = np.where(changed, there, np.nan)
     few = np.linspace(0, len(part.t) - 1, POINTS).astype(int)
     rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
     k, n = np.unique(np.concatenate([few, rare[:: 1 + len(rare) // POINTS]])), part.n
@@ -254,8 +246,8 @@ def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, 
     windows = phase_windows(clock, float(part.t[-1] - part.t[0]), SPLIT, 0.5 * reach, 1.5 * reach)
     if windows is None:
         return None
-    train, test = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
-    return {"train": train, "test": test}
+    rounded = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
+    return dict(zip(("train", "test"), rounded, strict=True))
 
 
 def placed(robot: Robot, t: Array, q: Array, frames: int = 160) -> tuple[Array, Array]:

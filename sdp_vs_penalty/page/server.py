@@ -120,20 +120,17 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address, for
 
 def _listen(host: str, port: int | None) -> socket.socket:
     """A listening socket; the browser may knock before the server answers."""
-    for wanted in (PORT, 0) if port is None else (port,):
-        try:
-            family = socket.AF_INET6 if ":" in host else socket.AF_INET
-            return socket.create_server((host, wanted), family=family, backlog=128)
-        except OSError as error:
-            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
-                reason = error.strerror or str(error)
-                raise InputError(
-                    f"--host {host}: {reason}", "name an address of this computer"
-                ) from error
-            if port is not None:
-                taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
-                raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
-    raise InputError("No port is free", "end another program, or choose one with --port")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, PORT if port is None else port), family=family, backlog=128)
+    except OSError as error:
+        if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+            reason = error.strerror or str(error)
+            raise InputError(f"--host {host}: {reason}", "name an address of this computer") from error
+        if port is None:
+            return _listen(host, 0)
+        taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
+        raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
 
 
 async def _session_of(token: str, request: Request) -> Session:
@@ -153,13 +150,16 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     app.state.sessions = sessions
 
     @app.get("/")
-    async def _enter(request: Request) -> Response:
-        closed = sessions.closed(request.cookies.get(_COOKIE))
-        return _to(closed) if closed is not None else _new_session(sessions)
-
     @app.get("/new")
-    async def _new() -> Response:
-        return _new_session(sessions)
+    async def _enter(request: Request) -> Response:
+        closed = sessions.closed(request.cookies.get(_COOKIE)) if request.url.path == "/" else None
+        try:
+            session = closed or sessions.new()
+        except InputError as error:
+            return PlainTextResponse(f"{error}\n", 503)
+        response = RedirectResponse(f"/s/{session.token}", 303)
+        response.set_cookie(_COOKIE, session.token, httponly=True, samesite="strict")
+        return response
 
     @app.put("/s/{token}/files")
     async def _receive(session: Named, request: Request, name: str, kind: str) -> Response:
@@ -177,19 +177,14 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
 
     @ui.page("/s/{token}", title="sdp-vs-penalty workbench")
     async def _show(token: str) -> Response | None:
-        session = sessions.get(token)
-        if session is None:
+        if (session := sessions.get(token)) is None:
             return RedirectResponse("/")
         client = ui.context.client
         ui.add_head_html(_LOOK)
         bench = Workbench(View(session, folder, client, forms))
         bench.build()
-
-        def leave() -> None:
-            bench.close()
-            sessions.leave(session)
-
-        client.on_delete(leave)
+        client.on_delete(bench.close)
+        client.on_delete(lambda: sessions.leave(session))
         client.on_exception(lambda error: session.say(internal_error(error)))
         return None
 
@@ -217,12 +212,12 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
         path = await receive(session.folder, name, int(length), request.stream(), kind)
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too
         return JSONResponse({}, 400)
-    except InputError as error:
-        session.say(str(error))
-        return JSONResponse({"error": str(error)}, 400)
-    except OSError as error:
-        session.say(f"{name}: cannot be stored ({error.strerror}): free disk space.")
-        return JSONResponse({"error": str(error.strerror)}, 507)
+    except (InputError, OSError) as error:
+        said, status = str(error), 400
+        if isinstance(error, OSError):
+            said, status = f"{name}: cannot be stored ({error.strerror}): free disk space.", 507
+        session.say(said)
+        return JSONResponse({"error": said}, status)
     if kind == "robot":
         session.choose_robot(str(path), name)
     elif kind == "model":
@@ -235,16 +230,3 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
             name = f"{Path(name).stem} again{Path(name).suffix}"
         session.arrived[name] = path
     return JSONResponse({})
-
-
-def _to(session: Session) -> Response:
-    response = RedirectResponse(f"/s/{session.token}", 303)
-    response.set_cookie(_COOKIE, session.token, httponly=True, samesite="strict")
-    return response
-
-
-def _new_session(sessions: Sessions) -> Response:
-    try:
-        return _to(sessions.new())
-    except InputError as error:
-        return PlainTextResponse(f"{error}\n", 503)

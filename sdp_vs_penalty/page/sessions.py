@@ -23,7 +23,6 @@ LARGEST = 2**30
 #: refused, the work of a tab that was closed ends, and a tab that was asked for is not waited for.
 SILENCE = 30.0
 
-#: Suffixes that the readers know.
 RUN_SUFFIXES = suffixes()
 ROBOT_SUFFIXES = (".urdf", ".xml")
 #: By what is dropped.
@@ -80,18 +79,8 @@ async def receive(folder: Path, name: str, length: int, chunks: AsyncIterator[by
 
 #: Tabs that can be open at once, and closed ones that can be opened again.
 MOST = 20
-
 #: Begin of the names of servers' folders; the number of the server's process follows.
 _PREFIX = "sdp-vs-penalty-page-"
-
-
-def _remove_leftovers(home: Path) -> None:
-    """What servers of this account that were killed have left."""
-    for left in home.glob(f"{_PREFIX}*-*"):
-        number = left.name.removeprefix(_PREFIX).split("-")[0]
-        with contextlib.suppress(OSError, AttributeError):
-            if number.isdigit() and not lives(int(number)) and left.lstat().st_uid == os.getuid():
-                shutil.rmtree(left, ignore_errors=True)
 
 
 class Sessions:
@@ -99,7 +88,11 @@ class Sessions:
 
     def __init__(self, pool: WorkerPool) -> None:
         self.pool = pool
-        _remove_leftovers(Path(tempfile.gettempdir()))
+        for left in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*-*"):  # of servers that were killed
+            number = left.name.removeprefix(_PREFIX).split("-")[0]
+            with contextlib.suppress(OSError, AttributeError):
+                if number.isdigit() and not lives(int(number)) and left.lstat().st_uid == os.getuid():
+                    shutil.rmtree(left, ignore_errors=True)
         self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
         pool.temporary = self.root
         self._all: dict[str, Session] = {}

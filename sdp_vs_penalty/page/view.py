@@ -112,11 +112,6 @@ def method_names() -> dict[str, str]:
     return {name: k.description for name, k in estimator_types().items() if not k.needs_black_box}
 
 
-def plain_name(effect: str) -> str:
-    """presliding_hysteresis as Presliding hysteresis."""
-    return effect.replace("_", " ").capitalize()
-
-
 def _nothing(session: Session) -> None:
     return None
 

@@ -3,6 +3,7 @@
 import itertools
 import json
 import time
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -142,12 +143,11 @@ class Workbench:
         ready = any(part.ready(session) for part in stage.parts)
         verdict = stage.verdict(session) if ready else None
         on = ready and following is not None and any(p.ready(session) for p in following.parts)
-        said = None if verdict is None else (verdict.level, verdict.word, verdict.text)
-        if not self._changed(f"stage-{stage.anchor}", [ready, said, on]):
+        if not self._changed(f"stage-{stage.anchor}", [ready, verdict and asdict(verdict), on]):
             return
         level = "" if verdict is None else verdict.level
         for place in (self._at[f"link-{stage.anchor}"], self._at[stage.anchor]):
-            place.classes(add="" if ready else "later", remove="later" if ready else "")
+            place.classes(**{"remove" if ready else "add": "later"})
         self._at[f"link-{stage.anchor}"].classes(add=level, remove=" ".join(_LEVELS - {level}))
         self._at[f"level-{stage.anchor}"].text = "" if verdict is None else verdict.word
         above, end = self._at[f"said-{stage.anchor}"], self._at[f"end-{stage.anchor}"]
@@ -170,9 +170,7 @@ class Workbench:
     def _redraw_dock(self) -> None:
         session, working = self.session, self.session.working
         self._working.set_visibility(working is not None)
-        self._main.classes(
-            add="" if working is None else "busy", remove="busy" if working is None else ""
-        )
+        self._main.classes(**{"remove" if working is None else "add": "busy"})
         self._main.props["aria-busy"] = "false" if working is None else "true"
         if working is not None:
             self._status.text = working.title + (f": {working.status}" if working.status else "")

@@ -8,13 +8,13 @@ import numpy as np
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, event_lines
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, event_lines
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model, plain_name
+from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model
 from sdp_vs_penalty.reports.markup import bars, change_of
 
 
@@ -76,17 +76,24 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
     units = session.robot["units"]
     with draw.tag("li", style="card finding-card" + (" done" if added else "")):
         with draw.tag("div", style="head"):
-            draw.tag("h4", f"{plain_name(finding.effect)} · {_where(finding.joints)}")
+            draw.tag("h4", f"{draw.plain_name(finding.effect)} · {_where(finding.joints)}")
             draw.tag("span", finding.confidence, f"badge {finding.confidence}")
         size = f"{finding.size:.4g} ± {finding.std:.1g} {formatting.plain_unit(finding.unit)}".strip()
         draw.tag("p", f"Size {'; '.join(filter(None, (size, finding.constants)))}", "size")
         again = finding.effect in [f.effect for f in found.effects[:k]]
         with draw.details("What it is", f"physics-{k}") if again else nullcontext():
-            draw.tag("p", _physics(finding))
+            physics = finding.explanation.partition(". ")[2]
+            draw.tag("p", physics.partition(" Indistinguishable in these data from")[0])
         if rivals := finding.indistinguishable_from:
             draw.tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
         if finding.undecided is not None:
-            _telling(view, finding.undecided, k)
+            with draw.details("Which run would tell", f"tell-options-{k}"):
+                with draw.tag("div", style="fields"):
+                    draw.draw_form(view.forms["separate"], view.separating)
+                how = {"effects": finding.undecided, "options": view.separating}
+                said = "Designing the run that would tell"
+                design = partial(session.ask, "separate", said, view.download, **how)
+                draw.button("Design it", design, f"tell-{k}")
         elif finding.cooled:
             draw.note(f"Which run would tell: {finding.cooled}.")
         if finding.remarks:
@@ -101,30 +108,13 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         if added:
             draw.tag("p", "Added to the model.", "chosen")
         else:
-            name = f"Add {plain_name(finding.effect)} on {_where(finding.joints)}"
+            name = f"Add {draw.plain_name(finding.effect)} on {_where(finding.joints)}"
             first, add = "primary" if k == 0 else "", partial(session.add, [finding.text])
             draw.button("Add", add, f"add-{k}", first, aria_label=name)
 
 
 def _where(joints: Sequence[int]) -> str:
     return formatting.joints(joints) if joints else "whole robot"
-
-
-def _physics(finding: Finding) -> str:
-    """The sentences of a finding that say what it is, without its size and its rivals."""
-    text = finding.explanation.partition(". ")[2]
-    return text.partition(" Indistinguishable in these data from")[0]
-
-
-def _telling(view: View, effects: str, k: int) -> None:
-    """The run that would tell a finding from its rival or from nothing, to be designed."""
-    with draw.details("Which run would tell", f"tell-options-{k}"):
-        with draw.tag("div", style="fields"):
-            draw.draw_form(view.forms["separate"], view.separating)
-        asked = {"effects": effects, "options": view.separating}
-        said = "Designing the run that would tell"
-        design = partial(view.session.ask, "separate", said, view.download, **asked)
-        draw.button("Design it", design, f"tell-{k}")
 
 
 def _curves(view: View, found: Diagnosis) -> None:
@@ -173,19 +163,17 @@ def _rest(found: Diagnosis) -> None:
             draw.note("The model's existing parameters absorb the torque of:")
             with draw.tag("ul"):
                 for item in found.invisible:
-                    draw.tag("li", f"{plain_name(item.effect)}, {_where(item.joints)}")
+                    draw.tag("li", f"{draw.plain_name(item.effect)}, {_where(item.joints)}")
 
 
 def _diagnosed(session: Session) -> Verdict | None:
     """What became of each joint's error, and what the last diagnosis says, where it is of this model."""
     found, added = session.findings, session.added
     said = ""
-    if found is not None and added:
+    if found is not None:
         left = sum(f.text not in added for f in found.effects)
         said = f"{formatting.count(left, 'more finding')} can be added." if left else ""
-        said = said or "Diagnose again to see what is missing now."
-    elif found is not None:
-        said = found.headline
+        said = (said or "Diagnose again to see what is missing now.") if added else found.headline
     if len(session.history) > 1:
         first, last = (session.history[k].comparison for k in (0, -1))
         floor = None if None in last["noise_floor"] else np.array(last["noise_floor"], float)

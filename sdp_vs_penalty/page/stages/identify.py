@@ -12,27 +12,11 @@ from sdp_vs_penalty.diagnosis.comparison import new_motion
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.formatting import number as figure
+from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.charts import (
-    asked_span,
-    chart_and_arm,
-    ready,
-    residual_chart,
-    torque_chart,
-    torque_errors,
-)
 from sdp_vs_penalty.page.session import ModelStep, Session
-from sdp_vs_penalty.page.view import (
-    Stage,
-    View,
-    after_model,
-    identified,
-    method_names,
-    part,
-    plain_name,
-    spoken,
-)
-from sdp_vs_penalty.reports.markup import SHADES, bars, found_shares, framed, heat_map, heat_rows, legend
+from sdp_vs_penalty.page.view import Stage, View, after_model, identified, method_names, part, spoken
+from sdp_vs_penalty.reports import markup
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
 
@@ -66,7 +50,7 @@ def _form(view: View) -> None:
         with draw.tag("div", style="checks"):
             for name in names:
                 on, said = name in map(_name, session.effects), effects[name].explanation
-                draw.check(plain_name(name), on, partial(tick, name), f"effect-{name}", said)
+                draw.check(draw.plain_name(name), on, partial(tick, name), f"effect-{name}", said)
 
     with draw.tag("fieldset"):
         draw.tag("legend", "Effects of the first model")
@@ -143,31 +127,31 @@ def fit(view: View) -> None:
         modelled = {step.label: session.recording(step, view.run)["modelled"] for step in steps}
         read = session.recording(model, view.run)
         run = Curves(read["t"], read["torque"], modelled)
-        return torque_chart(run, view.joint or 0, units, view.span, _stretches(view, model))
+        return charts.torque_chart(run, view.joint or 0, units, view.span, _stretches(view, model))
 
     def against() -> dict[str, Any]:
         j, reads = view.joint or 0, [session.recording(step, view.run) for step in steps]
         noise = comparison["noise_floor"][j]
-        return residual_chart(reads, j, view.signal, units[j], noise, view.span)
+        return charts.residual_chart(reads, j, view.signal, units[j], noise, view.span)
 
     def zoom(event: Any) -> None:
-        span = asked_span(event.args)
+        span = charts.asked_span(event.args)
         if not isinstance(span, bool) and span != view.span:
             view.look(span=span)
 
     def follow() -> None:
         j = view.joint or 0
-        parts["bars"].content = bars(first["rmse"], after, floor, units, chosen=j)
+        parts["bars"].content = markup.bars(first["rmse"], after, floor, units, chosen=j)
         parts["chart"].update_figure(torques())
         parts["against"].update_figure(against())
         causes = {cause for *_, cause in _stretches(view, model)}
-        parts["legend"].content = legend([cause for cause in SHADES if cause in causes])
+        parts["legend"].content = markup.legend([cause for cause in markup.SHADES if cause in causes])
         parts["words"].text = _words(model, j, units[j])
         read = session.recording(model, view.run)
-        parts["arm"](view.run, read, torque_errors(model, read))
+        parts["arm"](view.run, read, charts.torque_errors(model, read))
 
     label, said = "Measured and modelled torque, and the residual", "redder: larger torque error"
-    parts["chart"], parts["arm"] = chart_and_arm(view, torques(), label, model.about, said)
+    parts["chart"], parts["arm"] = charts.chart_and_arm(view, torques(), label, model.about, said)
     parts["chart"].on("plotly_relayout", zoom)
     parts["legend"] = ui.html("", sanitize=False)
     parts["words"] = draw.tag("p", "", "words")
@@ -199,16 +183,13 @@ def _figures(model: ModelStep) -> None:
         draw.tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
 
 
-def _with_unit(value: float | None, unit: str) -> str:
-    return f"{figure(value)} {formatting.plain_unit(unit)}".strip()
-
-
 def _words(model: ModelStep, j: int, unit: str) -> str:
     """What can be said of a joint's error in a sentence or two."""
     error, floor = model.comparison["rmse"][j], model.comparison["noise_floor"][j]
-    text = f"Joint {j + 1}: the error is {_with_unit(error, unit)}"
+    plain = formatting.plain_unit(unit)
+    text = f"Joint {j + 1}: the error is {figure(error)} {plain}"
     if floor:
-        text += f", {figure(error / floor, 2)} times the noise floor of {_with_unit(floor, unit)}"
+        text += f", {figure(error / floor, 2)} times the noise floor of {figure(floor)} {plain}"
     said = model.failures[j]["sentences"] if model.failures else ()
     return " ".join([f"{text}.", *said])
 
@@ -239,10 +220,10 @@ def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -
         "Share of each joint's error that a function of a cause explains on held-out data, in per "
         "cent; causes that explain nothing are left out. Click a cell to see the joint."
     )
-    rows = heat_rows(failures, found_shares(found, len(failures)))
+    rows = markup.heat_rows(failures, markup.found_shares(found, len(failures)))
     title = "Share of the error explained by each cause, by joint"
-    drawn = heat_map(title, rows, len(failures), _SHOWN_BY)
-    ui.html(framed(title, drawn), sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
+    drawn = markup.framed(title, markup.heat_map(title, rows, len(failures), _SHOWN_BY))
+    ui.html(drawn, sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
 
 
 def _show(view: View, event: Any) -> None:
@@ -260,14 +241,12 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
 @after_model("parameters", "Parameters")
 def parameters(view: View) -> None:
     """Links, friction and every parameter with its interval."""
-    about = view.session.current.about
-    for said in about["words"]:
+    for said in view.session.current.about["words"]:
         draw.tag("p", said, "words")
-    box, filled = draw.details("Links, friction and every parameter", "parameters"), list[bool]()
+    box = draw.details("Links, friction and every parameter", "parameters")
 
     def fill() -> None:  # once it is opened: a chart that nobody sees costs as much at every click
-        if not filled:
-            filled.append(True)
+        if len(box.default_slot.children) == 1:
             with box:
                 _tables(view)
 
@@ -284,7 +263,8 @@ def _tables(view: View) -> None:
 
         def options() -> dict[str, Any]:
             j = view.joint or 0
-            return ready(friction_figure(**about["friction"][j], joint=j, unit=robot["units"][j]), 300)
+            plot = friction_figure(**about["friction"][j], joint=j, unit=robot["units"][j])
+            return charts.ready(plot, 300)
 
         drawn = draw.chart(options(), "Friction torque over velocity with its 95 % band")
         draw.note("Of the joint that is chosen above; shaded: 95 %.")

@@ -14,7 +14,7 @@ from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
 from sdp_vs_penalty.page.run_jobs import real_files
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import ROBOT_SUFFIXES, RUN_SUFFIXES
-from sdp_vs_penalty.page.view import Stage, Verdict, View, part, plain_name
+from sdp_vs_penalty.page.view import Stage, Verdict, View, part
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
@@ -41,9 +41,8 @@ def robot(view: View) -> None:
     if robot["source"].lower().endswith(ROBOT_SUFFIXES):
         _inertials(view)
     if session.runs:  # they are this robot's: another one has a page of its own
-        draw.tag(
-            "a", "Another robot, on a new page", href="/new", target="_blank", data_key="another-robot"
-        )
+        new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
+        draw.tag("a", "Another robot, on a new page", **new)
         return
     with draw.details("Another robot", "another-robot"):
         _choose(view)
@@ -55,14 +54,19 @@ def _choose(view: View) -> None:
     with draw.tag("div", style="row"):
         draw.button("Show me", session.show_me, "show-me", "" if robot else "primary")
         draw.note("The whole job on a simulated arm with something hidden, in about a minute.")
+    # By name or path: what to call it, what it is, and the shown name of a URDF.
+    there: dict[str, tuple[str, str, str | None]] = {}
+    for file in sorted(problems_folder().glob("*/problem.toml")):
+        there[file.parent.name] = file.parent.name, tomllib.loads(file.read_text())["title"], None
+    for folder in view.folder_problems():
+        there[str(folder)] = folder.name, "with the bounds and filters of its problem.toml", None
+    for file in view.folder_files(ROBOT_SUFFIXES):
+        there[str(file)] = file.name, "from your folder", file.name
     with draw.tiles("Built-in robots"):
-        for file in sorted(problems_folder().glob("*/problem.toml")):
-            name = file.parent.name
-            _tile(view, name, name, tomllib.loads(file.read_text())["title"])
-        for folder in view.folder_problems():
-            _tile(view, str(folder), folder.name, "with the bounds and filters of its problem.toml")
-        for file in view.folder_files(ROBOT_SUFFIXES):
-            _tile(view, str(file), file.name, "from your folder", file.name)
+        for source, (name, said, urdf) in there.items():
+            on = robot.get("source") == source
+            choose, pressed = partial(session.choose_robot, source, urdf), "true" if on else "false"
+            draw.tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
     draw.drop("Your robot's URDF", "robot")
 
 
@@ -78,13 +82,6 @@ def _inertials(view: View) -> None:
         draw.tag("p", said, "finding" if k else f"verdict {level}")
     with draw.details("Every link: mass and margins (negative: violated)", "inertials"):
         draw.table(HEADS, found["rows"], "Inertials of the links", "numbers")
-
-
-def _tile(view: View, source: str, name: str, said: str, file: str | None = None) -> None:
-    """A robot to choose by its name or path; file : its shown name where it is a URDF."""
-    on = view.session.robot.get("source") == source
-    choose, pressed = partial(view.session.choose_robot, source, file), "true" if on else "false"
-    draw.tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
 
 
 def _joints(robot: dict[str, Any]) -> str:
@@ -107,27 +104,27 @@ _USES = (
 @part("runs", "Measurements", lambda s: bool(s.robot), lambda s: (s.robot["source"], s.runs, s.refusals))
 def runs(view: View) -> None:
     """The ways to get measurements, and the runs that are there."""
+    ways = {
+        "Your runs": _own,
+        "Simulated, with a hidden effect": _simulated,
+        "Real measurements": _real,
+    }
     with draw.tag("div", style="ways"):
-        with draw.tag("section", style="way"):
-            draw.tag("h4", "Your runs")
-            draw.drop("Drop measurements here", "runs")
-            draw.note("They stay on this computer.")
-            with draw.details("Other column names, motors, ROS topics", "reading"):
-                draw.draw_form(view.forms["read"], view.session.reading)
-                draw.note("Applies to the files that are read next.")
-            _from_folder(view)
-        with draw.tag("section", style="way"):
-            draw.tag("h4", "Simulated, with a hidden effect")
-            _simulated(view)
-        with draw.tag("section", style="way"):
-            draw.tag("h4", "Real measurements")
-            _real(view)
+        for title, fill in ways.items():
+            with draw.tag("section", style="way"):
+                draw.tag("h4", title)
+                fill(view)
     if view.session.runs:
         _list(view)
 
 
-def _from_folder(view: View) -> None:
-    """Runs of the folder that the page was started with: ticked, then read."""
+def _own(view: View) -> None:
+    """A place to drop runs; those of the folder that the page was started with: ticked, then read."""
+    draw.drop("Drop measurements here", "runs")
+    draw.note("They stay on this computer.")
+    with draw.details("Other column names, motors, ROS topics", "reading"):
+        draw.draw_form(view.forms["read"], view.session.reading)
+        draw.note("Applies to the files that are read next.")
     ticked: dict[str, bool] = {}
     files = {file.name: file for file in view.folder_files(RUN_SUFFIXES)}
     if not files:
@@ -148,18 +145,14 @@ def _simulated(view: View) -> None:
     hiding, robot, kinds = view.hiding, view.session.robot, effect_types()
     if not 0 < int(hiding["joint"]) <= robot["n"]:
         hiding["joint"] = str(robot["n"])
-    names = [
-        ("none", "Nothing hidden"),
-        *((n, plain_name(n)) for n in MAKERS if not kinds[n].frozen_only),
-    ]
-    joints = [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], start=1)]
-    levels = [(level, level) for level in LEVELS]
+    effects = [(n, draw.plain_name(n)) for n in MAKERS if not kinds[n].frozen_only]
+    fields = {
+        "effect": ("Effect", [("none", "Nothing hidden"), *effects]),
+        "joint": ("On joint", [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], 1)]),
+        "level": ("Level", [(level, level) for level in LEVELS]),
+    }
     with draw.tag("div", style="fields"):
-        for label, word, options in (
-            ("Effect", "effect", names),
-            ("On joint", "joint", joints),
-            ("Level", "level", levels),
-        ):
+        for word, (label, options) in fields.items():
             draw.choice(label, options, hiding[word], partial(hiding.__setitem__, word), f"hide-{word}")
         draw.number("Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed")
 
