@@ -248,10 +248,12 @@ class Regression:
         """Of each joint its number, its columns' parameters (k,), the blocks that show it, and their
         rows (B, r, k + 1), of zeros where a block has fewer."""
         for joint in range(self.joints):
-            own = [f for f in self.factors if f.joint == joint]
+            own, rows = [f for f in self.factors if f.joint == joint], dict[int, list[Array]]()
+            for f in own:  # several runs may show one fold
+                rows.setdefault(f.block, []).append(f.triangle)
             if own:
-                blocks = np.array([f.block for f in own])
-                yield joint, own[0].indices, blocks, _padded([f.triangle for f in own])
+                each = _padded([np.vstack(x) for x in rows.values()])
+                yield joint, own[0].indices, np.array(list(rows)), each
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""

@@ -17,6 +17,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.regression import BlackBox, LeastSquares, compress, load_answers
 from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows
 from sdp_vs_penalty.regression.black_box import compress_black_box
+from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock
 from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.signals import Preprocessing, filtered_torque
 from sdp_vs_penalty.simulation import experiment
@@ -296,3 +297,14 @@ def test_the_command_line_takes_a_black_box(panda, tmp_path, capsys):
     base, _ = base_parameters(panda.model("rigid_body"), panda.independent)
     theta = load_estimate(tmp_path / "model.json").theta
     np.testing.assert_allclose(base @ theta, base @ experiment(panda).links.ravel(), atol=1e-8)
+
+
+def test_a_block_that_several_runs_show_comes_once():
+    rng = np.random.default_rng(0)
+    parts, own = [rng.normal(size=(r, 3)) for r in (2, 3, 1)], np.arange(2)
+    factors = [Factor(0, block, own, x, len(x)) for block, x in zip((0, 1, 0), parts, strict=True)]
+    blocks = (TimeBlock(0, 0.0, 1.0), TimeBlock(0, 1.0, 2.0))
+    ((joint, indices, found, rows),) = Regression((), 1, blocks, tuple(factors)).by_joint()
+    assert (joint, indices.tolist(), found.tolist()) == (0, [0, 1], [0, 1])
+    both = parts[0].T @ parts[0] + parts[2].T @ parts[2]
+    np.testing.assert_allclose(rows.swapaxes(1, 2) @ rows, [both, parts[1].T @ parts[1]])
