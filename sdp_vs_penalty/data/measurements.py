@@ -97,6 +97,10 @@ class Measurements(Shown):
         found: T = self._known[key]
         return found
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what has been worked out: another process works it out again, where it needs it."""
+        return {**self.__dict__, "_known": {}}
+
     def runs(self) -> list[Measurements]:
         """The single runs, in order; the same ones each time."""
         return [self] if self.run is None else list(self._runs)

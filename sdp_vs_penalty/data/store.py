@@ -9,16 +9,19 @@ of a mapped array stays in memory until something else needs the memory.
 import hashlib
 import mmap
 import os
+import pickle
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
+
+T = TypeVar("T")
 
 #: Bytes of one array above which it goes to a file: 300 000 samples of seven joints.
 LARGEST_IN_MEMORY = 2**24
@@ -74,6 +77,25 @@ class Growing:
             file.flush()
             mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         return np.frombuffer(mapped, first.dtype).reshape(self._rows, *first.shape[1:])
+
+
+class Shelf:
+    """Values in a temporary file, each read again when it is asked for: what every pass over a long
+    recording needs."""
+
+    def __init__(self) -> None:
+        with _room():
+            self._file = _unnamed_file()
+
+    def put(self, value: T) -> Callable[[], T]:
+        """How to read it again."""
+        data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+        size = len(data)
+        with _room():
+            start = self._file.seek(0, os.SEEK_END)
+            self._file.write(data)
+            self._file.flush()
+        return lambda: pickle.loads(os.pread(self._file.fileno(), size, start))
 
 
 def _unnamed_file() -> BinaryIO:

@@ -20,15 +20,15 @@ of the ends of a run would need samples from outside it, and are dropped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import PART
+from sdp_vs_penalty.data.store import PART, Shelf
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Sampling
 from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.effects.motion import Command
@@ -55,8 +55,8 @@ _COLUMN_RATE = 30.0
 #: Smooth columns hold products of so many states: up to so many state cut-offs. Kernels stop at
 #: ``_STOPS`` cut-offs.
 _PRODUCTS, _STOPS = 4.0, 1.4
-#: Filtered pieces of runs of at most so many positions are kept, for the next model's columns, with the
-#: low-passed columns of the last one.
+#: Filtered pieces of runs of at most so many positions are kept in memory, for the next model's columns,
+#: with the low-passed columns of the last one.
 _MOST_KEPT = 150_000
 #: Longest delay of a command that columns can look back over [s].
 _LATEST = 0.12
@@ -243,48 +243,58 @@ def filtered_rows(
     # What an effect with memory remembers has to be followed sample by sample, from the start.
     whole = any(effect.has_memory for effect in model.effects)
     for piece in filtered_pieces(run, settings, whole, moving):
-        known = piece.known(model)
+        reads = piece.known(model)
+        known = {k: read() for k, read in reads.items()}
         smooth = None if model.needs_reference else piece.smooth
         for k, own in model.blocks(piece.around, known, smooth).items():
             known[k] = piece.low_passed(own, smooth is not None and model.effects[k].smooth)
-        piece.kept[:] = [
-            (effect, model.sign_width, known[k])
-            for k, effect in enumerate(model.effects)
-            if not depends(effect)
-        ]
+        piece.keep(model, known, reads)
         columns = model.joined(known, len(piece.torque))
         columns, torque = model.explaining(columns, piece.torque)
         yield Rows(piece.rows, torque, columns)
 
 
+#: How to read an effect's low-passed columns; that of effects, and over which velocities signs turned.
+Read = Callable[[], list[Block]]
+Kept = list[tuple[Effect, tuple[float, ...], Read]]
+
+
 @dataclass(frozen=True)
 class Piece:
     """Consecutive rows of a run before they have columns: the motion on the column grid around them,
-    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows, the
-    latter when asked for; kept : effects of the last model, over which velocities its signs turned,
-    their columns."""
+    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows.
+
+    kept : of the last model; shelf : of a long run, where columns of smooth effects are put, which take
+    the longest.
+    """
 
     around: Motion
     low_pass: Decimator
     smooth: Motion
     smooth_low_pass: Decimator
     rows: Motion
-    measured: Callable[[], Array]
-    kept: list[tuple[Effect, tuple[float, ...], list[Block]]] = field(default_factory=list)
+    torque: Array
+    kept: Kept = field(default_factory=list)
+    shelf: Shelf | None = None
 
-    @cached_property
-    def torque(self) -> Array:
-        """(M, n), low-passed."""
-        return self.measured()
-
-    def known(self, model: Model) -> dict[int, list[Block]]:
+    def known(self, model: Model) -> dict[int, Read]:
         """The low-passed columns of a model's effects that are known, by their places in it."""
         return {
-            k: blocks
+            k: read
             for k, effect in enumerate(model.effects)
-            for one, width, blocks in self.kept
+            for one, width, read in self.kept
             if one.same_columns(effect) and (effect.signless or width == model.sign_width)
         }
+
+    def keep(self, model: Model, known: Mapping[int, list[Block]], reads: Mapping[int, Read]) -> None:
+        """The columns of a model's effects, for the next model; reads : of those that were kept."""
+        found = dict[int, Read]()
+        for k, effect in enumerate(model.effects):
+            if self.shelf is None and not depends(effect):
+                found[k] = partial(list, known[k])
+            elif self.shelf is not None and effect.smooth and not depends(effect):
+                found[k] = reads.get(k) or self.shelf.put(known[k])
+        self.kept[:] = [(model.effects[k], model.sign_width, read) for k, read in found.items()]
 
     def low_passed(self, blocks: list[Block], smooth: bool) -> list[Block]:
         """An effect's columns at the rows."""
@@ -301,11 +311,24 @@ class Piece:
 def filtered_pieces(
     run: Measurements, settings: Preprocessing, whole: bool = False, moving: Movement | None = None
 ) -> Iterable[Piece]:
-    """A run's rows piece by piece, as :func:`_cut` makes them; those of a short run are kept."""
+    """A run's rows piece by piece, as :func:`_cut` makes them, kept: those of a long run in a file."""
     made = partial(_cut, run, settings, whole, moving)
-    if moving is None and run.q.size <= _MOST_KEPT:
-        return run.once(("filtered", settings, whole), lambda: list(made()))
-    return made()
+    if moving is not None:
+        return made()
+    few = run.q.size <= _MOST_KEPT
+    key = "filtered", settings, whole, few
+    if few:
+        return run.once(key, lambda: list(made()))
+
+    def shelved() -> list[Callable[[], Piece]]:
+        shelf = Shelf()
+        return [partial(_read, shelf.put(piece), Kept(), shelf) for piece in made()]
+
+    return (read() for read in run.once(key, shelved))
+
+
+def _read(piece: Callable[[], Piece], kept: Kept, shelf: Shelf) -> Piece:
+    return replace(piece(), kept=kept, shelf=shelf)
 
 
 def _cut(
@@ -335,7 +358,7 @@ def _cut(
                 smooth,
                 filters.smooth.decimator(coarse),
                 Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
-                partial(filters.torque, part, at[keep]),
+                filters.torque(part, at[keep]),
             )
     if not found:
         raise no_rows(run, 2 * margin * filters.dt)

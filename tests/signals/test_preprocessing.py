@@ -1,5 +1,6 @@
 """Filters: exact where they claim it, zero phase, the same in pieces as in one go."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -78,6 +79,12 @@ def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
     monkeypatch.setattr(preprocessing, "_MOST_KEPT", 0)  # what is kept is kept in one piece
     pieces = list(filtered_rows(run, model, settings))
     assert len(pieces) > 1
+    # Once more, of what waits in a file; another process is not sent it.
+    for rows, again in zip(pieces, filtered_rows(run, model, settings), strict=True):
+        np.testing.assert_array_equal(rows.torque, again.torque)
+        for one, same in zip(rows.columns, again.columns, strict=True):
+            np.testing.assert_array_equal(one.columns, same.columns)
+    assert pickle.loads(pickle.dumps(run)).data_hash == run.data_hash
     np.testing.assert_array_equal(np.concatenate([p.motion.t for p in pieces]), whole.motion.t)
     for name in ("q", "dq", "ddq"):
         joined = np.concatenate([getattr(p.motion, name) for p in pieces])
