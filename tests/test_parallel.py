@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import InputError, Measurements, cross_validate, identify, load_problem
+from sdp_vs_penalty import InputError, Measurements, cross_validate, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.regression import compress

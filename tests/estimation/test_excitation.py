@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import special
 
-from sdp_vs_penalty import Estimate, InputError, Problem, identify, load_problem
+from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
+from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.estimation import Limits
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.excitation import (

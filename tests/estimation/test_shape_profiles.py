@@ -7,8 +7,9 @@ import pytest
 from arms import SCARA_FRICTION, run_of_widths
 from random_robots import sines
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, compare, identify
+from sdp_vs_penalty import Estimate, Measurements, Problem, compare
 from sdp_vs_penalty.data.datasets import converted
+from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
 from sdp_vs_penalty.estimation import free_constants, prior_deviation
 from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, settled

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from random_robots import posed_task, repeating_run, sines
 
-from sdp_vs_penalty import InputError, Problem, identify
+from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import Estimator, Fit, Task, estimator_types, make_estimator

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from commands import run_cli
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, follow, identify, report
+from sdp_vs_penalty import Estimate, Measurements, Problem, follow, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
+from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.reports.markup import bars
 from sdp_vs_penalty.reports.parameters import ellipsoid
 from sdp_vs_penalty.robot import inertia

@@ -377,8 +377,10 @@ def test_summary_of_known_runs(tmp_path):
     paths = summary.write_summary(tmp_path, rows, 10.0, *left_out, CONTESTANTS)
     text = paths[0].read_text()
     assert "**WRONG** 3e-01" in text
-    assert "mosek: no licence" in text
-    assert (tmp_path / "profile.svg").read_text().startswith("<?xml")
+    assert "mosek: no licence.\n- x: not applicable to 1 problem(s): no cone." in text
+    assert [path.name for path in paths] == ["summary.md", "summary.csv", "profile.svg"]
+    assert pandas.read_csv(paths[1])["success_percent"].tolist() == [50.0, 100.0, 0.0]
+    assert paths[2].read_text().startswith("<?xml")
 
 
 def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():

@@ -8,7 +8,8 @@ from arms import SCARA, write_urdf
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
-from sdp_vs_penalty import Estimate, InputError, Measurements, compare, follow, identify, load_problem
+from sdp_vs_penalty import Estimate, InputError, Measurements, compare, follow, load_problem
+from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
