@@ -66,7 +66,11 @@ def next_step(words: Sequence[object]) -> None:
 
 
 def aligned(rows: Sequence[Iterable[float]]) -> list[list[str]]:
-    """Figures of one table with the same decimals, so that the smallest shows three digits."""
+    """Figures of one table with the same decimals, so that the smallest shows three digits.
+
+    >>> aligned([[12.3456, 0.04567], [0.0, 1.0]])
+    [['12.3456', '0.0457'], ['0.0000', '1.0000']]
+    """
     sizes = [abs(x) for row in rows for x in row if x != 0.0 and math.isfinite(x)]
     decimals = min(max(2 - math.floor(math.log10(min(sizes))), 0), 6) if sizes else 3
     return [[f"{x:.{decimals}f}" for x in row] for row in rows]

@@ -118,7 +118,8 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     run(f"{PROGRAM} check 'my runs/run1.csv' --problem {quoted}")
     run(f"{PROGRAM} compare model.json --data 'my runs/test.csv'")
     data = "--data 'my runs/run1.csv' 'my runs/run2.csv' --test 'my runs/test.csv'"
-    *tell, as_text = printed(run(f"{PROGRAM} diagnose model.json {data}"))
+    *tell, as_text = printed(out := run(f"{PROGRAM} diagnose model.json {data}"))
+    assert re.search(r"\+ 1\b", out)  # the error with the first finding
     assert all(" excite " in command for command in tell)
     *_, from_file = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
     assert " joint_spring:2" in as_text

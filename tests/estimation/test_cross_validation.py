@@ -29,7 +29,7 @@ def test_errors_are_of_unseen_motion(two_link):
     assert len(result.folds) == 4
     worst = max(f.relative_error_percent for f in result.folds)
     assert result.folds[result.worst - 1].relative_error_percent == worst
-    assert str(result.worst) in result.verdict
+    assert f"worst fold {result.worst}: {worst:.3g} %" in result.verdict
     data = json.loads(json.dumps(result.to_dict()))
     assert data["worst_fold"] == result.worst
     rows = sum(f.rows for f in result.folds)

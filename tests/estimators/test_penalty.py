@@ -154,6 +154,16 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     after, before = (loss.value(u + s * step, 40.0) for s in (1.0, -1.0))
     assert after - before == pytest.approx(2.0 * step @ loss.value_and_gradient(u, 40.0)[1], rel=1e-4)
     assert loss.penalty(loss.p(u))[0] > 0.0
+    p, family = loss.p(u), "centre of mass cone"
+    theta, step = box.theta(p), 1e-7 * rng.normal(size=len(p)) * ~np.isin(np.arange(len(p)), loss.masses)
+    ways = (loss.demanded(p + s * step) for s in (1.0, -1.0, 0.0))
+    for (_, after, _), (_, before, _), (_, _, rows) in zip(*ways, strict=True):
+        slope = rows @ step[: rows.shape[1]]
+        np.testing.assert_allclose(after - before, 2.0 * slope, rtol=1e-3, atol=1e-12)
+    told = [margins for name, margins, _ in loss.demanded(p) if name == family]
+    cones = [c for c in task.constraints.convex if c.family == family]
+    margins = [c.margin(theta) / theta[c.indices[0]] for c in cones]  # of the centre, not of m c
+    np.testing.assert_allclose(np.sort(np.concatenate(told)), np.sort(margins), rtol=1e-9)
     estimator = replace(make_estimator(method), runs=3, evaluations=1000)
     fit = estimator.fit(task)
     p = box.p(fit.theta)

@@ -385,7 +385,7 @@ def test_summary_of_known_runs(tmp_path):
 
 def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():
     rows = pandas.DataFrame([
-        _run("a", "slow"), _run("b", "slow", seconds=0.3),
+        _run("a", "slow"), _run("b", "slow", seconds=0.3), _run("a", "prudent", seconds=0.9),
         _run("a", "quick", seconds=0.001),
         _run("b", "quick", **{"seconds": 0.001, "objective_error": 1.0, "class": "silently_wrong"}),
         _run("chain of 14 links", "other", group="chains"),
@@ -394,6 +394,7 @@ def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():
     table = summary.ranking(rows, 1e-6, 7)
     assert [(r["solver"], r["right"], r["silently wrong"]) for r in table] == [
         ("slow", 2, 0),
+        ("prudent", 1, 0),
         ("quick", 1, 1),
     ]
     assert table[0]["seconds"] == pytest.approx(0.2)
