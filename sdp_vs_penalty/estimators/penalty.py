@@ -40,7 +40,7 @@ from sdp_vs_penalty.robot.constraint import (
     project,
     projected_rows,
 )
-from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.certificate import TIGHT, repair
 from sdp_vs_penalty.solvers.objective import Objective
 
 #: The first weight, in units of (scaled loss) / (scaled distance)^2, and the largest.
@@ -50,10 +50,6 @@ _FIRST_WEIGHT, _LARGEST_WEIGHT = 0.1, 1e10
 _STEPS = 300
 #: Weight of the pull to the last stage's x, in scaled units; each stage takes back what it cost.
 _PROXIMAL = 1e-6
-
-
-#: Bounds that are not convex are met by this much (relative), more than the final repair moves.
-_MARGIN = 1e-8
 
 
 @dataclass(frozen=True)
@@ -71,8 +67,8 @@ class BarycentricPart:
     def of(
         cls, bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
     ) -> BarycentricPart:
-        """Of each finite end, a hair inside, and of about unit size at the reference (p,); without
-        I_xx >= 0, which P(theta) >= 0 contains."""
+        """Of each finite end, inside by as much as a gap is promised, more than the final repair moves,
+        and of about unit size at the reference (p,); without I_xx >= 0, which P(theta) >= 0 contains."""
         indices, forms, slopes = list[NDArray[np.intp]](), list[Array](), list[float]()
         for b in bounds:
             link, scale = reference[b.indices], theta_scale[b.indices]
@@ -82,7 +78,7 @@ class BarycentricPart:
             form[1:4, 1:4] = -inertia.STEINER_FORMS[b.entry]
             for sign, end in ((1.0, b.lower), (-1.0, b.upper)):
                 if np.isfinite(end) and not (itself and sign > 0.0 and end <= 0.0):
-                    limit = end + sign * _MARGIN * (moment + abs(end))
+                    limit = end + sign * TIGHT * (moment + abs(end))
                     factor = sign / (link[0] * (moment + abs(limit)))
                     indices.append(b.indices)
                     forms.append(form * factor * np.outer(scale, scale))

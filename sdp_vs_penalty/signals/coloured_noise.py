@@ -13,6 +13,7 @@ from scipy import sparse
 from scipy.special import betaincinv, ndtri
 
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.constants import ABOVE
 
 Mask = NDArray[np.bool_]
 
@@ -21,8 +22,6 @@ ORDER = 4
 #: Family-wise probability of a false event in one record of Gaussian noise. Small, because a log's
 #: noise has heavier tails: what a jittering clock does to a torque grows with its rate of change.
 FALSE_EVENT = 1e-5
-#: By how much motion may change the noise's variance.
-_MODULATION = (0.1, 10.0)
 #: How far out of the others an event's window is, in robust deviations of the logarithms.
 _FAR = 5.0
 #: Lengths of the windows that are searched [rows].
@@ -172,7 +171,7 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
 
     A log's clock that jitters turns rates of change into noise: its variance is modelled as a + sum
     b_i rate_i with a, b_i >= 0, rates (M, r) squared, from squares clipped so that an event does not
-    shape it.
+    shape it; at most what counts as motion itself, ABOVE, either way.
     """
     from scipy.optimize import nnls
 
@@ -187,7 +186,7 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
     if level <= 0.0:
         return np.ones(len(wanted))
     variance = (law[0] + (wanted / size) @ law[1:]) / level
-    return np.sqrt(np.clip(variance, *_MODULATION))
+    return np.sqrt(np.clip(variance, 1.0 / ABOVE, ABOVE))
 
 
 def robust_scale(white: Array) -> float:

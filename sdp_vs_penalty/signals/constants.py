@@ -10,8 +10,6 @@ import numpy as np
 #: which two motions are compared; time steps of which a median is taken, in stretches that are spread
 #: over a longer run.
 SAMPLES = 1 << 18
-#: Share of a joint's acceleration that a filter may take away unnoticed.
-BENT = 0.01
 #: Share of it that the noise of a joint's positions may be behind a wider filter. Without it a point to
 #: point run of the UR10e (steps of 1e-4 rad) is cut off at twice the frequency, and its check warns of
 #: five joints.

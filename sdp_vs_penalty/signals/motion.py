@@ -30,9 +30,6 @@ DISTANCE, _COARSEST, _MOST = 0.1, 0.4, 100_000
 #: In units of the distance: how far the lines may pass beside a row, how near a row counts as there
 #: already, and the spacing at which lines are looked up.
 _NEAR = 0.2
-#: A coordinate that spreads less than this share of the largest one is measured in that instead: the
-#: noise of a joint that hardly moves is no motion.
-_IDLE = 0.1
 #: Rows of a path that are compared with the record at a time, at least; a quarter of all before, so that
 #: a long path takes few looks, and its first periods are enough for the later ones.
 _CHUNK = 200
@@ -103,7 +100,9 @@ def record_motion(measurements: Measurements, settings: Preprocessing) -> Motion
     rows = np.concatenate(paths)
     n = measurements.n
     spread = rows.std(axis=0).reshape(2, n)
-    scale = np.maximum(spread, _IDLE * spread.max(axis=1, keepdims=True)).ravel()
+    # A coordinate that stays within that distance of the largest one's is measured in it instead: the
+    # noise of a joint that hardly moves is no motion.
+    scale = np.maximum(spread, DISTANCE * spread.max(axis=1, keepdims=True)).ravel()
     centre = rows.mean(axis=0)
     if not np.all(scale > 0.0):
         return None

@@ -28,7 +28,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import Pieces
 from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.kernels import Decimator
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
+from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
 from sdp_vs_penalty.signals.runs import Stretch, stretches
 from sdp_vs_penalty.signals.standstill import (
@@ -40,8 +40,6 @@ from sdp_vs_penalty.signals.standstill import (
     turned_at_rest,
 )
 
-#: Rows and dense samples per period of the torque low-pass's cut-off.
-_ROW_RATE, _DENSE_RATE = 2.0, 8.0
 #: Effects low-passed together; parameters from which on one is so by itself, a few rows at a time.
 _AT_ONCE, _WIDE, _ROWS = 32, 12, 256
 #: Effects whose columns are kept.
@@ -289,7 +287,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             segment = _segment(index, part, filters)
             if segment is not None:
                 segments.append(segment)
-                rate = 1.0 / (filters.dt * filters.step(_ROW_RATE))
+                rate = 1.0 / (filters.dt * _steps(filters)[0])
     columns = Columns([(s.low_pass, s.motion) for s in segments])
     repeats = find_repeats(segments)
     return SegmentedRuns(
@@ -303,7 +301,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     count = (part.count - 2 * state.half + stride - 1) // stride
     # Rows begin where both low-passes are filled: that of the columns, and that of the torque.
     half = max(filters.coarse.half, -((state.half - column.half) // stride))
-    step, dense_step = (filters.step(rate) // stride for rate in (_ROW_RATE, _DENSE_RATE))
+    step, dense_step = (samples // stride for samples in _steps(filters))
     if count < 2 * half + 1 + 2 * step:
         return None
     grid = state.half + stride * np.arange(count)
@@ -319,6 +317,12 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     torque, dense_torque = (filters.torque(part, grid[at]) for at in (rows, dense))
     seen = motion.t[rows], keep, motion.t[dense], motion.q[dense]
     return Segment(*seen, index, motion, torque, standstill, low_pass, dense_torque, low_dense)
+
+
+def _steps(filters: RunFilter) -> tuple[int, int]:
+    """Samples of the log between rows, and on the dense grid: half and twice as many as a regression has
+    rows."""
+    return filters.step(0.5 * OVERSAMPLING), filters.step(2.0 * OVERSAMPLING)
 
 
 def window_subsample(measurements: Measurements, settings: Preprocessing) -> Measurements:

@@ -11,6 +11,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals import constants as c
 from sdp_vs_penalty.signals.kernels import Kernel
+from sdp_vs_penalty.signals.repetition import ALIKE
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, stretches
 
 
@@ -63,12 +64,13 @@ def unbent_cutoff(runs: Sequence[Measurements], cutoff: float, band: float, high
     of the positions that it lets through.
 
     A robot that sticks at its reversals moves more sharply than it was told to. The given cut-off stays
-    where it takes away less than a hundredth of the acceleration, or wider ones are noisy on some joint.
+    where it takes away less of the acceleration than motions that are alike differ by, or wider ones are
+    noisy on some joint.
     """
     steps = np.arange(1 + int(2.0 * np.log2(max(highest / cutoff, 1.0))))
     tried = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
     bent, noise = np.concatenate([_errors(run, tried, band) for run in runs], axis=1)
-    if not len(bent) or bent[:, 0].mean() < c.BENT**2:
+    if not len(bent) or bent[:, 0].mean() < ALIKE**2:
         return cutoff
     noisy = noise.max(axis=0) > c.NOISY**2
     error = np.where(noisy & (tried > cutoff), np.inf, (bent + noise).mean(axis=0))

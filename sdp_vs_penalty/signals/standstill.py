@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.signals.coloured_noise import ORDER
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
 
@@ -22,7 +23,8 @@ from sdp_vs_penalty.signals.runs import Stretch
 _ALIKE = 4.0
 #: Share of a row that a standstill may reach before the row counts as one.
 STILL = 0.01
-#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well.
+#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well;
+#: rows that all but this share comes from a standstill show what holds the joint.
 SLOW = 0.1
 #: By how many times more than moving rows those of a standstill are off where no law says what holds.
 _LAWLESS = 2.0
@@ -30,9 +32,6 @@ _LAWLESS = 2.0
 _TRAVELS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 #: Largest share of a stretch of the times that are looked at.
 _LONGEST = 0.1
-#: Share of a row from a standstill above which its torque is what holds the joint; fewest rows in motion
-#: that show how large friction is there; how often it has to turn round.
-_AT_REST, _FEWEST, _TWICE = 0.9, 20, 2
 
 
 @dataclass(frozen=True)
@@ -126,8 +125,8 @@ def turned_at_rest(
     difference of what a constant, Coulomb and viscous friction and a rotor leave in motion is allowed
     for.
     """
-    moving = np.concatenate([np.zeros(0, np.intp), *(p[share[p] < 1.0 - _AT_REST] for p in pieces)])
-    if len(moving) < _FEWEST:
+    moving = np.concatenate([np.zeros(0, np.intp), *(p[share[p] < SLOW] for p in pieces)])
+    if len(moving) < 4 * ORDER:  # as an autoregression needs
         return False
     v = rates[moving]
     laws = np.column_stack([np.ones(len(v)), np.sign(v[:, 0]), v])
@@ -135,7 +134,7 @@ def turned_at_rest(
     left = np.median(np.abs(friction[moving] - laws @ law)) / 0.6745
     turned = 0
     for piece in pieces:
-        rest = share[piece] > _AT_REST
+        rest = share[piece] > 1.0 - SLOW
         for part in np.split(piece, np.flatnonzero(np.diff(rest)) + 1):
-            turned += bool(share[part[0]] > _AT_REST and np.ptp(friction[part]) > law[1] + 1.4 * left)
-    return bool(law[1] > 0.0 and turned >= _TWICE)
+            turned += bool(share[part[0]] > 1.0 - SLOW and np.ptp(friction[part]) > law[1] + 1.4 * left)
+    return bool(law[1] > 0.0 and turned > 1)

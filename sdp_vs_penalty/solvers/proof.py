@@ -27,15 +27,12 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.certificate import dual_evidence
+from sdp_vs_penalty.solvers.certificate import TIGHT, dual_evidence
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.verified import CORRECTIONS, DualEvidence, factor
 
 Proof = dict[str, Any]
 
-#: Largest difference between the numbers of two statements of one problem, relative to themselves or
-#: their columns' norms: far above the rounding of two machines (1e-12), far below any option's change.
-_SAME = 1e-8
 #: Entries of a matrix so much smaller than its largest one are rounding.
 _ROUNDING = 1e-14
 
@@ -136,8 +133,9 @@ def difference(proof: Proof, own: Proof) -> str:
     """The first thing in which a proof states another problem than ``own`` (:func:`stated`), in words;
     "" where they are the same.
 
-    Names, their order, cones and indices are compared exactly, numbers to 1e-8 of themselves, R, rho and
-    floor by the loss that they make, since another triangle R may make the same one.
+    Names, their order, cones and indices are compared exactly, numbers to the promised gap (TIGHT) of
+    themselves or of their columns' norms, far above two machines' rounding and far below any option's
+    change; R, rho and floor by the loss that they make, since another triangle R may make the same one.
     """
     titles = [
         [f"{_title(c)}, {c['cone']} in {c['indices']}" for c in p["constraints"]] for p in (proof, own)
@@ -148,7 +146,7 @@ def difference(proof: Proof, own: Proof) -> str:
             if a != b:
                 return f"{kind} {k} is {a} in the proof, {b} of the model"
     for (what, x, _), (_, y, size) in zip(_facts(proof), _facts(own), strict=True):
-        if x.shape != y.shape or np.any(np.abs(x - y) > _SAME * size):
+        if x.shape != y.shape or np.any(np.abs(x - y) > TIGHT * size):
             return f"the proof has another {what}"
     return ""
 
@@ -161,7 +159,7 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
         return np.outer(size, size)
 
     def itself(x: Array) -> Array:
-        return np.abs(x) + _ROUNDING / _SAME * np.abs(x).max(initial=0.0)
+        return np.abs(x) + _ROUNDING / TIGHT * np.abs(x).max(initial=0.0)
 
     rows = np.column_stack([_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])])
     gram = rows.T @ rows

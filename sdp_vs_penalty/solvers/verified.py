@@ -42,7 +42,7 @@ def _gamma(operations: int) -> Extended:
 
 
 #: What underflow can lose in one operation, where numbers have the exponents of doubles.
-_TINY = Long(1e-300)
+_TINY = Long(np.finfo(float).tiny)
 
 
 def in_cone(cone: str, multipliers: Array) -> tuple[Extended, Extended]:
