@@ -47,7 +47,7 @@ from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.shootout import standard_instances
+from sdp_vs_penalty.shootout.instance import chain_task
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.solvers.objective import Objective
@@ -131,7 +131,7 @@ def text(problem: Problem, folder: Path) -> list[Row]:
 def fits(problem: Problem, run: Measurements) -> list[Row]:
     """Compressed data to a certified fit, by the default and by Clarabel in the same loop."""
     tasks = {"the measured Panda": pose(problem, run).task}
-    tasks |= {f"{n} links": standard_instances.chain_task(n) for n in (7, 20, 60)}
+    tasks |= {f"{n} links": chain_task(n) for n in (7, 20, 60)}
     rows = []
     for name, task in tasks.items():
         times = 9 if len(task.bound) < 300 else 3

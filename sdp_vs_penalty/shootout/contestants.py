@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.estimators.penalty import fit_penalty
+from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.shootout import augmented_lagrangian
 from sdp_vs_penalty.shootout.instance import Instance
@@ -24,8 +24,6 @@ from sdp_vs_penalty.version import __version__
 
 #: What CVXPY asks of its default solver for such problems, SCS.
 CVXPY_ACCURACY = 1e-5
-#: Starts of the penalty.
-_STARTS = 3
 
 
 def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:
@@ -64,22 +62,19 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
     return Answer(value, CLAIMS.get(problem.status, "failed"), status, int(stats.num_iters or 0))
 
 
-def penalty_options(accuracy: float) -> dict[str, Any]:
-    """What the penalty is told: its estimator's fields."""
-    return {"starts": _STARTS, "tolerance": accuracy}
-
-
 def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     """The estimator ``penalty`` on the instance's constraints; its shifts are its multipliers."""
     try:
-        fit = fit_penalty(instance.task, instance.data, instance.constraints, _STARTS, accuracy)
+        fit = fit_penalty(instance.task, instance.data, instance.constraints, Penalty.starts, accuracy)
     except InputError as error:
         return no_answer(instance, error)
     runs = fit.details["runs"]
     best = min(runs, key=lambda run: run["objective"])
-    claims = "optimal" if best["residual"] <= accuracy else "inaccurate"
-    status, steps = f"residual {best['residual']:.1e}", int(best["stages"])
-    return Answer(fit.theta, claims, status, steps, fit.multipliers, attempts=len(runs))
+    said = (
+        "optimal" if best["residual"] <= accuracy else "inaccurate",
+        f"residual {best['residual']:.1e}",
+    )
+    return Answer(fit.theta, *said, int(best["stages"]), fit.multipliers, attempts=len(runs))
 
 
 _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
@@ -167,15 +162,9 @@ def _conic(solver: Solver, variant: str = "") -> Contestant:
         sdp = instance.sdp
         solution = solver.solve(sdp.conic, accuracy, variant)
         seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
-        return Answer(
-            sdp.theta(solution),
-            solution.claims,
-            solution.status,
-            solution.iterations,
-            instance.constraints.filled(sdp.multipliers(solution)),
-            sdp.entropy_slopes(solution),
-            dimacs_error(seen, x, z),
-        )
+        said = solution.claims, solution.status, solution.iterations
+        dual = instance.constraints.filled(sdp.multipliers(solution)), sdp.entropy_slopes(solution)
+        return Answer(sdp.theta(solution), *said, *dual, dimacs_error(seen, x, z))
 
     about = f"{solver.name} with the parameter set {variant} of its manual"
     return Contestant(
@@ -198,15 +187,10 @@ def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest
     except InputError as error:
         return no_answer(instance, error)
     said: list[str] = fit.details["solver_said"]
-    return Answer(
-        fit.theta,
-        "optimal" if gap <= accuracy else "inaccurate",
-        f"certified gap {gap:.1e}; " + ", ".join(said),
-        sum(int(word.rpartition("(")[2].rstrip(")")) for word in said),
-        fit.multipliers,
-        fit.entropy_slopes,
-        attempts=len(said),
-    )
+    steps = sum(int(word.rpartition("(")[2].rstrip(")")) for word in said)
+    claims, status = "optimal" if gap <= accuracy else "inaccurate", f"certified gap {gap:.1e}; "
+    found = claims, status + ", ".join(said), steps, fit.multipliers, fit.entropy_slopes
+    return Answer(fit.theta, *found, attempts=len(said))
 
 
 def _baselines() -> list[Contestant]:
@@ -234,7 +218,7 @@ def _baselines() -> list[Contestant]:
             "penalty",
             "the exact penalty, multi-start (no SDP solver)",
             solve_penalty,
-            options=penalty_options,
+            options=lambda accuracy: {"starts": Penalty.starts, "tolerance": accuracy},
             entropy=False,
         ),
         Contestant(

@@ -18,8 +18,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.published import real_data_folder
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.shootout import standard_instances as standard
-from sdp_vs_penalty.shootout.instance import Instance, in_units
+from sdp_vs_penalty.shootout.instance import Instance, chain_task, in_units, posed, recorded
 from sdp_vs_penalty.solvers.objective import Objective
 
 Change = Callable[[Instance], Instance]
@@ -185,7 +184,7 @@ def _robots() -> Iterator[Entry]:
             seconds = f" {stop:g} s" if np.isfinite(stop) else ""
             said = f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
             name = f"{robot} {source}{seconds} {step} {shape}"
-            make = partial(standard.recorded, name, robot, source, step, shape, stop)
+            make = partial(recorded, name, robot, source, step, shape, stop)
             yield Entry(name, robot, make, said, source == "measured")
 
 
@@ -202,12 +201,12 @@ def _chains() -> Iterator[Entry]:
 
 
 def _chain(name: str, n: int, shape: str = "gyration", draw: int = 0) -> Instance:
-    return standard.posed(name, standard.chain_task(n, draw=draw), "one-step", shape)
+    return posed(name, chain_task(n, draw=draw), "one-step", shape)
 
 
 def _changed() -> Iterator[Entry]:
     """Regular instances with one thing changed that users or data do."""
-    simulated = partial(standard.recorded, source="simulated", step="one-step", shape="gyration")
+    simulated = partial(recorded, source="simulated", step="one-step", shape="gyration")
     bases: dict[str, Callable[[str], Instance]] = {
         "two_link": partial(simulated, robot="two_link"),
         "panda": partial(simulated, robot="panda", stop=14.0),

@@ -77,9 +77,7 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     difficulty = "easy" if gap <= easy else "medium" if gap <= medium else "hard"
     cones = Counter(cone.kind for cone in made.cones)
     return {
-        "name": item.name,
-        "group": item.group,
-        "folder": item.folder,
+        **{name: getattr(item, name) for name in ("name", "group", "folder")},
         "status": status,
         "difficulty": difficulty if status == "optimum proved" else status,
         "lower": interval[0] if interval else "",
@@ -91,11 +89,8 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
         "nonzeros": int(made.A.nnz),
         "cones": " ".join(f"{k}:{v}" for k, v in cones.items()),
         "sentence": item.sentence,
-        **{f"sha256 {name}": sums.get(name, "") for name in _FILES},
+        **{f"sha256 problem.{x}": sums.get(f"problem.{x}", "") for x in ("cbf", "dat-s", "npz")},
     }
-
-
-_FILES = ("problem.cbf", "problem.dat-s", "problem.npz")
 
 
 def _npz(problem: ConicProblem) -> bytes:

@@ -1,26 +1,32 @@
 """The shootout from names to runs.csv: proofs of the instances' intervals first, then every run.
 
-runs.csv has one row a run, written as runs end, read back to go on where a shootout stopped.
+runs.csv has one row a run, written as runs end, read back to go on where a shootout stopped. A task is
+all accuracies of one solver on one problem, from loose to tight: what exceeds the time limit at one
+would exceed it at every tighter one. The worker builds the instance, forks for each run, and judges the
+numbers that come back.
 """
 
 import io
 import json
 import os
 import platform
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+import resource
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import alone, read_text, write_text
 from sdp_vs_penalty.parallel import spread
-from sdp_vs_penalty.shootout.contestants import Contestant, chosen
+from sdp_vs_penalty.shootout.contestants import Contestant, chosen, contestants
+from sdp_vs_penalty.shootout.instance import Instance
 from sdp_vs_penalty.shootout.instances import GROUPS, Entry, catalogue, instance, selected
-from sdp_vs_penalty.shootout.judge import Reference
-from sdp_vs_penalty.shootout.work import Assignment, perform
+from sdp_vs_penalty.shootout.judge import Answer, Judgement, Reference, judge, reference
+from sdp_vs_penalty.shootout.work import in_child
 
 Row = dict[str, Any]
 #: Every column, and what its cells are. Numbers have all their digits: what was proved is written.
@@ -89,6 +95,83 @@ def _read(path: Path) -> pandas.DataFrame:
         ) from None
 
 
+@dataclass(frozen=True)
+class Assignment:
+    """Runs of one solver on one problem, or (solver "") the proof of the problem's interval.
+
+    time_limit [s] and memory [GB] are for each run."""
+
+    problem: str
+    hash: str
+    time_limit: float
+    memory: float
+    solver: str = ""
+    accuracies: tuple[float, ...] = ()
+    reference: Reference | None = None
+
+
+def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
+    """Do a task here; what a worker of any kind calls. {"error": ...} where that is not possible."""
+    try:
+        made = instance(task.problem)
+        if made.hash != task.hash:
+            raise ValueError(
+                f"instance {task.problem!r} has hash {made.hash} here and {task.hash} where the run was "
+                "asked for: use the same version and data on all machines"
+            )
+        # Work that belongs to no contestant: done before the fork, so that children have it.
+        _ = made.interior, made.constraints.groups, made.task.ols
+        if task.solver:
+            return task, list(_runs(task, made))
+        kind, found, _ = in_child(lambda: reference(made), np.inf, task.memory)
+        remark = "" if kind == "ended" else f"{kind} {found}".strip()
+        found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
+        return task, [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
+    except Exception as error:  # an answer must come: the other side waits for it
+        return task, [{"error": f"{type(error).__name__}: {error}"}]
+
+
+def _runs(task: Assignment, made: Instance) -> Iterator[Row]:
+    _ = made.sdp if made.sent is not None else None
+    contestant, stopped = contestants()[task.solver], ""
+    contestant.warm_up()  # what a first use pays for
+    for accuracy in task.accuracies:
+        yield (row := run_one(task, contestant, made, accuracy, stopped))
+        stopped = stopped or (row["settings"] if row["class"] == "timeout" else "")
+
+
+def run_one(
+    task: Assignment, contestant: Contestant, made: Instance, asked: float, stopped: str = ""
+) -> Row:
+    """One run: what the contestant says, its seconds of processor time, programs that it ran included
+    (machines are shared), and what that is worth; stopped : a looser setting that exceeded the limit."""
+    assert task.reference is not None
+
+    def timed() -> tuple[Answer, float]:
+        used = _processor()
+        answer = contestant.solve(made, asked)
+        return answer, _processor() - used
+
+    remark = f"not run: {stopped} exceeded the time limit" if stopped else ""
+    ended: tuple[str, Any, float] = "timeout", "", task.time_limit
+    kind, found, seconds = ended if stopped else in_child(timed, task.time_limit, task.memory)
+    if kind == "ended" and (seconds := found[1]) > task.time_limit:
+        kind, found = "timeout", f"took {seconds:.2g} s of processor time"
+    if kind == "ended":
+        answer, verdict = found[0], judge(made, task.reference, found[0], asked)
+    else:
+        answer, verdict = Answer(np.empty(0), "", found, 0, attempts=0), Judgement(kind, remark=remark)
+    row = {"settings": contestant.settings(asked), "accuracy": asked, "class": verdict.kind}
+    row |= {"claimed": answer.claims, "status": " ".join(answer.status.split()), "seconds": seconds}
+    return {**asdict(verdict), **row, "iterations": answer.iterations, "attempts": answer.attempts}
+
+
+def _processor() -> float:
+    """Processor time of this process and of the programs that it ran [s]."""
+    used = [resource.getrusage(x) for x in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(x.ru_utime + x.ru_stime for x in used)
+
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -130,29 +213,28 @@ class Outcome:
     notes: list[str]
 
 
-def run(setup: Shootout, progress: Progress | None = None) -> Outcome:
-    """Do every run that the folder does not hold yet.
+def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outcome:
+    """Do every run that the folder does not hold yet; say : hears what is done, of how much.
 
     Raises InputError for names that do not exist, and where another shootout writes into the folder.
     """
     with alone(setup.out):
-        return _run(setup, progress or (lambda what, done, total: None))
+        return _run(setup, say)
 
 
 def _run(setup: Shootout, say: Progress) -> Outcome:
-    contestants, missing = chosen(setup.solvers)
+    people, missing = chosen(setup.solvers)
     entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
-    results = Results(setup.out)
-    notes = []
+    results, notes = Results(setup.out), []
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
     jobs = setup.jobs or os.cpu_count() or 1
     references = _references(setup, entries, say, jobs)
     if dropped := results.keep({name: found["hash"] for name, found in references.items()}):
         notes.append(f"{dropped} runs of instances that have changed since were dropped")
-    tasks, not_applicable = _pending(setup, entries, contestants, references, results)
+    tasks, not_applicable = _pending(setup, entries, people, references, results)
     done, total = 0, sum(len(task.accuracies) for task in tasks)
-    groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in contestants}
+    groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in people}
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     say("runs", done, total)
     for task, rows in spread(perform, tasks, setup.scheduler, jobs):
@@ -200,7 +282,7 @@ def _references(
 def _pending(
     setup: Shootout,
     entries: Sequence[Entry],
-    contestants: Sequence[Contestant],
+    people: Sequence[Contestant],
     references: dict[str, dict[str, Any]],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
@@ -208,7 +290,7 @@ def _pending(
     for entry in entries:
         made = instance(entry.name)
         known = Reference(**references[entry.name]["reference"])
-        for contestant in contestants:
+        for contestant in people:
             if reason := contestant.refuses(made):
                 left_out.append((entry.name, contestant.name, reason))
                 continue

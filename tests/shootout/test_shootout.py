@@ -18,10 +18,10 @@ from scipy import sparse
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty import parallel as cluster
 from sdp_vs_penalty.robot import Constraint
-from sdp_vs_penalty.shootout import runner, standard_instances, summary
+from sdp_vs_penalty.shootout import runner, summary
 from sdp_vs_penalty.shootout.augmented_lagrangian import Chart
 from sdp_vs_penalty.shootout.contestants import chosen, contestants
-from sdp_vs_penalty.shootout.instance import Instance, in_units
+from sdp_vs_penalty.shootout.instance import Instance, _task, in_units
 from sdp_vs_penalty.shootout.instances import catalogue, instance, selected
 from sdp_vs_penalty.shootout.judge import (
     CLASSES,
@@ -32,8 +32,8 @@ from sdp_vs_penalty.shootout.judge import (
     reference,
     relative_violation,
 )
-from sdp_vs_penalty.shootout.runner import COLUMNS, KEY, Results, Shootout
-from sdp_vs_penalty.shootout.work import Assignment, in_child, run
+from sdp_vs_penalty.shootout.runner import COLUMNS, KEY, Assignment, Results, Shootout, run_one
+from sdp_vs_penalty.shootout.work import in_child
 from sdp_vs_penalty.solvers import Cone, ConicProblem, solver
 
 CONTESTANTS = contestants()
@@ -63,7 +63,7 @@ def test_instances_are_deterministic_and_differ():
     names = [n for n, e in catalogue().items() if e.quick and e.group != "chains"]
     first = {n: instance(n).hash for n in names}
     instance.cache_clear()
-    standard_instances._task.cache_clear()
+    _task.cache_clear()
     assert {n: instance(n).hash for n in names[::3]} == {n: first[n] for n in names[::3]}
     assert len(set(first.values())) == len(first)
 
@@ -317,9 +317,9 @@ def test_seconds_are_processor_time(two_link, proved, best):
             return best
 
         task = Assignment("", "", 20.0, 1.0, reference=proved)
-        _, used, verdict = run(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
-        assert verdict.kind == "right"
-        return used
+        row = run_one(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
+        assert row["class"] == "right"
+        return row["seconds"]
 
     assert seconds(lambda: time.sleep(0.5)) < 0.1
     assert 0.5 <= seconds(lambda: subprocess.run([sys.executable, "-c", busy], check=True)) < 2.0

@@ -14,7 +14,7 @@ from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.shootout.standard_instances import chain_task, shape_cones
+from sdp_vs_penalty.shootout.instance import chain_task, shape_cones
 from sdp_vs_penalty.solvers import (
     ConicProblem,
     Entropy,
