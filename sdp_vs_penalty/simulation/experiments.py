@@ -186,13 +186,9 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
     if "table" in motion:
         trajectory = published_trajectory(problem, motion)
     else:
-        trajectory = random_trajectory(
-            problem.robot,
-            int(motion["seed"]),
-            float(motion["duration"]),
-            frequency=np.pi * float(motion["frequency_over_pi"]),
-            blend=float(motion["blend"]),
-        )
+        length, over_pi, blend = (float(motion[x]) for x in ("duration", "frequency_over_pi", "blend"))
+        drawn = problem.robot, int(motion["seed"]), length
+        trajectory = random_trajectory(*drawn, frequency=np.pi * over_pi, blend=blend)
     friction, sensor = truth.get("friction"), dict[str, Any]()
     for name, value in data["sensor"].items():
         sensor[name] = np.array(value, float) if isinstance(value, list) else float(value)
@@ -210,12 +206,9 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
 
 def _assumed(problem: Problem) -> Experiment:
     """Friction of 2 % and noise of 0.1 % of the torque that it moves with."""
-    robot = problem.robot
-    trajectory = random_trajectory(robot, seed=1, duration=21.0)
-    quiet, none = Sensor(50.0, np.zeros(robot.n)), np.zeros(robot.n)
-    bare = Experiment(
-        problem, problem.nominal_links, None, trajectory, quiet, (10, 10.0), problem.default_effects
-    )
+    robot, none = problem.robot, np.zeros(problem.robot.n)
+    told = random_trajectory(robot, seed=1, duration=21.0), Sensor(50.0, none), (10, 10.0)
+    bare = Experiment(problem, problem.nominal_links, None, *told, problem.default_effects)
     size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
     # A motor whose links weigh nothing rubs all the same, and is measured with noise.
     size = np.where(size > 1e-6 * size.max(), size, 0.01 * size.max())

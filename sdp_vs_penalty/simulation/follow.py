@@ -25,7 +25,7 @@ from sdp_vs_penalty.estimation.output_error import STEP, Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, Table
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_least
 
 Drive = Literal["torque", "pd", "servo"]
 
@@ -94,11 +94,9 @@ class Following(Shown):
     def share(self) -> Array:
         """(n,) error a tenth of a second ahead over that of going on at constant
         velocity; with a loop, the torque that it adds over the measured one."""
-        if self.drive == "pd":
-            return np.max(
-                [f.loop / np.maximum(f.torque, 1e-300) for f in self.free if f.loop is not None], axis=0
-            )
-        return self.ahead.rms / np.maximum(self.ahead.naive, 1e-300)
+        pairs = [(f.loop, f.torque) for f in self.free if f.loop is not None]
+        shares = [a / or_least(b) for a, b in pairs or [(self.ahead.rms, self.ahead.naive)]]
+        return np.asarray(np.max(shares, axis=0))
 
     @property
     def verdict(self) -> str:
@@ -135,16 +133,12 @@ class Following(Shown):
         columns = {"step/s": self.one_step.rms, "0.1 s": a.rms, "5 %": a.band[0], "95 %": a.band[1]}
         columns |= {"const.": a.naive, "free": free.rms}
         columns |= {} if free.spread is None else {"+-": free.spread}
-        rows = [
-            [f"{j + 1}", f"m{unit}", *(f"{1e3 * column[j]:.3g}" for column in columns.values())]
-            for j, unit in enumerate(self.units)
-        ]
-        head = ["joint", "unit", *columns]
-        if free.loop is not None:
-            head.append("loop")
-            for row, torque, unit in zip(rows, free.loop, self.units, strict=True):
-                row.append(f"{torque:.3g} {'N' if unit == 'm' else 'N m'}")
-        return head, rows
+        rows = []
+        for j, unit in enumerate(self.units):
+            rows.append([f"{j + 1}", f"m{unit}", *(f"{1e3 * x[j]:.3g}" for x in columns.values())])
+            if free.loop is not None:
+                rows[j].append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
+        return ["joint", "unit", *columns, *["loop"] * (free.loop is not None)], rows
 
     @property
     def explained(self) -> str:
@@ -161,15 +155,9 @@ class Following(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        return {
-            "verdict": self.verdict,
-            "drive": self.drive,
-            "units": list(self.units),
-            "one_step_velocity": self.one_step.to_dict(),
-            "ahead_position": self.ahead.to_dict(),
-            "free_run": [f.to_dict() for f in self.free],
-            "left_out": list(self.left_out),
-        }
+        found: dict[str, Any] = {"verdict": self.verdict, "drive": self.drive, "units": list(self.units)}
+        found |= {"one_step_velocity": self.one_step.to_dict(), "ahead_position": self.ahead.to_dict()}
+        return found | {"free_run": [f.to_dict() for f in self.free], "left_out": list(self.left_out)}
 
 
 def said(value: float, unit: str) -> str:
@@ -234,14 +222,8 @@ def follow(
         progress(f"simulating {ride.course.name} freely")
         most = None if steps is None else 1 + steps // (len(courses) * ride.substeps)
         free.append(_free_run(estimate, drawn[:1] if servo else drawn, ride, most))
-    return Following(
-        drive,
-        estimate.robot.position_units,
-        Ahead.of(courses[0].dt, one, naive_one),
-        Ahead.of(horizon, far, naive_far),
-        tuple(free),
-        plant.left_out,
-    )
+    both = Ahead.of(courses[0].dt, one, naive_one), Ahead.of(horizon, far, naive_far)
+    return Following(drive, estimate.robot.position_units, *both, tuple(free), plant.left_out)
 
 
 @dataclass(frozen=True)
@@ -320,8 +302,7 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
 def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | None) -> FreeRun:
     ride = replace(measured, plant=Plant(estimate.model, drawn))
     course, seen, size = ride.course, ride.course.states, len(drawn)
-    units = estimate.robot.position_units
-    limit = np.array([_LEFT[unit] for unit in units])
+    limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
     state = seen.rows(np.full(size, start))
     q, added, left = [state.q], [], False
@@ -340,20 +321,11 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
     spread = None
     if size > 2:
         spread = NORMAL_95 * np.sqrt(np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1)))
-    return FreeRun(
-        float(seen.t[until - 1] - seen.t[start]),
-        left,
-        _rms(error),
-        np.abs(error).max(axis=0),
-        spread,
-        _rms(np.array(added)) if added else None,
-        _rms(course.torque[start:until]),
-        Measurements(
-            seen.t[start:until], motion[:, 0], course.torque[start:until], names=(course.name,)
-        ),
-        seen.q[start:until],
-        not left and bool(seen.t[-1] - seen.t[end] > 1.0),
-    )
+    torque, t = course.torque[start:until], seen.t[start:until]
+    made = Measurements(t, motion[:, 0], torque, names=(course.name,))
+    errors = _rms(error), np.abs(error).max(axis=0), spread, _rms(np.array(added)) if added else None
+    cut = not left and bool(seen.t[-1] - seen.t[end] > 1.0)
+    return FreeRun(float(t[-1] - t[0]), left, *errors, _rms(torque), made, seen.q[start:until], cut)
 
 
 def _rms(error: Array) -> Array:

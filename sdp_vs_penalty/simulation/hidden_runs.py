@@ -24,25 +24,18 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import joint_limits
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
-from sdp_vs_penalty.simulation.worlds.hidden import (
-    FRICTION,
-    FROZEN,
-    LEVELS,
-    MACHINE,
-    NUISANCE,
-    Hidden,
-    Maker,
-)
+from sdp_vs_penalty.simulation.worlds import hidden as makers
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.world import PAUSE, Arm, DryFriction, TrueMotion, World
 
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.
 _BLEND = 0.7
-PERIOD = 2.0 / 0.15  # s: 1.5 periods in a run
 #: Rate [Hz] at which effects are sized.
 _SIZING = 200.0
 #: Whatever can be hidden, by the name of the library's effect.
-MAKERS: Mapping[str, Maker] = dict(sorted({**FRICTION, **MACHINE, **FROZEN, **NUISANCE}.items()))
+_TABLES = (makers.FRICTION, makers.MACHINE, makers.FROZEN, makers.NUISANCE)
+MAKERS: Mapping[str, Maker] = dict(sorted(pair for table in _TABLES for pair in table.items()))
 #: The files of a folder of simulated runs; the last run is meant as the test run.
 RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
@@ -116,9 +109,8 @@ def simulate(
         except ValueError:
             size = -1.0
         if not 0.0 < size < 1e6:
-            raise InputError(
-                f"level {level!r} is unknown", f"write {', '.join(LEVELS)} or a positive number"
-            )
+            remedy = f"write {', '.join(LEVELS)} or a positive number"
+            raise InputError(f"level {level!r} is unknown", remedy)
     effects = [(e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)]
     return hidden_runs(robot, effects, size, seed)
 
@@ -161,11 +153,10 @@ def hidden_runs(
     rng = np.random.default_rng([seed, 2])
     without = [name for name, _ in effects]
     world = true_world(problem, setup, seed, without) if world is None else world
-    length, frequency = DURATION + 2.0 * _BLEND, 2.0 * np.pi / PERIOD
-    trajectories = [
-        random_trajectory(problem.robot, 10 * seed + k, length, frequency=frequency)
-        for k in range(count)
-    ]
+    # One and a half periods in a run.
+    length, frequency = DURATION + 2.0 * _BLEND, 3.0 * np.pi / DURATION
+    drawn = (10 * seed + k for k in range(count))
+    trajectories = [random_trajectory(problem.robot, x, length, frequency=frequency) for x in drawn]
     inside = np.arange(_BLEND, _BLEND + DURATION, 1.0 / _SIZING)
     coarse = [_motion(x, inside, k) for k, x in enumerate(trajectories)]
     hidden = []

@@ -98,7 +98,6 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     if not searched:
         found.append(told(load_problem(source), ["joint_spring:2"]))
         monkeypatch.setattr(hidden_runs, "DURATION", 6.0)
-        monkeypatch.setattr(hidden_runs, "PERIOD", 4.0)
 
     searched_in: dict[tuple[str, ...], Diagnosis] = {}
 

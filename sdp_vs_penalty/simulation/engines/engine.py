@@ -56,9 +56,8 @@ class Engine(ABC):
     def __init__(self, robot: Robot, links: ArrayLike) -> None:
         """links (n, 10) standard parameters. Raises InputError naming the link that it rejects."""
         if robot.mechanism is not None:
-            raise InputError(
-                "engines take no robot with joints that follow others", "choose another robot"
-            )
+            what = "engines take no robot with joints that follow others"
+            raise InputError(what, "choose another robot")
         self.robot = robot
         #: (n, 10) about the joint frames.
         self.links = about_joints(robot, np.asarray(links, float).reshape(robot.n, 10))

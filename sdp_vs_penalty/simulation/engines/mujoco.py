@@ -33,9 +33,8 @@ class MuJoCo(Engine):
         try:
             self.model: Any = mujoco.MjModel.from_xml_string(text)
         except ValueError as error:
-            raise InputError(
-                f"MuJoCo rejects the robot {self.robot.name}: {error}", "leave that engine out"
-            ) from error
+            what = f"MuJoCo rejects the robot {self.robot.name}: {error}"
+            raise InputError(what, "leave that engine out") from error
         flags = mujoco.mjtDisableBit
         self.model.opt.disableflags |= flags.mjDSBL_CONSTRAINT | flags.mjDSBL_EULERDAMP
         self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER

@@ -8,6 +8,7 @@ C interface; it has no loader of URDF, so that bodies and joints are made here.
 
 import ctypes
 import ctypes.util
+from contextlib import suppress
 from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_uint, c_void_p
 from functools import cache, partial
 from typing import Any
@@ -19,7 +20,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine, Followed
 
 #: dParamVel and dParamFMax of ode/common.h.
-_PARAM_VEL, _PARAM_FMAX = 2, 5
+_PARAMETERS = {"velocity": 2, "force": 5}
 
 
 class _Mass(Structure):
@@ -34,35 +35,26 @@ class _Feedback(Structure):
     _fields_ = [(name, c_double * 4) for name in ("f1", "t1", "f2", "t2")]
 
 
-#: Type returned and arguments of the functions used.
-_SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
-    "dWorldCreate": (c_void_p, ()),
-    "dWorldDestroy": (None, (c_void_p,)),
-    "dWorldSetGravity": (None, (c_void_p, c_double, c_double, c_double)),
-    "dWorldSetERP": (None, (c_void_p, c_double)),
-    "dWorldStep": (c_int, (c_void_p, c_double)),
-    "dBodyCreate": (c_void_p, (c_void_p,)),
-    "dBodySetPosition": (None, (c_void_p, c_double, c_double, c_double)),
-    "dBodySetRotation": (None, (c_void_p, POINTER(c_double))),
-    "dBodySetLinearVel": (None, (c_void_p, c_double, c_double, c_double)),
-    "dBodySetAngularVel": (None, (c_void_p, c_double, c_double, c_double)),
-    "dBodyGetPosition": (POINTER(c_double), (c_void_p,)),
-    "dBodyGetRotation": (POINTER(c_double), (c_void_p,)),
-    "dBodySetMass": (None, (c_void_p, POINTER(_Mass))),
-    "dMassSetParameters": (None, (POINTER(_Mass), *(c_double,) * 10)),
-    "dMassCheck": (c_int, (POINTER(_Mass),)),
-    "dJointAttach": (None, (c_void_p, c_void_p, c_void_p)),
-    "dJointSetFeedback": (None, (c_void_p, POINTER(_Feedback))),
-    **{
-        name: signature
-        for kind in ("Hinge", "Slider")
-        for name, signature in (
-            (f"dJointCreate{kind}", (c_void_p, (c_void_p, c_void_p))),
-            (f"dJointSet{kind}Axis", (None, (c_void_p, c_double, c_double, c_double))),
-            (f"dJointSet{kind}Param", (None, (c_void_p, c_int, c_double))),
-        )
-    },
-    "dJointSetHingeAnchor": (None, (c_void_p, c_double, c_double, c_double)),
+#: The C types of the letters in :data:`_SIGNATURES`.
+_TYPES: dict[str, Any] = {"-": None, "p": c_void_p, "i": c_int, "d": c_double}
+_TYPES |= {"D": POINTER(c_double), "M": POINTER(_Mass), "F": POINTER(_Feedback)}
+#: Of the functions used the type returned, then those of the arguments.
+_SIGNATURES = {
+    "p": "dWorldCreate",
+    "pp": "dBodyCreate",
+    "ppp": "dJointCreateHinge dJointCreateSlider",
+    "-p": "dWorldDestroy",
+    "-pddd": "dWorldSetGravity dBodySetPosition dJointSetHingeAxis dJointSetSliderAxis "
+    "dJointSetHingeAnchor",
+    "-pid": "dJointSetHingeParam dJointSetSliderParam",
+    "ipd": "dWorldStep",
+    "Dp": "dBodyGetPosition dBodyGetRotation",
+    "-pD": "dBodySetRotation",
+    "-pM": "dBodySetMass",
+    "-Mdddddddddd": "dMassSetParameters",
+    "iM": "dMassCheck",
+    "-ppp": "dJointAttach",
+    "-pF": "dJointSetFeedback",
 }
 
 
@@ -70,13 +62,9 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
 def _library() -> Any | None:
     """libode with its signatures set, or None where it is absent or in single precision."""
     found = None
-    for name in ("libode.so.8", ctypes.util.find_library("ode")):
-        try:
-            found = ctypes.CDLL(name) if name else None
-        except OSError:
-            continue
-        if found is not None:
-            break
+    for name in filter(None, (ctypes.util.find_library("ode"), "libode.so.8")):
+        with suppress(OSError):
+            found = ctypes.CDLL(name)
     if found is None:
         return None
     found.dInitODE2.argtypes, found.dCheckConfiguration.argtypes = [c_uint], [c_char_p]
@@ -84,9 +72,10 @@ def _library() -> Any | None:
     found.dInitODE2(0)
     if not found.dCheckConfiguration(b"ODE_double_precision"):
         return None
-    for name, (result, arguments) in _SIGNATURES.items():
-        function = getattr(found, name)
-        function.restype, function.argtypes = result, list(arguments)
+    for letters, names in _SIGNATURES.items():
+        result, *arguments = (_TYPES[x] for x in letters)
+        for function in (getattr(found, name) for name in names.split()):
+            function.restype, function.argtypes = result, arguments
     return found
 
 
@@ -114,11 +103,9 @@ class Ode(Engine):
             mass = _Mass()
             ode.dMassSetParameters(byref(mass), p[0], 0.0, 0.0, 0.0, xx, yy, zz, xy, xz, yz)
             if not ode.dMassCheck(byref(mass)):
-                raise InputError(
-                    f"link {k + 1} (on joint {self.robot.joints[k].name!r}): ODE refuses its "
-                    "inertia, which is not positive definite",
-                    "identify with a minimum thickness (lmi-sdp-thickness)",
-                )
+                where = f"link {k + 1} (on joint {self.robot.joints[k].name!r})"
+                what = "ODE refuses its inertia, which is not positive definite"
+                raise InputError(what, "identify with a minimum thickness (lmi-sdp-thickness)", where)
             self.masses.append(mass)
             self.centres[k] = p[1:4]
 
@@ -134,9 +121,8 @@ class Ode(Engine):
         ode.dWorldSetGravity(world, *self.robot.gravity)
         self.bodies: list[c_void_p] = []
         self.motors, self.feedback = [], [_Feedback() for _ in range(self.robot.n)]
-        for k, (joint, frame) in enumerate(
-            zip(self.robot.joints, self.robot.poses(start[None])[0], strict=True)
-        ):
+        placed = zip(self.robot.joints, self.robot.poses(start[None])[0], strict=True)
+        for k, (joint, frame) in enumerate(placed):
             self.bodies.append(body := self._body(world, k, frame))
             kind = "Hinge" if joint.kind == "revolute" else "Slider"
             made, parent = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None)), joint.parent
@@ -145,14 +131,14 @@ class Ode(Engine):
                 ode.dJointSetHingeAnchor(made, *frame[:3, 3])
             getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
             self.motors.append(partial(getattr(ode, f"dJointSet{kind}Param"), made))
-            self.motors[k](_PARAM_FMAX, STRONG)
+            self.motors[k](_PARAMETERS["force"], STRONG)
             ode.dJointSetFeedback(made, byref(self.feedback[k]))
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         # ODE forms the constraints of a step at the configuration before it.
         before = [self._frame(k, body) for k, body in enumerate(self.bodies)]
         for motor, speed in zip(self.motors, velocity, strict=True):
-            motor(_PARAM_VEL, speed)
+            motor(_PARAMETERS["velocity"], speed)
         self.ode.dWorldStep(self.world, self.step)
         wrenches = enumerate(zip(self.feedback, before, strict=True))
         torque = np.array([self._torque(k, *x) for k, x in wrenches])

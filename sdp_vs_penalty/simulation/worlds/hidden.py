@@ -66,11 +66,8 @@ class Hidden:
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; joints count from 1."""
         size = None if self.number is None else self.number * self.size
-        joints = [j + 1 for j in self.joints]
-        return {"effect": self.effect, "joints": joints, "size": size} | {
-            "shape": dict(self.shape),
-            **self.details,
-        }
+        about = {"effect": self.effect, "joints": [j + 1 for j in self.joints], "size": size}
+        return {**about, "shape": dict(self.shape), **self.details}
 
 
 def at_joint(
