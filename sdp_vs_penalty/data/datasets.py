@@ -24,9 +24,6 @@ DATA_VARIABLE = "SDP_VS_PENALTY_DATA"
 #: Names an address with the same layout to download from instead (a mirror behind a firewall).
 MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
 
-#: Authors' drive gains of the UR10e [N m/A]: motor current to joint torque.
-UR10E_DRIVE_GAINS = (10.0, 10.70, 8.46, 9.00, 9.48, 10.12)
-
 
 def cache_folder() -> Path:
     """The user's cache of downloaded data sets."""
@@ -120,14 +117,12 @@ def _panda_runs(folder: Path) -> dict[str, Measurements]:
 
 def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
     """31 columns without a header: t, q(6), dq(6), i_actual(6), i_desired(6), tau_desired(6)."""
-    runs = {}
-    for file in DATASETS["ur10e"].files:
+    runs, known = {}, dataset("ur10e")
+    for file in known.files:
         first, last = file.rows or (1, None)
-        many = None if last is None else last - first + 1
-        path, skip = folder / file.name, first - 1
-        rows = np.loadtxt(path, delimiter=",", skiprows=skip, max_rows=many, encoding="latin1")
-        tau = rows[:, 13:19] * np.array(UR10E_DRIVE_GAINS)
-        name = Path(file.name).stem
+        part = {"skiprows": first - 1, "max_rows": last and last - first + 1}
+        rows = np.loadtxt(folder / file.name, delimiter=",", encoding="latin1", **part)  # type: ignore[call-overload]
+        tau, name = rows[:, 13:19] * np.array(known.drive_gains), Path(file.name).stem
         runs[name] = Measurements(rows[:, 0], rows[:, 1:7], tau, rows[:, 7:13], None, (name,))
     return runs
 

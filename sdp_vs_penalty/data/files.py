@@ -213,9 +213,8 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
     if len(stays):
         row = int(stays[0])
         how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
-        steps = (
-            f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {formatting.count(len(stays), f'such {word}')}"
-        )
+        many = formatting.count(len(stays), f"such {word}")
+        steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
         what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
         raise InputError(what, "delete them, or cut the file there", path)
 

@@ -173,16 +173,15 @@ class Runs:
         return self.train if self.test is None else self.test
 
 
-#: Numbers above which a column holds no measurement, whatever its unit: t [ns since 1970], q and dq
-#: [encoder counts], tau [mN m], temp [degrees].
-LARGEST_VALUE = {"t": 1e20, "q": 1e9, "dq": 1e9, "tau": 1e12, "temp": 1e4}
 #: What drives were told or gave: commanded position [rad, m] and velocity, feed-forward torque [N m, N],
 #: motor current [A] and voltage [V].
 COMMANDED = ("qcmd", "dqcmd", "tauff", "current", "voltage")
 #: The positions that a model makes of the command, and their integral over time; that of q in its place.
 SIMULATED = ("qsim", "isim", "isum")
-LARGEST_VALUE |= {"qcmd": 1e9, "dqcmd": 1e9, "tauff": 1e12, "current": 1e9, "voltage": 1e9}
-LARGEST_VALUE |= dict.fromkeys(SIMULATED, 1e12)
+#: Numbers above which a column holds no measurement, whatever its unit: t [ns since 1970], q and dq
+#: [encoder counts], tau [mN m], temp [degrees].
+LARGEST_VALUE = dict.fromkeys(("q", "dq", "qcmd", "dqcmd", "current", "voltage"), 1e9)
+LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {"t": 1e20, "temp": 1e4}
 #: Numbers below which a column holds zeros, whatever its unit: no sensor resolves them, filters that
 #: fade out leave them, and squares of far smaller ones are zero where they are not.
 SMALLEST_VALUE = 1e-30
@@ -192,20 +191,15 @@ def without_traces(measured: Measurements) -> Measurements:
     """The same with zeros for numbers that are none but in the computer's arithmetic (5e-324): with
     :data:`LARGEST_VALUE` the one place that keeps squares and quotients of samples within range."""
 
+    def traces(x: Array) -> NDArray[np.bool_]:
+        return (np.abs(x) < SMALLEST_VALUE) & (x != 0.0)
+
     found = {"t": measured.t, **measured.groups}
-    odd = measured.once(
-        "traces",
-        lambda: [
-            name for name, x in found.items() if any(np.any(_traces(part)) for _, part in parts(x))
-        ],
-    )
+    each = ((name, any(np.any(traces(x)) for _, x in parts(block))) for name, block in found.items())
+    odd = measured.once("traces", lambda: [name for name, some in each if some])
     for name in odd:
-        found[name] = joined(np.where(_traces(x), 0.0, x) for _, x in parts(found[name]))
+        found[name] = joined(np.where(traces(x), 0.0, x) for _, x in parts(found[name]))
     return Measurements.of(found.pop("t"), found, measured.names, measured.run) if odd else measured
-
-
-def _traces(x: Array) -> NDArray[np.bool_]:
-    return (np.abs(x) < SMALLEST_VALUE) & (x != 0.0)
 
 
 def gathered(pieces: Iterable[Measurements]) -> Measurements:

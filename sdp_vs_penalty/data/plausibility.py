@@ -74,7 +74,8 @@ def _check_side(robot: Robot, run: Measurements) -> None:
     gears = robot.transmission
     if gears is None or not np.any(_outside(robot, *extremes(run.q))) or beside_range(robot, run.q):
         return
-    if not np.any(_outside(robot, *extremes(np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T))):
+    joints = np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T
+    if not np.any(_outside(robot, *extremes(joints))):
         what = "the positions are those of the motors: through the transmission they are in the ranges"
         raise InputError(what, "convert the log with `convert --motor-side`", run.names[0])
 
@@ -90,7 +91,7 @@ def extremes(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _outside(robot: Robot, least: np.ndarray, largest: np.ndarray) -> np.ndarray:
     """(n,) by how much each joint leaves its range, less what an encoder's zero may be wrong."""
-    low, high = (np.array([getattr(j, end) for j in robot.joints]) for end in ("lower", "upper"))
+    low, high = np.transpose([(j.lower, j.upper) for j in robot.joints])
     return np.maximum(np.maximum(low - least, largest - high) - _ZERO, 0.0)
 
 
@@ -104,7 +105,7 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     width = np.array([j.upper - j.lower for j in robot.joints])
     if not len(outside) or 2 * len(outside) > robot.n or np.any(high - low > width + _ZERO):
         return ()
-    return tuple(int(j) for j in outside)
+    return tuple(outside.tolist())
 
 
 def _check_derivative(robot: Robot, run: Measurements) -> None:
