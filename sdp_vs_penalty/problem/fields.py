@@ -25,12 +25,13 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 @dataclass(frozen=True)
 class Field:
-    """kind : text, whole number or number, ``several`` in a list or one; length : of the list, "joints"
-    for one a joint; needed : whether it must be there; hint : how to write it."""
+    """kind : text, whole number or number, ``several`` in a list or one; length : of the list, one a
+    joint ("joints"), or as many as the hint has; needed : whether it must be there; hint : how to write
+    it."""
 
     kind: type
     several: bool = False
-    length: int | str | None = None
+    length: str = ""
     needed: bool = False
     hint: str = ""
 
@@ -50,21 +51,21 @@ SECTIONS: Mapping[str, Mapping[str, Field]] = {
         "urdf": Field(str, hint='"robot.urdf"'),
         "convention": Field(str, needed=True, hint='"standard" or "modified"'),
         **dict.fromkeys(("a", "alpha_over_pi", "d"), replace(_LIMIT, needed=True)),
-        "gravity": Field(float, True, 3, hint="[0.0, 0.0, -9.81] in m/s^2"),
+        "gravity": Field(float, True, "hint", hint="[0.0, 0.0, -9.81] in m/s^2"),
         **dict.fromkeys(("lower", "upper", "velocity", "effort"), _LIMIT),
     },
     "transmission": {
-        "motors": Field(str, True, None, True, '["50 q1", "32 q5 + 32 q6"], the motors\' positions'),
+        "motors": Field(str, True, "", True, '["50 q1", "32 q5 + 32 q6"], the motors\' positions'),
         "positions": _SIDES,
         "torques": _SIDES,
     },
     "mechanism": {
-        "joints": Field(str, True, None, True, '["q1", "q2", "-q2"], each joint of the tree'),
+        "joints": Field(str, True, "", True, '["q1", "q2", "-q2"], each joint of the tree'),
         "massless": Field(float, True, hint="[3], links without mass"),
     },
     "bounds": {
         "tables": Field(str, True, hint='["bounds.csv"]'),
-        "total_mass": Field(float, True, 2, hint="[lower, upper] in kg"),
+        "total_mass": Field(float, True, "hint", hint="[lower, upper] in kg"),
     },
     "centre_of_mass_cone": {
         "link": Field(int, needed=True),
@@ -118,8 +119,8 @@ def _check(section: str, name: str, field: Field, data: Mapping[str, Any]) -> No
         if type(entry) not in (field.kind, *((int,) if field.kind is float else ())):
             where, remedy = (f"{label}: entry {k}", "correct it") if field.several else (label, hint)
             raise InputError(f"{where} is {_shown(entry)}, not a {word}", remedy)
-    length = len(joints) if field.length == "joints" and isinstance(joints, list) else field.length
-    if isinstance(length, int) and len(value) != length:
+    shown = {"joints": joints, "hint": field.hint.split(",")}.get(field.length)
+    if isinstance(shown, list) and len(value) != (length := len(shown)):
         needed = "one per joint, as in a" if field.length == "joints" else hint
         raise InputError(f"{label} has {len(value)} entries, {length} are needed", needed)
 

@@ -102,7 +102,7 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
     box = np.where(np.isfinite(box), box, np.stack([-com, com], axis=2))
     size, centre = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06), box.mean(axis=2)
     for cone in problem.cones:  # a centre inside every cone: half way into the box, on the axis
-        centre[cone.link, np.arange(3) != cone.axis] = 0.0
+        centre[cone.link - 1, ~cone.along] = 0.0
     surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
     mass = np.mean(total) * surface / surface.sum()
     mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
@@ -145,12 +145,9 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
         return source
     if isinstance(source, str | Path):
         return load_problem(source)
-    raise InputError(
-        "no problem",
-        f"give a built-in name ({', '.join(problem_names())}), a folder with a problem.toml, a "
-        "URDF file, or a Problem",
-        what.replace("...", given(source)),
-    )
+    names = f"give a built-in name ({', '.join(problem_names())})"
+    remedy = f"{names}, a folder with a problem.toml, a URDF file, or a Problem"
+    raise InputError("no problem", remedy, what.replace("...", given(source)))
 
 
 def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> Problem:
@@ -173,13 +170,11 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
         own = robot.name, f"{robot.name} from {path.name}", robot, box, nominal
         problem = Problem(*own, bodies=bodies, nominal_from=sources)
     else:
-        raise InputError(
-            f"problem {str(source)!r} does not exist",
-            f"name a folder with a problem.toml, a URDF file, or one of {', '.join(problem_names())}",
+        remedy = (
+            f"name a folder with a problem.toml, a URDF file, or one of {', '.join(problem_names())}"
         )
-    if gravity is not None:
-        problem = problem.with_gravity(gravity)
-    return problem
+        raise InputError(f"problem {str(source)!r} does not exist", remedy)
+    return problem if gravity is None else problem.with_gravity(gravity)
 
 
 def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
@@ -246,19 +241,14 @@ def convert(
     """
     if joints is None and problem is not None:
         joints = as_problem(problem, "convert(problem=...)").robot.joint_names
-    transmission = (
-        None
-        if motors is False or motors is True
-        else parse_transmission(motors.split(",") if isinstance(motors, str) else motors)
-    )
-    if motors is True and problem is not None:
+    transmission = None
+    if not isinstance(motors, bool):
+        transmission = parse_transmission(motors.split(",") if isinstance(motors, str) else motors)
+    elif motors and problem is not None:
         transmission = as_problem(problem).robot.transmission
-    if motors is True and transmission is None:
-        raise InputError(
-            "no transmission is known",
-            "name a problem that has one, or write each motor's position, such as 50 q1,30 q2",
-            "convert(motors=True)",
-        )
+    if motors and transmission is None:
+        remedy = "name a problem that has one, or write each motor's position, such as 50 q1,30 q2"
+        raise InputError("no transmission is known", remedy, "convert(motors=True)")
     run = read_headerless(source, rate) if rate else read_run(source, None, joints, topic, rename)
     if scale:
         run = scaled(run, scale)

@@ -7,10 +7,10 @@ estimators read the same :class:`Problem`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,15 @@ from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.files import read_table
+from sdp_vs_penalty.files import Plain, read_table
 from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS, DEFAULT_RADIUS, DEFAULT_REACH_FACTOR
+from sdp_vs_penalty.problem.constants import (
+    DEFAULT_LINK_MASS,
+    DEFAULT_RADIUS,
+    DEFAULT_REACH_FACTOR,
+    FAR_MASS,
+)
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, or_one
@@ -33,38 +38,33 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
 @dataclass(frozen=True)
-class CentreOfMassCone:
-    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]."""
+class CentreOfMassCone(Plain):
+    """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]; link : from 1,
+    axis : "x", "y" or "z", as in problem.toml and model.json."""
 
-    link: int  # from 0
-    axis: int
+    link: int
+    axis: str
     radius: float
     slope: float
 
     def __post_init__(self) -> None:
-        if self.axis not in (0, 1, 2) or not np.all(np.isfinite([self.radius, self.slope])):
-            raise InputError(f"the centre_of_mass_cone of link {self.link + 1}", "correct its numbers")
+        if self.axis not in ("x", "y", "z"):
+            raise unknown("centre_of_mass_cone axis", self.axis, ("x", "y", "z"))
+        if not np.all(np.isfinite([self.radius, self.slope])):
+            raise InputError(f"the centre_of_mass_cone of link {self.link}", "correct its numbers")
+
+    @property
+    def along(self) -> NDArray[np.bool_]:
+        """(3,) which axis of the link frame is the cone's."""
+        return np.array([axis == self.axis for axis in "xyz"])
 
     def constraint(self, indices: NDArray[np.intp]) -> Constraint:
         """The demand on the link's ten parameters, which sit at ``indices`` of theta."""
-        across = [a for a in range(3) if a != self.axis]
         coefficients = np.zeros((4, 3))
-        coefficients[0, 0], coefficients[1 + self.axis, 0] = self.radius, self.slope
-        coefficients[1 + across[0], 1] = coefficients[1 + across[1], 2] = 1.0
-        who = "centre of mass cone", f"link {self.link + 1}", indices[:4]
+        coefficients[0, 0], coefficients[1:, 0] = self.radius, np.where(self.along, self.slope, 0.0)
+        coefficients[1:, 1:] = np.eye(3)[:, ~self.along]
+        who = "centre of mass cone", f"link {self.link}", indices[:4]
         return build.linear(*who, coefficients, np.zeros(3), "soc")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON, as :meth:`from_dict` reads it: link from 1, axis by its letter."""
-        return {**asdict(self), "link": self.link + 1, "axis": "xyz"[self.axis]}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """As in problem.toml and model.json: link from 1, axis "x", "y" or "z", radius [m], slope."""
-        axis, link = data["axis"], int(data["link"]) - 1
-        if axis not in ("x", "y", "z"):
-            raise unknown("centre_of_mass_cone axis", axis, ("x", "y", "z"))
-        return cls(link, "xyz".index(axis), float(data["radius"]), float(data["slope"]))
 
 
 #: Where the torque is measured, as in problem.toml, and in words; a URDF does not say.
@@ -128,8 +128,8 @@ class Problem(Shown):
         if not low <= high:
             what = f"total_mass has its lower bound {low:g} above its upper {high:g}"
             raise InputError(what, "swap them")
-        for link in (cone.link for cone in self.cones if not 0 <= cone.link < n):
-            what = f"centre_of_mass_cone names link {link + 1}, there are {n}"
+        for link in (cone.link for cone in self.cones if not 1 <= cone.link <= n):
+            what = f"centre_of_mass_cone names link {link}, there are {n}"
             raise InputError(what, "correct the link")
         if self.torque_side not in _TORQUE_SIDES:
             raise unknown("torque_side", self.torque_side, tuple(_TORQUE_SIDES))
@@ -258,10 +258,11 @@ class Problem(Shown):
         """(n, 3) bounds of |c| from the box and the cones [m]; infinite where there is none."""
         com = np.abs(self.box[:, 1:4]).max(axis=2)
         for cone in self.cones:
-            along, across = self.box[cone.link, 1 + cone.axis], np.arange(3) != cone.axis
+            link, across = cone.link - 1, ~cone.along
+            (along,) = self.box[link, 1:4][cone.along]
             if np.all(np.isfinite(along)) or cone.slope == 0.0:
                 widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
-                com[cone.link, across] = np.minimum(com[cone.link, across], widest)
+                com[link, across] = np.minimum(com[link, across], widest)
         return np.asarray(com)
 
     @cached_property
@@ -294,7 +295,7 @@ class Problem(Shown):
             coefficients[0] = -signs * box[1 + axes, ends]
             coefficients[1 + axes, np.arange(k)] = signs
             out.append(build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(k)))
-        out += [cone.constraint(indices) for cone in self.cones if cone.link == link]
+        out += [cone.constraint(indices) for cone in self.cones if cone.link == link + 1]
         if self._boxed[link]:
             # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <= upper.
             square = com**2
@@ -318,7 +319,7 @@ def open_box(links: int, mass: float = 0.0) -> Array:
 
 def default_mass(given: Array) -> Array:
     """Upper bound of links' masses where none is published: a file's own mass, with room."""
-    return np.maximum(DEFAULT_LINK_MASS[1], 3.0 * given)
+    return np.maximum(DEFAULT_LINK_MASS[1], FAR_MASS * given)
 
 
 def _interval(lower: float, upper: float) -> tuple[Array, Array]:

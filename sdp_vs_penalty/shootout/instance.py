@@ -185,7 +185,7 @@ def shape_cones(task: Task) -> list[Constraint]:
         m, mx, my, mz = task.nominal[indices[:4]]
         centre, slope = np.array([mx, my, mz]) / m, 0.3
         radius = 1.2 * float(np.hypot(*centre[:2])) + 0.02 - slope * min(centre[2], 0.0)
-        out.append(CentreOfMassCone(k, 2, radius, slope).constraint(indices))
+        out.append(CentreOfMassCone(k + 1, "z", radius, slope).constraint(indices))
     return out
 
 

@@ -133,9 +133,10 @@ def _link(problem: Problem, number: int, link: Link, thickness: float) -> list[A
         if np.isfinite(upper):
             out.append(link.h[axis] <= upper * link.mass)
     for cone in problem.cones:
-        if cone.link == number:
-            across = [a for a in range(3) if a != cone.axis]
-            radius = cone.radius * link.mass + cone.slope * link.h[cone.axis]
+        if cone.link == number + 1:
+            along = "xyz".index(cone.axis)
+            across = [a for a in range(3) if a != along]
+            radius = cone.radius * link.mass + cone.slope * link.h[along]
             out.append(cp.norm(cp.hstack([link.h[a] for a in across])) <= radius)
     if problem._boxed[number]:
         for axis, entry in enumerate((4, 6, 9)):

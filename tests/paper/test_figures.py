@@ -72,7 +72,7 @@ def test_other_numbers_are_refused_before_anything_is_made(
 
 def test_a_shape_without_volume_is_refused(two_link: Problem) -> None:
     flat = tuple(
-        replace(cone, radius=0.0, slope=0.0) if cone.link == 1 else cone for cone in two_link.cones
+        replace(cone, radius=0.0, slope=0.0) if cone.link == 2 else cone for cone in two_link.cones
     )
     with pytest.raises(InputError, match="link 2: its shape has no volume"):
         drawn.radius_profile(replace(two_link, cones=flat), 1)

@@ -289,5 +289,5 @@ def test_a_cone_bounds_a_centre_of_mass_where_it_ends(ends, across):
     problem = open_problem(Robot("one", (joint,)), np.zeros((1, 10)))
     box = problem.box.copy()
     box[0, 3] = ends
-    made = replace(problem, box=box, cones=(CentreOfMassCone(0, 2, 0.1, 0.3),))
+    made = replace(problem, box=box, cones=(CentreOfMassCone(1, "z", 0.1, 0.3),))
     np.testing.assert_allclose(made.centre_boxes[0, :2], [[-across, across]] * 2)

@@ -63,13 +63,13 @@ def radius_profile(problem: Problem, link: int, slices: int = 60) -> tuple[int, 
 
     Raises InputError for a shape without volume: no radius is positive anywhere in its range.
     """
-    cones = [c for c in problem.cones if c.link == link]
+    cones = [c for c in problem.cones if c.link == link + 1]
     if not cones:
         raise InputError(
             f"link {link + 1}: the problem gives it no shape to draw",
             "give it bounds on its centre of mass",
         )
-    along = cones[0].axis
+    along = "xyz".index(cones[0].axis)
     low, high = problem.box[link, 1 + along]
     x = np.linspace(low, high, slices)
     radius = np.min([c.radius + c.slope * x for c in cones], axis=0)
