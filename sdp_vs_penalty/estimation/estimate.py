@@ -94,8 +94,8 @@ class Estimate(Shown):
     @property
     def unweighed(self) -> str:
         """A sentence about links whose mass the data do not determine, "" where they determine all."""
-        first, masses = self.model.rigid_indices[::10], self.links[:, 0]
-        links = [i for i, k in enumerate(first) if self.sources[k] not in ("data", "given")]
+        first, masses, sources = self.model.rigid_indices[::10], self.links[:, 0], self.sources
+        links = [i for i, k in enumerate(first) if sources[k] not in ("data", "given")]
         if not links:
             return ""
         nominal = self.nominal[first]
@@ -104,7 +104,7 @@ class Estimate(Shown):
         numbers = "s" * (len(links) > 1) + " " + formatting.words([i + 1 for i in links])
         said = (
             f"the data do not determine the mass of link{numbers}, only sums with others; the value "
-            f"comes from the {self.sources[first[links[0]]]}"
+            f"comes from the {sources[first[links[0]]]}"
         )
         if np.any(self.problem.guessed_links[links]):
             said += ", drawn to lengths, sizes and torque, not measured: no file states it"
@@ -169,10 +169,9 @@ class Estimate(Shown):
         for e in self.model.effects if t is None else ():
             if e.has_memory or any(s.role == "clock" for s in e.shapes.values()):
                 raise InputError(f"predict(): {e.name} depends on time", "pass t, (N,) in seconds")
-        rows = len(states[0])
-        times = np.zeros(rows) if t is None else np.asarray(t, float)
-        if times.shape != (rows,):
-            what = f"predict(t=...): shape {times.shape}, but q has {rows} rows"
+        times = np.zeros(len(states[0])) if t is None else np.asarray(t, float)
+        if times.shape != (len(states[0]),):
+            what = f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows"
             raise InputError(what, "give one time a row")
         return self.torque(Motion(times, states[0], states[1], states[2]))
 
@@ -182,17 +181,16 @@ class Estimate(Shown):
         axes : one for each effect (default: a new figure); returns them.
         Raises InputError without matplotlib (extra [plot]).
         """
-        shown: dict[str, list[int]] = {}
-        for k, p in enumerate(self.model.parameters):
-            if p.effect != "rigid_body" or p.name.removeprefix("m").isdigit():
-                shown.setdefault(p.effect, []).append(k)
+        table = self.to_frame()
+        mass = table.index.str.fullmatch("m[0-9]+")
+        shown = table[(table["effect"] != "rigid_body") | mass].groupby("effect", sort=False)
         size = (3.0 * len(shown), 2.6)
         panels = np.atleast_1d(formatting.axes(axes, 1, len(shown), figsize=size, layout="constrained"))
-        for panel, (effect, indices) in zip(panels, shown.items(), strict=False):
-            own = [self.model.parameters[k] for k in indices]
-            spread = 2.0 * np.nan_to_num(self.standard_deviations[indices])
-            panel.bar([p.name for p in own], self.theta[indices], yerr=spread, capsize=2)
-            panel.set(title=effect, ylabel=f"[{own[0].unit}]")
+        for panel, (effect, own) in zip(panels, shown, strict=False):
+            panel.bar(
+                own.index, own["value"], yerr=2.0 * own["std"].astype(float).fillna(0.0), capsize=2
+            )
+            panel.set(title=effect, ylabel=f"[{own['unit'].iloc[0]}]")
             panel.tick_params(axis="x", labelrotation=90)
         return panels
 

@@ -96,12 +96,12 @@ class Limits:
 
     def __post_init__(self) -> None:
         rows = np.column_stack([self.lower, self.upper, self.velocity, self.acceleration])
-        for j, (low, high, v, a) in enumerate(rows.tolist()):
+        for j, (low, high, v, a) in enumerate(rows.tolist(), start=1):
             if not -np.inf < low < high < np.inf:
-                what = f"joint {j + 1}: no trajectory fits between {low:g} and {high:g}"
+                what = f"joint {j}: no trajectory fits between {low:g} and {high:g}"
                 raise InputError(what, "give finite limits, the lower below the upper")
             if not (0.0 < v < np.inf and 0.0 < a < np.inf):
-                what = f"joint {j + 1}: velocity limit {v:g} or acceleration limit {a:g} is not above 0"
+                what = f"joint {j}: velocity limit {v:g} or acceleration limit {a:g} is not above 0"
                 raise InputError(what, "correct it")
 
     @property
@@ -184,9 +184,8 @@ def excite(
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)
-    return optimised(
-        Regressor.of(problem, effects), bounds, start, objective, iterations, progress=progress
-    )
+    posed = Regressor.of(problem, effects), bounds, start
+    return optimised(*posed, objective, iterations, progress=progress)
 
 
 def optimised(

@@ -18,6 +18,7 @@ joints together, the start of the convex problem that is posed
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,14 +34,7 @@ from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.constants import (
-    GAIN_PRIOR,
-    LEVEL,
-    LOAD_REACH,
-    MOTOR_ALIKE,
-    NORMAL_95,
-    SCALE_TOLD,
-)
+from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
 from sdp_vs_penalty.estimation.sandwich import sandwich, stretched, white_variance
 from sdp_vs_penalty.estimators.estimator import joint_weights
@@ -59,13 +53,11 @@ def parsed_known_load(text: str) -> tuple[Path, float]:
     (PosixPath('load.csv'), 2.805)
     """
     name, _, mass = text.removeprefix("mass=").rpartition(":")
-    try:
+    with suppress(ValueError):
         if name:
             return Path(name), float(mass)
-        raise ValueError(text)
-    except ValueError:
-        remedy = "write the run with the load and its mass in kg, load.csv:2.805"
-        raise InputError(f"--known-load {text!r}", remedy) from None
+    remedy = "write the run with the load and its mass in kg, load.csv:2.805"
+    raise InputError(f"--known-load {text!r}", remedy)
 
 
 def independent_gains(uncertainty: float | Array, joints: int) -> Array:
@@ -107,11 +99,12 @@ def gains_from_loads(
     bare = replace(model.reference_free, gains=None)
     with_load = replace(bare, effects=(*bare.effects, payload))
     parts = [(compress(measurements, bare, settings), 0.0)]
-    for runs, mass in _loaded(loads, model.robot):
-        parts.append((compress(runs, with_load, settings), mass))
+    parts += [(compress(x, with_load, settings), mass) for x, mass in _loaded(loads, model.robot)]
     p, n = len(bare.parameters), model.robot.n
-    load = [mass * reach for _, mass in parts[1:] for reach in (*[LOAD_REACH] * 3, *[LOAD_REACH**2] * 6)]
-    scale = np.concatenate([np.full(p, np.inf), load, np.full(n, prior or GAIN_PRIOR)])
+    load = [
+        mass * reach for _, mass in parts[1:] for reach in (*[c.LOAD_REACH] * 3, *[c.LOAD_REACH**2] * 6)
+    ]
+    scale = np.concatenate([np.full(p, np.inf), load, np.full(n, prior or c.GAIN_PRIOR)])
     log_gain, weights, x = np.zeros(n), np.ones(n), np.zeros(len(scale))
     for step in range(50):
         linear = _linearised(parts, p, x, log_gain)
@@ -126,7 +119,7 @@ def gains_from_loads(
         elif np.abs(moved).max() < 1e-9:
             break
     known = sandwich(_linearised(parts, p, x, log_gain), weights, scale)
-    std = known.half_widths(np.eye(len(scale))[-n:], LEVEL) / NORMAL_95
+    std = known.half_widths(np.eye(len(scale))[-n:], c.LEVEL) / c.NORMAL_95
     return np.exp(log_gain), stretched(known.factor[-n:], std)
 
 
@@ -211,9 +204,8 @@ def parsed_known(text: str) -> dict[str, float]:
     >>> parsed_known("kp2=600")
     {'kp2': 600.0}
     """
-    found = {
-        name: numbers("--known", x, 1)[0] for name, x in (pairs("--known", text or None) or {}).items()
-    }
+    given = pairs("--known", text or None) or {}
+    found = {name: numbers("--known", x, 1)[0] for name, x in given.items()}
     for name, value in found.items():
         if not 0.0 < abs(value) < np.inf:
             raise InputError(f"--known {name}={value:g} is no scale", "give a value that is not zero")
@@ -262,13 +254,12 @@ def _factor_of_known(
     told, share = regression.keeping(free).least_squares(), np.ones(len(names))
     share[free] = told.own_torque / or_one(told.column_norms)
     for name in known:
-        wrong = ""
+        wrong = "the model has no such parameter"
         if name.startswith("total"):
             wrong = "the first link's mass makes no torque, so a total is no scale"
-        elif name not in names:
-            wrong = "the model has no such parameter"
-        elif share[names.index(name)] <= SCALE_TOLD or theta[names.index(name)] == 0.0:
-            wrong = "motion shows it only in sums with others, so it sets no scale"
+        elif name in names:
+            seen = share[names.index(name)] > c.SCALE_TOLD and theta[names.index(name)] != 0.0
+            wrong = "" if seen else "motion shows it only in sums with others, so it sets no scale"
         if wrong:
             raise InputError(f"--known {name}: {wrong}", _SCALES)
     name, value = next(iter(known.items()))
@@ -303,7 +294,7 @@ def _factor_of_motors(
             raise InputError(what, "log it", data.names[0])
         x, y = filtered(replace(made, tau=constant * data.groups[column]), j), filtered(made, j)
         across = float(x @ y)
-        if across < MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
+        if across < c.MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
             what = f"{column}{j + 1} is not what this servo makes of its error"
             raise InputError(what, "check its sign and joint")
         shares.append(float(x @ x) / across)
@@ -323,7 +314,7 @@ def _factor_of_loads(
         data = left.least_squares()
         data = left.least_squares(joint_weights(left, smallest(data.R, data.rho)))
         x = smallest(data.R, data.rho)
-        if data.own_torque[0] <= SCALE_TOLD * data.column_norms[0] or x[0] <= 0.0:
+        if data.own_torque[0] <= c.SCALE_TOLD * data.column_norms[0] or x[0] <= 0.0:
             what = f"--known-load: these runs do not show {mass:g} kg"
             raise InputError(what, "move the joints that lift the load")
         variance = left.oversampling * data.loss(x) / max(data.rows, 1)

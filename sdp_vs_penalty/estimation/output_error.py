@@ -112,17 +112,20 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
     courses = [c for run in measurements.runs() for c in courses_of(run, start, plant, _WINDOWS[-1])]
     size = np.concatenate([c.states.q for c in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
+
+    def rms(errors: Array) -> float:
+        """Of errors over the motion's size (R,), in rad or m."""
+        return _rms(errors.reshape(-1, len(size)) * size)
+
     directions = visible(task.data.R)[1] * np.sqrt(task.data.loss(task.ols) / task.data.rows)
     theta, error = start.theta, _errors(plant, windows, size)[0]
     begin = error
     for k in range(12):
-        task.progress(f"output error, step {k + 1}: {1e3 * _rms(error * size):.4g} thousandths")
+        task.progress(f"output error, step {k + 1}: {1e3 * rms(error):.4g} thousandths")
         # The simulation's errors as least squares in theta, in units of the torque's variance.
         found = _errors(Plant(model, np.vstack([theta, theta + _SLOPE * directions.T])), windows, size)
         slopes = (found[1:] - found[0]).T / _SLOPE
-        rows = slopes @ np.linalg.pinv(
-            directions
-        )  # d theta = directions x has x = pinv(directions) d theta
+        rows = slopes @ np.linalg.pinv(directions)  # d theta = directions x
         scale = np.sqrt(task.data.loss(task.ols) / task.data.rows / np.mean(found[0] ** 2))
         both = scale * np.column_stack([rows, rows @ theta - found[0]])
         linearised = replace(task, data=LeastSquares.stacked([both], len(both)))
@@ -134,7 +137,7 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
             break
         theta, error = tried[best], errors[best]
     fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
-    fit.details["simulation_rms"] = [_rms(begin * size), _rms(error * size)]
+    fit.details["simulation_rms"] = [rms(begin), rms(error)]
     return replace(posed, task=linearised), fit
 
 

@@ -140,9 +140,8 @@ class Hypotheses:
         first, last = np.log([1e-3, 1e7])
         if short(last) < 0.0:
             return float("inf")
-        return float(
-            np.exp(first if short(first) >= 0.0 else optimize.brentq(short, first, last, xtol=1e-4))
-        )
+        found = first if short(first) >= 0.0 else optimize.brentq(short, first, last, xtol=1e-4)
+        return float(np.exp(found))
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:
@@ -227,10 +226,8 @@ def separate(
             progress(f"separating: {k + 1} of {iterations} changes, delta {best[0] ** 0.5:.2f}")
     value, trajectory, _ = best
     if trajectory is None:
-        raise InputError(
-            "no motion from point to point keeps the limits",
-            "widen the limits of position or torque, or lengthen the motion with --duration",
-        )
+        remedy = "widen the limits of position or torque, or lengthen the motion with --duration"
+        raise InputError("no motion from point to point keeps the limits", remedy)
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
     default = float(np.median([told.distance(told.motion(s, duration)) for s in usual]))
     right, seconds = ([of(x, duration) for x in (value, default)] for of in (told.right, told.needed))

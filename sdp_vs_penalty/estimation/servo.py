@@ -24,15 +24,7 @@ from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.servo import LATEST
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.constants import (
-    COMMAND_HARMONICS,
-    DELAY_REACH,
-    FEWER_GAINS,
-    SEEN_DELAY,
-    SHAPE_FOLDS,
-    SIMULATIONS,
-    TURNS,
-)
+from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
 from sdp_vs_penalty.estimation.known_load import balanced, with_scale
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
@@ -73,16 +65,13 @@ class _Terms(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"term{m}_{j}", "", self.name, j + 1)
-            for j in self.joints
-            for m in range(self.count)
-        )
+        names = [(f"term{m}_{j}", j + 1) for j in self.joints for m in range(self.count)]
+        return tuple(Parameter(name, "", self.name, joint) for name, joint in names)
 
     def blocks(self, motion: Motion) -> list[Block]:
-        c, t = motion.told, motion.t - self.T
-        rate = c.velocity(t)
-        terms = (c.position(t), rate, np.gradient(rate, motion.t, axis=0), c.integral(t))
+        told, t = motion.told, motion.t - self.T
+        rate = told.velocity(t)
+        terms = (told.position(t), rate, np.gradient(rate, motion.t, axis=0), told.integral(t))
         every = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
         own = np.arange(self.count)
         return [Block(j, own + self.count * j, every[:, j]) for j in self.joints]
@@ -122,7 +111,7 @@ def find_law(
     wide: list[Effect] = []
     for e in load:
         free = "v_s" in e.shapes and "v_s" not in e.given
-        wide += [e.with_shape(v_s=v) for v in TURNS] if free else [e]
+        wide += [e.with_shape(v_s=v) for v in c.TURNS] if free else [e]
     if not any(e.name == "torque_offset" for e in load):
         wide.append(effect_types()["torque_offset"](load[0].robot))
     about = delay or 0.0
@@ -133,12 +122,12 @@ def find_law(
         best = min(scores, key=lambda name: float(scores[name].mean()))
         for name in names:
             more = scores[name] - scores[best]
-            if more.mean() <= max(2.0 * np.log(FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))):
+            if more.mean() <= max(2.0 * np.log(c.FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))):
                 break
         found = about + late[name]
-        if abs(late[name]) < 0.95 * DELAY_REACH or found > 0.95 * LATEST:
+        if abs(late[name]) < 0.95 * c.DELAY_REACH or found > 0.95 * LATEST:
             without = float(np.mean(_score(first, name, 0.0) - scores[name]))
-            found = found if delay is not None or without > 2.0 * np.log(SEEN_DELAY) else 0.0
+            found = found if delay is not None or without > 2.0 * np.log(c.SEEN_DELAY) else 0.0
             ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
             return name, found, ratios
         about = found
@@ -151,13 +140,13 @@ def _joints(
     """Of each joint, about a delay T."""
     robot = load[0].robot
     model = Model(robot, (*load, _Terms(robot, T)), changes=True)
-    split = phase_folds(data, settings, SHAPE_FOLDS)
+    split = phase_folds(data, settings, c.SHAPE_FOLDS)
     cells = compress_cells(data, model, settings, split)
     out = []
     for joint in range(robot.n):
         every = {f.block: f.triangle[:, :-1] for f in cells.factors if f.joint == joint}
         folds = []
-        for fold in range(SHAPE_FOLDS):
+        for fold in range(c.SHAPE_FOLDS):
             train = [every[b] for b in split.training(fold) if b in every]
             test = [every[b] for b in split.tested(fold) if b in every]
             if train and test:
@@ -189,7 +178,7 @@ def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
         each = [np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints]
         return float(np.sum(np.log(or_least(each))))
 
-    ends = max(-DELAY_REACH, -about), min(DELAY_REACH, LATEST - about)
+    ends = max(-c.DELAY_REACH, -about), min(c.DELAY_REACH, LATEST - about)
     return float(minimize_scalar(left, bounds=ends, method="bounded").x)
 
 
@@ -207,7 +196,7 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     least = None
     if settings.state_cutoff is None and "qcmd" in data.groups:
         told = [replace(run, q=run.commanded["qcmd"]) for run in data.runs()]
-        least = COMMAND_HARMONICS * max(highest_harmonic(run) for run in told)
+        least = c.COMMAND_HARMONICS * max(highest_harmonic(run) for run in told)
     return settings.resolve(data, least)
 
 
@@ -234,9 +223,8 @@ def servo_log(
     Raises InputError for a log without commands, and for a scale that is none.
     """
     if "qcmd" not in data.groups:
-        raise InputError(
-            "this log holds neither torque nor commands", "log tau1..taun or qcmd1..qcmdn", data.names[0]
-        )
+        what = "this log holds neither torque nor commands"
+        raise InputError(what, "log tau1..taun or qcmd1..qcmdn", data.names[0])
     drives = [e for e in effects if e.forward == "drive"]
     load = tuple(e for e in effects if e.forward != "drive")
     if not drives:  # kd and viscous friction have one column: kd is their sum
@@ -274,14 +262,12 @@ def servo_log(
     # Where all position gains are given, errors stand for a torque, of which shape constants are.
     errors_of = zip(model.error_gains, model.reference[list(model.error_gains)].tolist(), strict=True)
     stated = replace(model, known={model.parameters[k].name: x for k, x in errors_of})
-    shapes = estimate_shapes(stated, data, settings, weighting, widest=TURNS[-1])
+    shapes = estimate_shapes(stated, data, settings, weighting, widest=c.TURNS[-1])
     load = tuple(with_shapes(load, shapes))
     model = balanced_at(delay)
-    for k in range(SIMULATIONS if instruments else 1):
+    for k in range(c.SIMULATIONS if instruments else 1):
         better = model
-        if (
-            given is None and delay > 0.0
-        ):  # a step of Gauss and Newton, in which joints share their links
+        if given is None and delay > 0.0:  # a step of Gauss-Newton, in which joints share their links
             assert model.reference is not None
             wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
             (drive,) = (e for e in model.effects if e.position_gains)
@@ -295,11 +281,11 @@ def servo_log(
                 apart = np.sqrt(np.mean((simulated.commanded["qsim"] - data.q) ** 2, axis=0))
             error = float(np.mean(np.log(or_least(apart))))
             before, least = least, min(error, least)
-            if not error < before + np.log(FEWER_GAINS):
+            if not error < before + np.log(c.FEWER_GAINS):
                 break
             used, rows, motion = rows, simulated, apart
         model = better
-        if instruments and error > before - np.log(FEWER_GAINS):
+        if instruments and error > before - np.log(c.FEWER_GAINS):
             break
     model, scale = with_scale(model, data, settings, known, loads)
     details = {

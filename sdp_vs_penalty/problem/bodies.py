@@ -14,10 +14,10 @@ import numpy as np
 from sdp_vs_penalty.problem.constants import (
     ACTUATOR,
     DEFAULT_DENSITY,
-    DEFAULT_LINK_MASS,
     DEFAULT_RADIUS,
     HOLDING,
     INERTIAL_MARGIN,
+    LARGEST,
     POWER,
     TUBE,
 )
@@ -162,7 +162,7 @@ def _actuators(robot: Robot) -> Array:
     turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
     if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
         torque = limits
-    return np.where(turning, np.minimum(ACTUATOR * torque**POWER, DEFAULT_LINK_MASS[1]), 0.0)
+    return np.where(turning, ACTUATOR * np.minimum(torque, LARGEST) ** POWER, 0.0)
 
 
 def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
