@@ -42,18 +42,16 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
             if limited and max(joint.lower - low, high - joint.upper) > most:
                 worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
                 unit, units = ("rad", "degrees to radians") if turns else ("m", "millimetres to metres")
-                raise InputError(
-                    f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range of "
-                    f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})",
-                    f"convert {units}{motors}, or choose the problem that belongs to this file",
-                )
+                span = f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
+                what = f"column q{j + 1}: {q[worst]:.6g} is far outside the range of {span}"
+                remedy = f"convert {units}{motors}, or choose the problem that belongs to this file"
+                raise InputError(f"{_place(run, worst)}, {what}", remedy)
             # A motion to and fro over many turns, not a shaft that goes on turning.
             if not limited and turns and travel > 8.0 * math.tau and abs(q[-1] - q[0]) < 0.5 * travel:
-                raise InputError(
-                    f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}: joint {j + 1} swings "
-                    f"through {travel / math.tau:.0f} turns: positions look like degrees",
-                    f"convert to radians{motors}",
-                )
+                where = f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}"
+                what = f"joint {j + 1} swings through {travel / math.tau:.0f} turns"
+                what += ": positions look like degrees"
+                raise InputError(what, f"convert to radians{motors}", where)
 
 
 def _place(run: Measurements, k: int) -> str:

@@ -88,11 +88,9 @@ def driven(estimate: Estimate, measurements: Measurements) -> tuple[Estimate, Me
     if measurements.torque_logged:
         return (plant(estimate) if estimate.model.drives.any() else estimate), measurements
     if not estimate.model.drives.any():
-        raise InputError(
-            "this log holds no torque, and the model no servo that would stand for it",
-            "identify from a log with commands, or name one with torque",
-            measurements.names[0],
-        )
+        what = "this log holds no torque, and the model no servo that would stand for it"
+        remedy = "identify from a log with commands, or name one with torque"
+        raise InputError(what, remedy, measurements.names[0])
     return plant(estimate), with_drive_torque(estimate.model, estimate.theta, measurements)
 
 

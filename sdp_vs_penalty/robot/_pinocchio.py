@@ -9,17 +9,15 @@ from sdp_vs_penalty.errors import InputError
 try:
     import pinocchio
 except ImportError as error:
-    raise InputError(
-        f"Pinocchio cannot be imported ({error})",
-        "run `pip install 'pin>=4,<5'` (PyPI's `pinocchio` is another package; uninstall it)",
-    ) from error
+    what = f"Pinocchio cannot be imported ({error})"
+    remedy = "run `pip install 'pin>=4,<5'` (PyPI's `pinocchio` is another package; uninstall it)"
+    raise InputError(what, remedy) from error
 
 _where = getattr(pinocchio, "__file__", None) or "a namespace package"
 if not hasattr(pinocchio, "computeJointTorqueRegressor"):
-    raise InputError(
-        f"`import pinocchio` finds {_where}, which is not the robotics library",
-        "run `pip uninstall pinocchio`, then `pip install --force-reinstall 'pin>=4,<5'`",
-    )
+    what = f"`import pinocchio` finds {_where}, which is not the robotics library"
+    remedy = "run `pip uninstall pinocchio`, then `pip install --force-reinstall 'pin>=4,<5'`"
+    raise InputError(what, remedy)
 if not pinocchio.__version__.startswith("4."):
     raise InputError(
         f"`import pinocchio` finds version {pinocchio.__version__} in {_where}, 4.x is needed",

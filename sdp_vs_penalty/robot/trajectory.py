@@ -46,11 +46,9 @@ class FourierTrajectory:
 
     def __post_init__(self) -> None:
         if self.blend <= 0.0 or self.duration <= 2.0 * self.blend or self.frequency <= 0.0:
-            raise InputError(
-                f"trajectory: blend {self.blend:g} s, duration {self.duration:g} s and frequency "
-                f"{self.frequency:g} rad/s do not fit",
-                "make all positive, and the duration above twice the blend",
-            )
+            each = f"blend {self.blend:g} s, duration {self.duration:g} s"
+            what = f"trajectory: {each} and frequency {self.frequency:g} rad/s do not fit"
+            raise InputError(what, "make all positive, and the duration above twice the blend")
 
     @property
     def start(self) -> Array:

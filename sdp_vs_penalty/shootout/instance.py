@@ -205,9 +205,8 @@ def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
     """The real identification run of a robot up to ``stop`` [s] of motion; InputError without it."""
     runs = measured_runs(problem.name)
     if not runs:
-        raise InputError(
-            f"The measurements of {problem.name} are absent", "name their folder in SDP_VS_PENALTY_DATA"
-        )
+        what = f"The measurements of {problem.name} are absent"
+        raise InputError(what, "name their folder in SDP_VS_PENALTY_DATA")
     return _part(replace(next(iter(runs.values())), dq=None), problem, stop)
 
 

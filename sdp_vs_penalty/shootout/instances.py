@@ -236,10 +236,9 @@ def selected(
     known = list(dict.fromkeys(e.group for e in there))
     for group in groups:
         if group not in known and all(group != e.name for e in there):
-            raise InputError(
-                f"--problems {group!r} is unknown",
-                f"choose from {', '.join(known)} and the names of `sdp-vs-penalty shootout --list`",
-            )
+            what = f"--problems {group!r} is unknown"
+            remedy = f"choose from {', '.join(known)} and the names of `sdp-vs-penalty shootout --list`"
+            raise InputError(what, remedy)
     chosen = [e for e in there if (e.group in groups and (e.quick or not quick)) or e.name in groups]
     here = real_data_folder() is not None
     return [e for e in chosen if here or not e.measured], [e for e in chosen if e.measured and not here]

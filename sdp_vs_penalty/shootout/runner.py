@@ -56,9 +56,8 @@ class Results:
         elif folder.is_dir() and any(
             not p.name.startswith((".", "references.json")) for p in folder.iterdir()
         ):
-            raise InputError(
-                "holds other files and no runs.csv", "give --out an empty or a new folder", folder
-            )
+            what = "holds other files and no runs.csv"
+            raise InputError(what, "give --out an empty or a new folder", folder)
         else:
             self._write(pandas.DataFrame(columns=list(COLUMNS)).astype(COLUMNS))
 
@@ -81,18 +80,14 @@ class Results:
 def _read(path: Path) -> pandas.DataFrame:
     text = read_text(path, own=True)
     if (head := text.partition("\n")[0].strip()) != ",".join(COLUMNS):
-        raise InputError(
-            f"holds the results of something else (its columns are {head[:60]}...)",
-            "give --out another folder",
-            path,
-        )
+        what = f"holds the results of something else (its columns are {head[:60]}...)"
+        raise InputError(what, "give --out another folder", path)
     try:
         # As text first: an empty cell is no number, and "None" or "nan" are texts.
         return pandas.read_csv(io.StringIO(text), dtype=str, keep_default_na=False).astype(COLUMNS)
     except ValueError as error:
-        raise InputError(
-            f"a row is damaged ({error})", "delete it, and its run is done again", path
-        ) from None
+        remedy = "delete it, and its run is done again"
+        raise InputError(f"a row is damaged ({error})", remedy, path) from None
 
 
 @dataclass(frozen=True)
@@ -194,9 +189,8 @@ class Shootout:
 
     def __post_init__(self) -> None:
         if not self.accuracies or any(not 1e-14 < a < 1.0 for a in self.accuracies):
-            raise InputError(
-                "--accuracy takes numbers between 1e-14 and 1", "separate them by commas: 1e-4,1e-8"
-            )
+            what = "--accuracy takes numbers between 1e-14 and 1"
+            raise InputError(what, "separate them by commas: 1e-4,1e-8")
         if not self.time_limit > 0.0 or not self.memory > 0.0:
             raise InputError("--time-limit or --memory is not above 0", "correct it")
         if not hasattr(os, "fork"):
@@ -269,10 +263,8 @@ def _references(
     say("proving intervals", 0, len(tasks))
     for done, (task, (reply,)) in enumerate(spread(perform, tasks, setup.scheduler, jobs), start=1):
         if "error" in reply:
-            raise InputError(
-                f"instance {task.problem!r} cannot be used: {reply['error']}",
-                "leave it out of --problems",
-            )
+            what = f"instance {task.problem!r} cannot be used: {reply['error']}"
+            raise InputError(what, "leave it out of --problems")
         known[task.problem] = reply
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
         say(f"proving intervals: {task.problem}", done, len(tasks))

@@ -65,10 +65,8 @@ class Sensor:
     def __post_init__(self) -> None:
         for row in self.poles:
             if np.any(np.abs(np.roots(row)) >= 1.0):
-                raise InputError(
-                    "sensor: the coefficients of the torque noise describe no stable process",
-                    "make its poles smaller than 1",
-                )
+                what = "sensor: the coefficients of the torque noise describe no stable process"
+                raise InputError(what, "make its poles smaller than 1")
 
     @property
     def poles(self) -> Array:

@@ -204,11 +204,9 @@ def follow(
         estimate, runs = driven(estimate, runs)
     plant = Plant(estimate.model, estimate.theta)
     if not plant.can_move:
-        raise InputError(
-            "M(q) is not positive definite: this arm would accelerate against the torque",
-            "identify with a method that imposes consistency (lmi-sdp, penalty)",
-            f"model {estimate.problem.name}",
-        )
+        what = "M(q) is not positive definite: this arm would accelerate against the torque"
+        remedy = "identify with a method that imposes consistency (lmi-sdp, penalty)"
+        raise InputError(what, remedy, f"model {estimate.problem.name}")
     courses = [c for run in runs.runs() for c in courses_of(run, estimate, plant, 2.0 * horizon)]
     loop = (plant, 2.0 * np.pi * bandwidth) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
