@@ -35,10 +35,10 @@ def link_geometry(path: str | Path) -> list[Geometry | None]:
     """
     out: list[Geometry | None] = []
     for found in _link_shapes(Path(path)):
-        cloud = np.concatenate([np.zeros((0, 3)), *(s.points for part in found for s in part or [])])
+        every = [shape for part in found for shape in part or []]
+        cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in every)])
         known = len(cloud) and None not in found
-        volume = sum(s.volume for part in found for s in part or [])
-        out.append(Geometry(cloud, volume) if known else None)
+        out.append(Geometry(cloud, sum(shape.volume for shape in every)) if known else None)
     return out
 
 
@@ -101,12 +101,8 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
         touch.append([r.isCollision() for r in placed.collisionResults])
     for k in np.flatnonzero(np.all(touch, axis=0)):
         geometry.removeCollisionPair(pairs[k])
-    placed = geometry.createData()
-    return (
-        (lambda q: not any(touching(row, placed, True) for row in q))
-        if len(geometry.collisionPairs)
-        else None
-    )
+    placed, left = geometry.createData(), len(geometry.collisionPairs)
+    return (lambda q: not any(touching(row, placed, True) for row in q)) if left else None
 
 
 def _link_shapes(path: Path) -> list[list[list[Geometry] | None]]:

@@ -44,9 +44,9 @@ class Joint(Plain):
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f"a joint's name is {self.name!r}", "give it as text")
-        for name, shape in (("placement", (4, 4)), ("axis", (3,)), ("link_frame", (4, 4))):
-            check_finite(f"joint {self.name}: {name}", getattr(self, name), shape)
         who = f"joint {self.name}"
+        for name, shape in (("placement", (4, 4)), ("axis", (3,)), ("link_frame", (4, 4))):
+            check_finite(f"{who}: {name}", getattr(self, name), shape)
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(f"{who}: the axis is no unit vector", "divide it by its length")
         if self.kind not in ("revolute", "prismatic"):
@@ -180,8 +180,8 @@ class Transmission(Plain):
     @property
     def _rows(self) -> tuple[Array, Array]:
         """S, T of channels S q + (offset where they are a motor's), and T tau_m."""
-        at_motor = (np.array(sides)[:, None] == "motor" for sides in (self.positions, self.torques))
-        unit, (positions, torques) = np.eye(self.n), at_motor
+        positions, torques = (np.array([x]).T == "motor" for x in (self.positions, self.torques))
+        unit = np.eye(self.n)
         return np.where(positions, self.matrix, unit), np.where(torques, unit, self.matrix.T)
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:

@@ -84,8 +84,7 @@ class Robot(Plain):
     def couplings(self) -> tuple[Array, ...]:
         """(n,) each axis known to turn with several joints, its first entry 1: motors and followers."""
         rows = [row for part in (self.transmission, self.mechanism) if part for row in part.matrix]
-        several = [row for row in rows if np.count_nonzero(row) > 1]
-        return tuple(row / row[np.flatnonzero(row)[0]] for row in several)
+        return tuple(row / row[row != 0.0][0] for row in rows if np.count_nonzero(row) > 1)
 
     def leader(self, place: int) -> tuple[str, float, float]:
         """Whom a joint of the tree follows, by what multiplier and offset. InputError for several."""
@@ -218,9 +217,8 @@ class Robot(Plain):
             placement = turn @ move  # Rz and Tz commute: the offset along the axis can come first
             if convention == "standard":
                 placement, frame = joints[-1].link_frame if joints else np.eye(4), move @ turn
-            extra = dict(limits[i]) if limits else {}
-            one = Joint(f"joint{i + 1}", "revolute", i - 1, placement, np.eye(3)[2], frame, **extra)
-            joints.append(one)
+            place, extra = (placement, np.eye(3)[2], frame), dict(limits[i]) if limits else {}
+            joints.append(Joint(f"joint{i + 1}", "revolute", i - 1, *place, **extra))
         return cls(name, tuple(joints), tuple(map(float, gravity)))
 
     def _projected(self, torque: Array, columns: bool = False) -> Array:
@@ -307,8 +305,7 @@ class Robot(Plain):
             data = model.createData()
             for k, row in enumerate(zip(*states, strict=True)):
                 derive(model, data, *row)
-                for total, part in zip(out[:, k], (data.dtau_dq, data.dtau_dv, data.M), strict=True):
-                    total += sign * part
+                out[:, k] += sign * np.array([data.dtau_dq, data.dtau_dv, data.M])
         by_q, by_dq, by_ddq = (self._projected(x, True) for x in (*out[:2], _symmetric(out[2])))
         return by_q, by_dq, by_ddq
 

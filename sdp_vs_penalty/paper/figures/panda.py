@@ -143,7 +143,7 @@ def _engines(
 def figure_5(study: Study) -> Any:
     """Torques of physics engines along sinusoidal velocities, and of the identified model."""
     text = "Torques of physics engines on sinusoidal velocities"
-    return _engines(study, lambda run: run.followed.torque, "torque", text, model=True)[0]
+    return _engines(study, lambda run: run.torque, "torque", text, model=True)[0]
 
 
 def figure_6(study: Study) -> Any:
@@ -171,7 +171,7 @@ def figure_7(study: Study) -> Any:
         for run in _present(results):
             for axis, values in zip(axes[:, k], (run.position, run.angle), strict=True):
                 # Errors of position and angle below 1e-16 are rounding and are drawn there [m, rad].
-                t, shown = run.t + 0.5 * run.followed.step, 1e3 * (values + 1e-16)
+                t, shown = run.t + run.t[0], 1e3 * (values + 1e-16)
                 axis.semilogy(t, shown, label=run.engine, **LOOKS[run.engine])
         axes[0, k].set_title(name)
         axes[1, k].set_xlabel("time [s]")

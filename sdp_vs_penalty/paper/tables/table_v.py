@@ -63,7 +63,7 @@ def measured_runs(study: Study) -> list[EngineResult]:
     for k, result in enumerate(out):
         if result.run is not None:
             at = np.column_stack([np.interp(result.run.t, t, column) for column in reference.T])
-            error = result.run.followed.torque - at
+            error = result.run.torque - at
             # From rest to the run's velocity, within the first 0.1 s, is no motion of the robot's.
             out[k] = replace(result, torque_error=error[result.run.t > 0.1])
     return out

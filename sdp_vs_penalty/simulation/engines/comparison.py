@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
-from sdp_vs_penalty.simulation.engines.engine import Engine, Followed
+from sdp_vs_penalty.simulation.engines.engine import Engine
 
 #: q, dq, ddq (M, n) at the instants (M,) [s].
 Course = Callable[[Any], tuple[Array, Array, Array]]
@@ -43,25 +43,22 @@ def sinusoids(robot: Robot, reach: float = 0.9, speed: float = 0.5) -> Course:
 class EngineRun:
     """One engine along one motion, beside the model of the same links.
 
-    t (N,) middle of each step; torque, model (N, n) of the engine and of recursive Newton-Euler;
-    position [m], angle [rad] (N,) : distance and rotation of the last link's joint frame from where
-    the commanded motion puts it, at the end of each step.
+    t (N,) middle of each step [s], of which its torque is the mean; torque, model (N, n) of the engine
+    and of recursive Newton-Euler [N m, N]; position [m], angle [rad] (N,) : distance and rotation of the
+    last link's joint frame from where the commanded motion puts it, at the end of each step.
     """
 
     engine: str
-    followed: Followed
+    t: Array
+    torque: Array
     model: Array
     position: Array
     angle: Array
 
     @property
-    def t(self) -> Array:
-        return self.followed.t
-
-    @property
     def error(self) -> Array:
         """(N, n) torque of the engine less that of the model."""
-        return self.followed.torque - self.model
+        return self.torque - self.model
 
 
 def play(
@@ -77,13 +74,11 @@ def play(
     The velocity commanded for a step is the motion's mean velocity over it, so that an engine that
     obeys ends each step exactly where the motion does.
     """
-    count = round(duration / step)
-    edges = np.arange(count + 1) * step
-    q = motion(edges)[0]
-    followed = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
-    model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(followed.t))
-    position, angle = pose_errors(robot, q[1:], followed.pose)
-    return EngineRun(kind.name, followed, model, position, angle)
+    steps = np.arange(round(duration / step) + 1)
+    q, t = motion(steps * step)[0], np.asarray((steps[:-1] + 0.5) * step, float)
+    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
+    model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
+    return EngineRun(kind.name, t, torque, model, *pose_errors(robot, q[1:], pose))
 
 
 def inverse_dynamics_error(kind: type[Engine], robot: Robot, links: Array) -> float | None:

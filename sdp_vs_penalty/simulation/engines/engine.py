@@ -5,7 +5,6 @@ reaches an engine the way a user would bring it there: as the URDF or MJCF that 
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import ClassVar
 
@@ -19,24 +18,6 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: A motor that always reaches its velocity [N m, N].
 STRONG = 1e6
-
-
-@dataclass(frozen=True)
-class Followed:
-    """What an engine did with velocity commands, over N steps of length h from t = 0.
-
-    torque : (N, n) motor torque over each step [N m, N]; pose : (N, 4, 4) of the last link's joint frame
-    after it.
-    """
-
-    step: float
-    torque: Array
-    pose: Array
-
-    @property
-    def t(self) -> Array:
-        """(N,) middle of each step [s]: what its torque is the mean of."""
-        return np.asarray((np.arange(len(self.torque)) + 0.5) * self.step)
 
 
 class Engine(ABC):
@@ -88,13 +69,17 @@ class Engine(ABC):
         """Of one state (n,)."""
         return None
 
-    def follow(self, start: Array, velocities: Array, step: float) -> Followed:
-        """Drive the joints from rest at ``start`` (n,) at the velocities (N, n), one each step."""
+    def follow(self, start: Array, velocities: Array, step: float) -> tuple[Array, Array]:
+        """Drive the joints from rest at ``start`` (n,) at the velocities (N, n), one each ``step`` [s].
+
+        Returns the motors' torque (N, n) over each step [N m, N], and the pose (N, 4, 4) of the last
+        link's joint frame after it.
+        """
         torque, pose = np.empty_like(velocities), np.tile(np.eye(4), (len(velocities), 1, 1))
         self.begin(start, step)
         for k, velocity in enumerate(velocities):
             torque[k], pose[k, :3, :3], pose[k, :3, 3] = self.stepped(velocity)
-        return Followed(step, torque, pose)
+        return torque, pose
 
     @abstractmethod
     def begin(self, start: Array, step: float) -> None:

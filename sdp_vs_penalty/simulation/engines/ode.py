@@ -17,7 +17,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine, Followed
+from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine
 
 #: dParamVel and dParamFMax of ode/common.h.
 _PARAMETERS = {"velocity": 2, "force": 5}
@@ -109,7 +109,7 @@ class Ode(Engine):
             self.masses.append(mass)
             self.centres[k] = p[1:4]
 
-    def follow(self, start: Array, velocities: Array, step: float) -> Followed:
+    def follow(self, start: Array, velocities: Array, step: float) -> tuple[Array, Array]:
         try:
             return super().follow(start, velocities, step)
         finally:
