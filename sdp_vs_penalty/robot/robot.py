@@ -217,8 +217,9 @@ class Robot(Plain):
             placement = turn @ move  # Rz and Tz commute: the offset along the axis can come first
             if convention == "standard":
                 placement, frame = joints[-1].link_frame if joints else np.eye(4), move @ turn
-            place, extra = (placement, np.eye(3)[2], frame), dict(limits[i]) if limits else {}
-            joints.append(Joint(f"joint{i + 1}", "revolute", i - 1, *place, **extra))
+            extra = dict(limits[i]) if limits else {}
+            one = Joint(f"joint{i + 1}", "revolute", i - 1, placement, np.eye(3)[2], frame, **extra)
+            joints.append(one)
         return cls(name, tuple(joints), tuple(map(float, gravity)))
 
     def _projected(self, torque: Array, columns: bool = False) -> Array:
