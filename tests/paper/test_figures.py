@@ -61,6 +61,15 @@ def test_axes_have_units_and_lines_are_finite(
     assert png.stat().st_size > 20_000
 
 
+def test_errors_are_drawn_beside_the_torques_that_make_them(studies: dict[str, Study]) -> None:
+    axes = FIGURES[9][1](studies["two_link"]).axes
+    for torques, errors in zip(axes[::2], axes[1::2], strict=True):
+        true, *methods = (np.asarray(line.get_ydata(), float) for line in torques.get_lines())
+        assert len(methods) == len(errors.get_lines()) == 2
+        for torque, error in zip(methods, errors.get_lines(), strict=True):
+            np.testing.assert_allclose(error.get_ydata(), 1e3 * (torque - true), atol=1e-9)
+
+
 @pytest.mark.parametrize(("number", "match"), [(4, "photograph"), (11, "choose from 1, 2, 3, 5")])
 def test_other_numbers_are_refused_before_anything_is_made(
     number: int, match: str, tmp_path: Path

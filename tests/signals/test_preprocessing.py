@@ -204,6 +204,9 @@ def test_what_cannot_be_filtered_is_refused():
     model, _, run = model_and_run(seconds=0.5)
     with pytest.raises(InputError, match=r"filters need more than.*record longer"):
         filtered_torque(run, model, Preprocessing(2.0, 4.0))
+    broken = Measurements(run.t + np.arange(len(run.t)) // 10, run.q, run.tau)
+    with pytest.raises(InputError, match="no 16 consecutive ones without a gap"):
+        Preprocessing().resolve(broken)
     still = Measurements(run.t, 0.0 * run.q, run.tau)
     with pytest.raises(InputError, match="does not move"):
         Preprocessing().resolve(still)
