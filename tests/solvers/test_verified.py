@@ -16,6 +16,7 @@ from sdp_vs_penalty.robot import Constraint, ConstraintSet, cone_margin, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import cone_depths, safe_depth
 from sdp_vs_penalty.solvers import Objective, certificate, repair, verified, verify_proof
+from sdp_vs_penalty.solvers.proof import optimum_proof
 
 
 def determinant(matrix: Sequence[Sequence[int]] | Sequence[Sequence[Fraction]]) -> Fraction:
@@ -181,6 +182,16 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
     assert Fraction(lower) <= known.optimum
     if noise == 0.0:  # and it is not merely low
         assert known.optimum - Fraction(lower) <= Fraction(1, 10**12) * (1 + known.optimum)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(seed):
+    known, rng = KnownSdp(seed, 1), np.random.default_rng(seed)
+    near = [s - 1e-9 * rng.random(s.shape) for s in known.multipliers]
+    made = optimum_proof(known.objective, known.constraints, near, known.theta, known.bound)
+    lower, upper = verify_proof.check(made)
+    assert lower <= known.optimum <= upper
+    assert upper - lower <= Fraction(1, 10**6) * (1 + known.optimum)
 
 
 def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible():
