@@ -56,17 +56,14 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
 
 def _moving(run: Measurements) -> NDArray[np.bool_]:
     total = square = steps = np.zeros(run.n)
-    low, high = np.full(run.n, np.inf), np.full(run.n, -np.inf)
     for _, q in parts(run.q, overlap=1):
         away = q[:PART] - run.q[0]
         total, square = total + away.sum(axis=0), square + np.sum(away**2, axis=0)
         steps = steps + np.sum(np.diff(q, axis=0) ** 2, axis=0)
-        low, high = np.minimum(low, q.min(axis=0)), np.maximum(high, q.max(axis=0))
     count = len(run.q)
     spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0))
     step = np.sqrt(steps / max(count - 1, 1))
-    # A constant has the standard deviation of its rounding, and no motion.
-    return np.asarray(((spread > 4.0 * step) | (spread > _LARGEST_NOISE)) & (high > low))
+    return np.asarray((spread > 4.0 * step) | (spread > _LARGEST_NOISE))
 
 
 class Movement:

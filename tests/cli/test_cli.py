@@ -164,9 +164,11 @@ def test_identify_options_reach_the_model(run, runs, tmp_path):
 def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
     other, out_file = tmp_path / "ols.json", tmp_path / "out.json"
     run("identify", "two_link", "--data", runs[0], "--method", "ols", "--out", other)
-    code, out, _ = run("compare", model, other, "--data", runs[1], "--json", out_file)
+    compared = ("compare", model, other, "--data", runs[1], "--json", out_file)
+    code, out, _ = run(*compared)
     assert code == 0
     assert "noise floor" in out
+    assert len(run(*compared, "--verbose")[1]) > 1.2 * len(out)
     content = json.loads(out_file.read_text())
     assert next(iter(content)) == "models"
     assert [entry["model"] for entry in content["models"]] == [str(model), str(other)]
