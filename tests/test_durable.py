@@ -105,7 +105,7 @@ def test_of_two_writers_the_second_is_told(tmp_path):
 
 @pytest.mark.long
 def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
-    tables = [Table(n, "t", "c", [{"a": 1.0}, {"a": 2.0}]) for n in ("I", "II")]
+    tables = [Table("t", [{"a": 1.0}, {"a": 2.0}], caption="c", name=n) for n in ("I", "II")]
 
     def write(folder: Path) -> dict[str, str]:
         for table in tables:

@@ -8,15 +8,8 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.paper.figures.style import (
-    BLUE,
-    LOOKS,
-    ORANGE,
-    label_joints,
-    legend_below,
-    new_figure,
-    title,
-)
+from sdp_vs_penalty.paper.figures import style
+from sdp_vs_penalty.paper.figures.style import LOOKS, label_joints, legend_below, new_figure, title
 from sdp_vs_penalty.paper.tables.study import Data, Study
 from sdp_vs_penalty.paper.tables.table_v import EngineResult, measured_runs, sinusoidal_runs
 from sdp_vs_penalty.robot.arrays import Array
@@ -73,8 +66,9 @@ def figure_2(study: Study) -> Any:
         assert data.test is not None
         run, *others = data.test.runs()
         for j, joint in enumerate(study.problem.robot.joints):
-            axes[j, k].plot(run.t - run.t[0], run.q[:, j], color=BLUE, linewidth=1.0, label="position")
-            look = {"color": ORANGE, "linestyle": "--", "linewidth": 0.8, "label": "joint limit"}
+            look: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.0, "label": "position"}
+            axes[j, k].plot(run.t - run.t[0], run.q[:, j], **look)
+            look = {"color": style.ORANGE, "linestyle": "--", "linewidth": 0.8, "label": "joint limit"}
             for limit in (joint.lower, joint.upper):
                 axes[j, k].axhline(limit, **look)
         first = f"first of {1 + len(others)}" if others else "held out of the real run"

@@ -6,20 +6,8 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.paper.figures.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    LOOKS,
-    ORANGE,
-    RED,
-    SKY,
-    label_joints,
-    legend_below,
-    new_figure,
-    title,
-)
+from sdp_vs_penalty.paper.figures import style
+from sdp_vs_penalty.paper.figures.style import LOOKS, label_joints, legend_below, new_figure, title
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.paper.tables.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.problem.problem import Problem
@@ -38,9 +26,9 @@ def figure_8(study: Study) -> Any:
     axes[0, 0].remove()
     _robot(figure.add_subplot(position, projection="3d"), problem)
     estimates = {
-        "p_real": (study.experiment.links, BLACK, "-", "o"),
-        "p_hat (published)": (published_links(problem, "p_hat"), RED, "--", "s"),
-        "lmi-sdp": (study.links("lmi-sdp", study.simulated), BLUE, "-.", "^"),
+        "p_real": (study.experiment.links, style.BLACK, "-", "o"),
+        "p_hat (published)": (published_links(problem, "p_hat"), style.RED, "--", "s"),
+        "lmi-sdp": (study.links("lmi-sdp", study.simulated), style.BLUE, "-.", "^"),
     }
     for link, (axis, plane) in enumerate(zip(axes[0, 1:], ((0, 1), (0, 2)), strict=True)):
         _section(axis, problem, link, plane)
@@ -97,7 +85,7 @@ def _robot(axis: Any, problem: Problem) -> None:
         axis.plot_surface(*np.moveaxis(points, 2, 0), color="#cccccc", alpha=0.5, linewidth=0)
     for name, frame in enumerate(frames):
         # x, y, z as everywhere in robotics: red, green, blue; here from the same palette, and labelled.
-        for k, (color, letter) in enumerate(((RED, "x"), (GREEN, "y"), (BLUE, "z"))):
+        for k, (color, letter) in enumerate(((style.RED, "x"), (style.GREEN, "y"), (style.BLUE, "z"))):
             end = frame[:3, 3] + 0.25 * frame[:3, k]
             axis.plot(*np.column_stack([frame[:3, 3], end]), color=color, linewidth=1.2)
             axis.text(*end, f"${letter}_{name}$", fontsize=7, color=color)
@@ -113,7 +101,7 @@ def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> 
     along, x, radius = radius_profile(problem, link)
     edge = np.column_stack([np.concatenate([x, x[::-1]]), np.concatenate([radius, -radius[::-1]])])
     edge = edge if plane[0] == along else edge[:, ::-1]
-    axis.fill(*edge.T, color=GREY, alpha=0.3, linewidth=0)
+    axis.fill(*edge.T, color=style.GREY, alpha=0.3, linewidth=0)
     axis.set_aspect("equal")
     axis.set_title(f"link {link + 1}, section in its frame")
     axis.set_xlabel(f"$c_{{{link + 1}{'xyz'[plane[0]]}}}$ [m]")
@@ -171,15 +159,15 @@ def figure_10(study: Study) -> Any:
     w, n = study.once(wrench_study), study.problem.robot.n
     figure, axes = new_figure(len(COMPONENTS), n, 8.6, sharex=True)
     unfeasible = [*w.boxed[:3], *w.unbounded[:3]]
-    possible = {"color": SKY, "alpha": 0.45, "linewidth": 0}
+    possible = {"color": style.SKY, "alpha": 0.45, "linewidth": 0}
     possible["label"] = "all feasible with equal torques (certified)"
     groups: tuple[tuple[list[Array], dict[str, Any]], ...] = (
         (
             [*w.feasible.values(), *w.penalty_runs],
-            {"color": ORANGE, "linewidth": 0.6, "label": "feasible estimates"},
+            {"color": style.ORANGE, "linewidth": 0.6, "label": "feasible estimates"},
         ),
-        (unfeasible, {"color": RED, "linewidth": 0.8, "linestyle": ":", "label": "unfeasible"}),
-        ([w.true], {"color": BLACK, "linewidth": 1.4, "label": "p_real"}),
+        (unfeasible, {"color": style.RED, "linewidth": 0.8, "linestyle": ":", "label": "unfeasible"}),
+        ([w.true], {"color": style.BLACK, "linewidth": 1.4, "label": "p_real"}),
     )
     for k, j in np.ndindex(axes.shape):
         axis, component = axes[k, j], [*COMPONENTS][k]

@@ -38,7 +38,7 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     out = []
     for maker in chosen:
         study.progress(f"table {maker.name}")
-        out.append(maker.build(study))
+        out.append(maker.made(study))
     return out
 
 

@@ -28,11 +28,10 @@ def denavit_hartenberg(study: Study) -> Table:
         ours = {"a_m_ours": float(a), "alpha_rad_ours": float(alpha), "d_m_ours": float(d)}
         rows.append({**row, **ours})
     return Table(
-        "VI",
         f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
-        "Standard (distal) convention; nothing here is simulated or measured.",
         rows,
         ("theta_i = q_i without offset.",),
+        caption="Standard (distal) convention; nothing here is simulated or measured.",
     )
 
 
@@ -82,9 +81,7 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
                 f"{erratum.corrected}, which true_simulated has."
             )
     return Table(
-        name,
         f"Table {name}: {title} of {study.problem.title}",
-        study.sentence,
         list(rows.values()),
         notes,
         f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the nominal robot.",

@@ -26,9 +26,7 @@ def methods(study: Study) -> Table:
     last = [row for row in rows if row["data"] == rows[-1]["data"]]
     errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
     return Table(
-        "methods",
         f"Methods compared on {study.problem.title}",
-        study.sentence,
         rows,
         (
             "excess_loss_percent: loss over the certified lower bound of the constrained optimum (that "
@@ -145,9 +143,7 @@ def weight(study: Study) -> Table:
                 }
             )
     return Table(
-        "weight",
         f"The penalty method's weight on {study.problem.title}",
-        study.sentence,
         rows,
         (
             f"penalty-paper with the weights 0, xi/4, xi/2, 3 xi/4, xi, {_RUNS} runs each, of which the "

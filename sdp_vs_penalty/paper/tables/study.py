@@ -4,7 +4,8 @@ import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
+from operator import methodcaller
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -14,13 +15,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.cross_validation import (
-    CrossValidation,
-    Fold,
-    FoldData,
-    Split,
-    split_by_phase,
-)
+from sdp_vs_penalty.estimation.cross_validation import CrossValidation, FoldData, Split, split_by_phase
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimators import estimator_types
@@ -172,7 +167,7 @@ class Study:
         self.progress("simulating")
         x = self.experiment
         train, test = x.training_run(self.seed), concatenate(x.validation_runs(self.seed))
-        return self._data("simulated", train, test, self.problem.model(x.effects))
+        return self._data("simulated", train, test, x.effects)
 
     @cached_property
     def run(self) -> Measurements | None:
@@ -183,17 +178,15 @@ class Study:
     @cached_property
     def measured(self) -> Data | None:
         """The whole real run, as the paper used it."""
-        if self.run is None:
-            return None
-        return self._data("measured", self.run, None, self.problem.model())
+        return None if self.run is None else self._data("measured", self.run, None)
 
     @cached_property
     def repeated(self) -> Data | None:
         """The real run before TRAIN_STOP, judged on its repetition after TEST_START."""
         if self.run is None:
             return None
-        train, test = self.run.window(0.0, TRAIN_STOP), self.run.window(TEST_START, np.inf)
-        return self._data("measured", train, test, self.problem.model())
+        windows = self.run.window(0.0, TRAIN_STOP), self.run.window(TEST_START, np.inf)
+        return self._data("measured", *windows)
 
     def unseen(
         self, method: str | Estimator, effects: Sequence[str] | Sequence[Effect] | None = None
@@ -201,8 +194,11 @@ class Study:
         """Errors of a method on motion of the real run that it has not seen, by FOLDS folds by phase."""
         return self.once(_unseen, method, None if effects is None else tuple(effects))
 
-    def _data(self, label: str, train: Measurements, test: Measurements | None, model: Model) -> Data:
-        return Data(label, train, test, model, self.problem.preprocessing.resolve(train))
+    def _data(
+        self, label: str, train: Measurements, test: Measurements | None, effects: Any = None
+    ) -> Data:
+        model, settings = self.problem.model(effects), self.problem.preprocessing.resolve(train)
+        return Data(label, train, test, model, settings)
 
     @property
     def whole(self) -> list[Data]:
@@ -226,12 +222,11 @@ class Study:
     def estimate(self, methods: Iterable[str], sets: Sequence[Data]) -> None:
         """Have every method's estimate from each of the data sets, by the workers; a task is small."""
         new = [(m, d) for m in methods for d in sets if (m, d) not in self._made]
-        tasks = []
         for method, data in new:
-            tasks.append((self.estimator(method), self.task(data)))
             self.progress(f"{method} on {data.label} data")
         workers = replace(self.workers, progress=self.progress)
-        self._made.update(zip(new, workers.map(_estimated, tasks), strict=True))
+        made = workers.map(_estimated, [(self.estimator(m), self.task(d)) for m, d in new])
+        self._made.update(zip(new, made, strict=True))
 
     @property
     def about_priors(self) -> list[str]:
@@ -254,12 +249,10 @@ class Study:
             f"simulated with {truth} as truth, {friction}, with torque noise and quantisation "
             f"(seed {self.seed})."
         )
-        if self.run is None:
-            return (
-                f"{simulated} Nothing is measured: no real run of {self.problem.name} is at hand (a "
-                "folder named by SDP_VS_PENALTY_DATA)."
-            )
-        return f"{simulated} Named measured: the authors' real run ({len(self.run.t)} samples)."
+        if self.run is not None:
+            return f"{simulated} Named measured: the authors' real run ({len(self.run.t)} samples)."
+        none = f"no real run of {self.problem.name} is at hand (a folder named by SDP_VS_PENALTY_DATA)."
+        return f"{simulated} Nothing is measured: {none}"
 
     @cached_property
     def methods(self) -> Mapping[str, str]:
@@ -297,13 +290,10 @@ class Study:
     @cached_property
     def black_box(self) -> tuple[BlackBox, bool]:
         """The true links' answers, and whether at the authors' configurations."""
-        x, file = self.experiment, real_file(self.problem.name, "good_configurations_1010.txt")
-        if file is None:
-            # Configurations of the black box where the authors' file is absent: as many as theirs.
-            q = self.problem.robot.random_configurations(1010, self.seed)
-        else:
-            q = np.loadtxt(file, ndmin=2)
-        return BlackBox.of_links(self.problem.robot, x.links, q), file is not None
+        robot, file = self.problem.robot, real_file(self.problem.name, "good_configurations_1010.txt")
+        # Where the authors' file is absent as many as theirs.
+        q = robot.random_configurations(1010, self.seed) if file is None else np.loadtxt(file, ndmin=2)
+        return BlackBox.of_links(robot, self.experiment.links, q), file is not None
 
     @cached_property
     def reverse_engineered(self) -> Result:
@@ -324,7 +314,8 @@ def _unseen(study: Study, method: str | Estimator, effects: tuple[Any, ...] | No
     study.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
     split, folds = study.once(_folds, effects)
     estimator = study.estimator(method)
-    return split.result(estimator, list(study.workers.map(partial(_judged, estimator), folds)))
+    judged = study.workers.map(methodcaller("judged", estimator), folds)
+    return split.result(estimator, list(judged))
 
 
 def _folds(study: Study, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData]]:
@@ -342,10 +333,6 @@ def _estimated(given: tuple[Estimator, Task]) -> Result:
     seconds = time.perf_counter() - begin
     theta, certificate = certify(task, fit)
     return Result(theta, certificate, seconds, fit.details)
-
-
-def _judged(estimator: Estimator, data: FoldData) -> Fold:
-    return data.judged(estimator)
 
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:

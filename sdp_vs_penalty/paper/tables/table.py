@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +41,11 @@ class Maker:
     problems: tuple[str, ...] = ()
     slow: bool = False
 
+    def made(self, study: Any) -> Table:
+        """The table under its name, its caption where it gives none the study's sentence."""
+        table = self.build(study)
+        return replace(table, name=self.name, caption=table.caption or study.sentence)
+
 
 def makes(name: str, *problems: str, slow: bool = False) -> Callable[[Callable[[Any], Table]], Maker]:
     """Decorates what builds the table of a name: its registration."""
@@ -53,18 +58,18 @@ def makes(name: str, *problems: str, slow: bool = False) -> Callable[[Callable[[
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """name : "III" is written as table_III.csv, .md and .tex; caption : says what is simulated and
-    what measured; rows : cells by column (published ones as printed text); notes : below the table;
-    gist : what it shows, in words; digits : significant ones of a number that is shown.
+    """rows : cells by column (published ones as printed text); notes : below the table; gist : what it
+    shows, in words; digits : significant ones of a number that is shown; caption : says what is
+    simulated and what measured; name : "III" is written as table_III.csv, .md and .tex.
     """
 
-    name: str
     title: str
-    caption: str
     rows: Sequence[Row]
     notes: Sequence[str] = ()
     gist: str = ""
     digits: int = 4
+    caption: str = ""
+    name: str = ""
 
     @cached_property
     def frame(self) -> pandas.DataFrame:
@@ -100,26 +105,15 @@ class Table:
         head, _, *rows = markdown_table(list(cells.columns), cells.to_numpy().tolist())
         sides = ["---:" if _numeric(cells[name]) else ":---" for name in cells]
         notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
-        lines = [
-            f"# {self.title}",
-            "",
-            self.caption,
-            "",
-            head,
-            f"| {' | '.join(sides)} |",
-            *rows,
-            *notes,
-        ]
-        return "\n".join(lines) + "\n"
+        table = [head, f"| {' | '.join(sides)} |", *rows]
+        return "\n".join([f"# {self.title}", "", self.caption, "", *table, *notes]) + "\n"
 
     def latex(self) -> str:
         cells, layout = self.cells(), []
         infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
         for name, column in cells.items():
-            if number := _numeric(column):
-                cells[name] = column.replace(infinite)
-            else:
-                cells[name] = column.map(escape_latex)
+            number = _numeric(column)
+            cells[name] = column.replace(infinite) if number else column.map(escape_latex)
             # Longer text wraps.
             wide = r">{\raggedright\arraybackslash}p{26em}" if column.str.len().max() > 80 else "l"
             layout.append("S[table-alignment-mode=marker]" if number else wide)
@@ -162,6 +156,12 @@ def text(cell: Cell, digits: int = 4) -> str:
     return "0" if abs(cell) < ROUNDING else f"{cell:.{digits}g}"
 
 
+def by_joint(values: Iterable[Cell], prefix: str = "joint") -> Row:
+    """Cells joint_1, joint_2, ..."""
+    cells = (x if isinstance(x, str) or x is None else float(x) for x in values)
+    return {f"{prefix}_{j}": cell for j, cell in enumerate(cells, start=1)}
+
+
 def is_measured(frame: pandas.DataFrame) -> bool:
     """Whether a table holds measured figures, as all tables name them."""
     words = frame.astype(str).apply(lambda column: column.str.match(r"measured([, ]|$)"))
@@ -170,9 +170,9 @@ def is_measured(frame: pandas.DataFrame) -> bool:
 
 def _latex_header(name: str) -> str:
     """The data set on a line of its own, so that columns stay narrow."""
-    for ending in ("_simulated", "_measured"):
-        if name.endswith(ending):
-            return rf"{{\shortstack{{{escape_latex(name.removesuffix(ending))}\\{ending[1:]}}}}}"
+    first, _, data = name.rpartition("_")
+    if data in ("simulated", "measured"):
+        return rf"{{\shortstack{{{escape_latex(first)}\\{data}}}}}"
     return f"{{{escape_latex(name)}}}"
 
 

@@ -21,7 +21,7 @@ from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Row, Table, makes
+from sdp_vs_penalty.paper.tables.table import Row, Table, by_joint, makes
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.robot.arrays import Array
@@ -226,9 +226,7 @@ def sigmoid_friction(study: Study) -> Table:
         for name, errors in _held_out(study, data):
             rows.append(_row(name, errors, "N*m", f"{data.label}, held-out RMSE"))
     return Table(
-        "I",
         f"Table I: sigmoid friction of {study.problem.title}",
-        study.sentence,
         rows,
         (
             "Fitted together with the base parameters of the links: W pi + f(dq; phi) = tau, "
@@ -246,8 +244,8 @@ def sigmoid_friction(study: Study) -> Table:
 
 
 def _row(name: str, joints: Array, unit: str, what: str, covered: float | None = None) -> Row:
-    cells = {f"joint_{j}": float(x) for j, x in enumerate(joints, start=1)}
-    return {"parameter": name, **cells, "unit": unit, "what": what, "covered_percent": covered}
+    about = {"unit": unit, "what": what, "covered_percent": covered}
+    return {"parameter": name, **by_joint(joints), **about}
 
 
 def _rows_of(what: str, fit: SigmoidFit, covered: Array | None = None, ends: bool = True) -> list[Row]:
@@ -256,8 +254,8 @@ def _rows_of(what: str, fit: SigmoidFit, covered: Array | None = None, ends: boo
     for k, unit in enumerate(("N*m", "s/rad", "rad/s")):
         share = None if covered is None else float(covered[k])
         rows.append(_row(f"phi_{k + 1}", fit.phi[:, k], unit, what, share))
-        for word, values in (("lower", fit.lower), ("upper", fit.upper)) if ends else ():
-            rows.append(_row(f"phi_{k + 1}", values[:, k], unit, f"{what}, {word}"))
+        for word in ("lower", "upper") if ends else ():
+            rows.append(_row(f"phi_{k + 1}", getattr(fit, word)[:, k], unit, f"{what}, {word}"))
     return rows
 
 

@@ -1,5 +1,7 @@
 """Table II: the exciting trajectory, published, as commanded, and better conditioned ones."""
 
+from typing import Any
+
 import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
@@ -34,9 +36,7 @@ def exciting_trajectory(study: Study) -> Table:
         for which, trajectory in trajectories.items():
             add(f"condition number ({label})", which, regressor.condition(trajectory))
     return Table(
-        "II",
         f"Table II: exciting trajectory of {study.problem.title}",
-        "Published coefficients, and trajectories optimised by this program; nothing here is measured.",
         rows,
         (
             f"All: L = {paper.a.shape[1]} harmonics, w_f = {paper.frequency / np.pi:.3g} pi rad/s, "
@@ -50,6 +50,8 @@ def exciting_trajectory(study: Study) -> Table:
             "0.25 s. Collisions are not looked at.",
         ),
         digits=5,
+        caption="Published coefficients, and trajectories optimised by this program; nothing here is "
+        "measured.",
     )
 
 
@@ -60,13 +62,5 @@ def optimised(study: Study) -> dict[str, Excitation]:
         "within the paper's extremes": Limits.of_trajectory(paper),
         "within the robot's limits": Limits.of_robot(problem.robot),
     }
-    return {
-        name: excite(
-            problem,
-            limits=limit,
-            start=paper,
-            iterations=study.effort.iterations,
-            progress=study.progress,
-        )
-        for name, limit in limits.items()
-    }
+    how: dict[str, Any] = {"iterations": study.effort.iterations, "progress": study.progress}
+    return {name: excite(problem, limits=own, start=paper, **how) for name, own in limits.items()}

@@ -47,9 +47,7 @@ def base_parameter_table(study: Study) -> Table:
     names = (name.replace("-", "_") for name in shown)
     errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
     return Table(
-        "III",
         f"Table III: base parameters of {study.problem.title}",
-        study.sentence,
         rows,
         _notes(study),
         f"Relative error on the training data: {', '.join(errors)}.",

@@ -7,7 +7,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Frozen, Study
-from sdp_vs_penalty.paper.tables.table import Cell, Row, Table, makes
+from sdp_vs_penalty.paper.tables.table import Cell, Row, Table, by_joint, makes
 from sdp_vs_penalty.paper.tables.table_i import SigmoidFriction
 from sdp_vs_penalty.problem.published import box_tables, published_links
 
@@ -40,19 +40,17 @@ def unseen_torque(study: Study) -> Table:
     errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
     said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
     return Table(
-        "IV",
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other motion",
-        f"{study.sentence} {_judgement(study)}",
         rows,
         _notes(study, rows),
         f"On unseen motion ({where}): {', '.join(said)}.",
+        caption=f"{study.sentence} {_judgement(study)}",
     )
 
 
 def _row(name: str, joints: Iterable[Cell], relative: Cell, worst: Cell, data: str) -> Row:
-    errors = {f"joint_{j}": x for j, x in enumerate(joints, start=1)}
     more = {"relative_error_percent": relative, "worst_fold_percent": worst, "data": data}
-    return {"estimate": name, **errors, **more}
+    return {"estimate": name, **by_joint(joints), **more}
 
 
 def _estimates(study: Study) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:

@@ -7,18 +7,11 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.paper.tables.study import Data, Study
-from sdp_vs_penalty.paper.tables.table import Row, Table, makes
+from sdp_vs_penalty.paper.tables.table import Row, Table, by_joint, makes
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
-from sdp_vs_penalty.simulation.engines import engine_types
-from sdp_vs_penalty.simulation.engines.comparison import (
-    Course,
-    EngineRun,
-    inverse_dynamics_error,
-    play,
-    played,
-    sinusoids,
-)
+from sdp_vs_penalty.simulation.engines import comparison, engine_types
+from sdp_vs_penalty.simulation.engines.comparison import Course, EngineRun
 
 #: Time step along the real run [s].
 MEASURED_STEP = 2e-3
@@ -45,7 +38,8 @@ class EngineResult:
 
 def sinusoidal_runs(study: Study) -> list[EngineResult]:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
-    return _played(study, study.simulated, sinusoids(study.problem.robot), study.effort.duration, 1e-3)
+    motion = comparison.sinusoids(study.problem.robot)
+    return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
 
 
 def measured_runs(study: Study) -> list[EngineResult]:
@@ -59,7 +53,7 @@ def measured_runs(study: Study) -> list[EngineResult]:
     theta[data.model.rigid_indices] = 0.0
     reference = rows.torque - predicted(rows, theta)
     t = rows.motion.t - rows.motion.t[0]
-    out = _played(study, data, played(t, rows.motion.q), float(t[-1]), MEASURED_STEP)
+    out = _played(study, data, comparison.played(t, rows.motion.q), float(t[-1]), MEASURED_STEP)
     for k, result in enumerate(out):
         if result.run is not None:
             at = np.column_stack([np.interp(result.run.t, t, column) for column in reference.T])
@@ -81,8 +75,8 @@ def _played(
             continue
         study.progress(f"engine {name}, {data.label} motion")
         try:
-            run = play(kind, study.problem.robot, links, motion, duration, step)
-            more = run, run.error, inverse_dynamics_error(kind, study.problem.robot, links)
+            run = comparison.play(kind, study.problem.robot, links, motion, duration, step)
+            more = run, run.error, comparison.inverse_dynamics_error(kind, study.problem.robot, links)
             out.append(EngineResult(f"{name} {version}", data.label, "run", *more))
         except InputError as error:
             out.append(EngineResult(f"{name} {version}", data.label, f"rejected: {error}"))
@@ -97,14 +91,12 @@ def engines(study: Study) -> Table:
     """
     n, rows = study.problem.robot.n, []
     for row in study.problem.published["table_V"]:
-        std = {f"std_joint_{j + 1}": None for j in range(n)}
-        rows.append({**row, **std, "motion": "published (V-REP)", **_NO_RUN, "status": "published"})
+        about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
+        rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
     rows += [_row(x, n) for x in (*study.once(sinusoidal_runs), *study.once(measured_runs))]
     formulations = "; ".join(f"{name}: {kind.formulation}" for name, kind in engine_types().items())
     return Table(
-        "V",
         f"Table V: physics engines with the identified {study.problem.title}",
-        study.sentence,
         rows,
         (
             "joint_k: mean torque error [N m]; std_joint_k: its standard deviation (not published). "
@@ -131,11 +123,8 @@ def _row(result: EngineResult, n: int) -> Row:
     if run is not None:
         both = 1e3 * float(np.max(run.position)), 1e3 * float(np.max(run.angle))
         figures = dict(zip(_NO_RUN, (*both, result.inverse_error), strict=True))
-    ways = ("joint", np.mean), ("std_joint", np.std)
-    torque: Row = {
-        f"{word}_{j + 1}": None if error is None else float(way(error[:, j]))
-        for word, way in ways
-        for j in range(n)
-    }
-    about = {"engine": result.engine}
-    return {**about, **torque, "motion": result.motion, **figures, "status": result.status}
+    none = [None] * n
+    torque = by_joint(none if error is None else map(np.mean, error.T))
+    torque |= by_joint(none if error is None else map(np.std, error.T), "std_joint")
+    about = {"motion": result.motion, **figures, "status": result.status}
+    return {"engine": result.engine, **torque, **about}

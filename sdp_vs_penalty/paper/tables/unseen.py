@@ -14,16 +14,9 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
-from sdp_vs_penalty.paper.tables.study import (
-    FOLDS,
-    TEST_START,
-    TRAIN_STOP,
-    Data,
-    Study,
-    refitted,
-    torque_errors,
-)
-from sdp_vs_penalty.paper.tables.table import Cell, Row, Table, makes
+from sdp_vs_penalty.paper.tables import study as shared
+from sdp_vs_penalty.paper.tables.study import FOLDS, TEST_START, TRAIN_STOP, Data, Study
+from sdp_vs_penalty.paper.tables.table import Cell, Row, Table, by_joint, makes
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 
@@ -53,20 +46,14 @@ def data_needed(study: Study) -> Table:
         for length in SECONDS:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
+            about = {"data": data.label, "seconds": length, "windows": len(windows)}
             for method in _METHODS:
-                about = {
-                    "data": data.label,
-                    "seconds": length,
-                    "windows": len(windows),
-                    "method": method,
-                }
-                rows.append({**about, **_errors(study, data, windows, method)})
+                errors = _errors(study, data, windows, method)
+                rows.append({**about, "method": method, **errors})
     last = [row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))]
     said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
     return Table(
-        "data",
         f"How much data each method needs: {study.problem.title}",
-        study.sentence,
         rows,
         (
             "error_percent: relative torque error over all joints on motion that was not trained on: "
@@ -149,8 +136,8 @@ def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Ro
         theta = estimator.fit(task).theta
         links = np.full(len(theta), np.nan)
         links[task.links] = theta[task.links]
-        refit = refitted(test.least_squares(), links)
-        pairs.append([torque_errors(test, x)[1] for x in (theta, refit)])
+        refit = shared.refitted(test.least_squares(), links)
+        pairs.append([shared.torque_errors(test, x)[1] for x in (theta, refit)])
     out: Row = {}
     for k, name in enumerate(("error_percent", "links_error_percent")):
         for word, of in (("median", np.median), ("min", np.min), ("max", np.max)):
@@ -180,9 +167,7 @@ def unseen(study: Study) -> Table:
             told[method, added] = found[FOLDS]["relative_error_percent"]
     usual, friction, all_of_it = (told[DEFAULT_METHOD, added] for added in _ADDED)
     return Table(
-        "unseen",
         f"Errors on unseen motion of {study.problem.title}",
-        f"Measured: the authors' real run ({len(study.run.t)} samples).",
         rows,
         (
             f"Folds by phase: each of the {FOLDS} leaves out a stretch of the motion, all its "
@@ -196,6 +181,7 @@ def unseen(study: Study) -> Table:
         f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {friction:.3g} % with pre-sliding "
         f"hysteresis, {all_of_it:.3g} % with a gain on joint 6 as well.",
         digits=3,
+        caption=f"Measured: the authors' real run ({len(study.run.t)} samples).",
     )
 
 
@@ -215,6 +201,6 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]
     return [
         about
         | {"judged_on": name, "relative_error_percent": x.relative_error_percent}
-        | {f"rmse_joint_{j}": float(e) for j, e in enumerate(x.rmse, start=1)}
+        | by_joint(x.rmse, "rmse_joint")
         for name, x in judged
     ]

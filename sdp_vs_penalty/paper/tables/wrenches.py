@@ -222,9 +222,7 @@ def wrench_table(study: Study) -> Table:
         for k, (component, unit) in enumerate(COMPONENTS.items())
     ]
     return Table(
-        "wrenches",
         f"Internal joint wrenches of {study.problem.title}",
-        study.sentence,
         rows,
         (
             "Force and moment about the joint's origin, in the joint frame, that a joint bears "
