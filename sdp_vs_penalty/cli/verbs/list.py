@@ -19,10 +19,7 @@ def verb(what: Kind, name: str | None = None) -> None:
 
     headings, rows = listing(what)
     if name is not None:
-        known = {row[0]: row for row in rows}
-        if name not in known:
-            raise unknown("", name, known, where=what)
-        console.details(headings, known[name])
+        console.details(headings, details(what, name))
         return
     columns = [headings.index(heading) for heading in _SHORT.get(what, headings)]
     console.listing([headings[k] for k in columns], [[row[k] for k in columns] for row in rows])
@@ -37,6 +34,14 @@ _SHORT = {
     "engines": ("name", "version here", "formulation"),
     "datasets": ("name", "licence", "what it is"),
 }
+
+
+def details(kind: str, name: str) -> tuple[str, ...]:
+    """The whole row of one name; InputError where there is none."""
+    rows = {row[0]: row for row in listing(kind)[1]}
+    if name not in rows:
+        raise unknown("", name, rows, where=kind)
+    return rows[name]
 
 
 def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
