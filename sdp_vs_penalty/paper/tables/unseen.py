@@ -30,9 +30,6 @@ _METHODS = (
 SECONDS = (1, 2, 4, 7, 9)
 #: Cells into which the real motion is cut [s].
 _CELL = 0.5
-#: Windows of each length, evenly spread; blocks that the filters cut short are left out.
-_WINDOWS = 6
-
 
 #: Rows to train on, and rows of other motion to judge on.
 _Window = tuple[Regression, Regression]
@@ -60,8 +57,8 @@ def data_needed(study: Study) -> Table:
             "simulated validation trajectories, or the rest of the real run's motion beyond the "
             "filters' reach of the window. seconds: of the motion; what the real run shows twice counts "
             "once, and both are used.",
-            f"Up to {_WINDOWS} windows of filtered rows of each length, evenly spread over the run, on "
-            "the real one around its period.",
+            f"Up to {study.effort.windows} windows of filtered rows of each length, evenly spread over "
+            "the run, on the real one around its period.",
             "links_error_percent: the same with friction and offsets refitted on the test part: what is "
             "left is due to the links.",
             "Within a second or two some joints do not reverse: Coulomb friction and offset have the "
@@ -82,47 +79,43 @@ def data_needed(study: Study) -> Table:
 
 def _sources(study: Study) -> list[tuple[Data, Callable[[int], list[_Window]]]]:
     """Each data set, and its windows of so many seconds."""
-    data = study.simulated
-    seconds = round(float(data.train.t[-1] - data.train.t[0]))
-    blocks = compress(data.train, data.model, data.preprocessing, blocks_per_run=seconds)
-
-    def simulated(length: int) -> list[_Window]:
-        chosen = training_windows(blocks, length)
-        return [(blocks.select(w), data.test_regression) for w in chosen]
-
-    if study.measured is None:
-        return [(data, simulated)]
-    return [(data, simulated), (study.measured, _phase_windows(study.measured))]
+    both = [(study.simulated, _time_windows(study.simulated, study.effort.windows))]
+    if study.measured is not None:
+        both.append((study.measured, _phase_windows(study.measured, study.effort.windows)))
+    return both
 
 
-def _phase_windows(real: Data) -> Callable[[int], list[_Window]]:
+def _phase_windows(real: Data, windows: int) -> Callable[[int], list[_Window]]:
     """Windows around the motion's period; judged on what lies beyond the filters' reach of them."""
     whole = phase_folds(real.train, real.preprocessing, 1)
     count, clear = round(whole.clocks[0].length / _CELL), math.ceil(whole.guard / _CELL)
     split = PhaseFolds(whole.clocks, count)
     cells = compress_cells(real.train, real.model, real.preprocessing, split)
-    starts = np.linspace(0, count, _WINDOWS, endpoint=False).round().astype(int)
+    starts = np.linspace(0, count, windows, endpoint=False).round().astype(int)
 
-    def windows(length: int) -> list[_Window]:
+    def chosen(length: int) -> list[_Window]:
         size = round(length / _CELL)
         around = [(start + np.arange(count)) % count for start in starts]
         return [(cells.select(x[:size]), cells.select(x[size + clear : count - clear])) for x in around]
 
-    return windows
+    return chosen
 
 
-def training_windows(blocks: Regression, length: int) -> list[list[int]]:
-    """Indices of ``length`` consecutive one-second blocks each, evenly spread; cut ones are left out."""
+def _time_windows(data: Data, windows: int) -> Callable[[int], list[_Window]]:
+    """Consecutive one-second blocks of the training run, evenly spread; those cut short are left out."""
+    seconds = round(float(data.train.t[-1] - data.train.t[0]))
+    blocks = compress(data.train, data.model, data.preprocessing, blocks_per_run=seconds)
     rows = np.zeros(len(blocks.blocks))
     for factor in blocks.factors:
         rows[factor.block] += factor.rows
-    full = np.flatnonzero(rows >= 0.9 * np.median(rows))
-    last = int(full[-1]) + 1 - length
-    first = int(full[0])
-    if last < first:
-        return []
-    starts = np.unique(np.linspace(first, last, _WINDOWS).round().astype(int))
-    return [list(range(start, start + length)) for start in starts]
+    first, *_, last = np.flatnonzero(rows >= 0.9 * np.median(rows)).tolist()
+
+    def chosen(length: int) -> list[_Window]:
+        ends = (first, last + 1 - length) if first <= last + 1 - length else ()
+        starts = np.unique(np.linspace(*ends, windows).round().astype(int)) if ends else ()
+        return [(blocks.select(k + np.arange(length)), data.test_regression) for k in starts]
+
+    return chosen
 
 
 def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Row:
