@@ -70,16 +70,13 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
         say(f"motion simulated from the command, RMS from the measured: {', '.join(apart)}")
     model, error = result.model, told.get("scale_error", 0.0)
     # The gain that stands for the scale is as uncertain as what set it.
-    std = [
-        error * x if p.name in model.known else s
-        for p, x, s in zip(model.parameters, result.theta, result.standard_deviations, strict=True)
-    ]
+    every = zip(model.parameters, result.theta, result.standard_deviations, strict=True)
     gains = []
-    for p, x, s, drive in zip(model.parameters, result.theta, std, model.drives, strict=True):
+    for p, x, s in (own for own, drive in zip(every, model.drives, strict=True) if drive):
+        half, given = 1.96 * (error * x if p.name in model.known else s), p.name in model.known
         # Where half its interval holds zero, no motion of this log tells a gain.
-        spread = f"{1.96 * s:.2g}" if 1.96 * s < abs(x) else "not determined"
-        if drive:
-            gains.append((p.name, x, "given" if p.name in model.known and not error else spread, p.unit))
+        spread = f"{half:.2g}" if half < abs(x) else "not determined"
+        gains.append((p.name, x, "given" if given and not error else spread, p.unit))
     _gains("Gains; kd holds viscous friction too", gains)
 
 

@@ -169,8 +169,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
             shapes = view.session.robot["drawn"]["shapes"]
             groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, shapes, look)]
         frame.props["data-arm"] = scene.id
-        scene.props["role"] = "img"
-        scene.props["aria-label"] = f"The arm in 3D: {said}"
+        scene.props.update({"role": "img", "aria-label": f"The arm in 3D: {said}"})
         with tag("div", style="row"):
             play = f"arms[{scene.id}]?.play()"
             button("Play", lambda: ui.run_javascript(play), f"play-{arms}", data_play="")

@@ -21,12 +21,11 @@ Handler = Callable[..., Any]
 
 
 def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
-    """An element with escaped text; ``style`` are its CSS classes, ``for_`` and ``aria_label`` work."""
-    made = TextElement(tag=name, text=text)
-    if style:
-        made.classes(style)
-    for key, value in attributes.items():
-        made.props[key.rstrip("_").replace("_", "-")] = value
+    """An element with escaped text; ``style`` are its CSS classes, ``for_`` and ``aria_label`` work; an
+    attribute that is False is left out."""
+    made = TextElement(tag=name, text=text).classes(style)
+    given = {key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()}
+    made.props.update({key: value for key, value in given.items() if value is not False})
     return made
 
 
@@ -71,8 +70,7 @@ def choice(
         tag("span", label, "unseen" if hidden_label else "")
         with tag("select", data_key=key, aria_label=label) as select:
             for name, text in options:
-                extra: dict[str, Any] = {"selected": True} if name == value else {}
-                tag("option", text, value=name, **extra)
+                tag("option", text, value=name, selected=name == value)
         select.on("change", lambda e: do(str(e.args)), js_handler="(e) => emit(e.target.value)")
 
 
@@ -99,8 +97,7 @@ def text_field(
 def check(label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = "") -> None:
     """A labelled checkbox."""
     with tag("label", style="check", title=hint):
-        extra: dict[str, Any] = {"checked": True} if on else {}
-        box = tag("input", type="checkbox", data_key=key, **extra)
+        box = tag("input", type="checkbox", data_key=key, checked=on)
         box.on("change", lambda e: do(bool(e.args)), js_handler="(e) => emit(e.target.checked)")
         tag("span", label)
 
@@ -135,17 +132,15 @@ def drop(text: str, kind: str) -> None:
     files = f"choose files: {', '.join(sorted(accept))}"
     hint = f"or {files}" if several else "drop a file here, or choose one"
     with tag("label", style="drop", data_drop=kind):
-        extra: dict[str, Any] = {"multiple": True} if several else {}
-        extra |= {"type": "file", "accept": ",".join(accept), "data_send": kind}
-        tag("input", data_key=f"drop-{kind}", aria_label=text, **extra)
+        files_of = {"type": "file", "accept": ",".join(accept), "data_send": kind}
+        tag("input", data_key=f"drop-{kind}", aria_label=text, multiple=several, **files_of)
         tag("strong", text)
         tag("span", hint)
 
 
 def details(title: str, key: str, on: bool = False) -> Any:
     """Something that opens on demand, to be filled by ``with``; on : it is open."""
-    extra: dict[str, Any] = {"open": True} if on else {}
-    with tag("details", **extra) as made:
+    with tag("details", open=on) as made:
         tag("summary", title, data_key=key)
     return made
 
@@ -172,6 +167,5 @@ def judged(models: Sequence[ModelStep]) -> None:
 def chart(options: Mapping[str, Any], label: str) -> Any:
     """A plotly chart with a text alternative."""
     made = ui.plotly(dict(options)).classes("chart")
-    made.props["role"] = "img"
-    made.props["aria-label"] = label
+    made.props.update({"role": "img", "aria-label": label})
     return made

@@ -44,7 +44,6 @@ from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.page.run_jobs import Answer, Asked, placed, save_arrays
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import with_bounds, with_filters
-from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.reports.parameters import caveats, half_axes, link_rows, standard_rows
 from sdp_vs_penalty.reports.sections import JUDGED_HEADS, certificate_rows, judged_row
@@ -60,6 +59,13 @@ def robot(asked: Asked) -> Answer:
     problem, source = asked.problem, asked["robot"]["source"]
     own = formatting.count(problem.robot.n, "joint") + ", from URDF"
     hulls = link_hulls(source) if source.lower().endswith(".urdf") else []
+    bounds, settings = np.isfinite(problem.box).any(axis=2), problem.preprocessing
+    both = settings.state_cutoff, settings.torque_cutoff
+    cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
+    known = (
+        f"Bounds on {bounds.sum()} of {bounds.size} link parameters; filters of states and torque: "
+        f"{', '.join(cutoffs)}. The stage Identify, or a folder with a problem.toml, sets others."
+    )
     return {
         "title": own if problem.folder is None else problem.title,
         "name": problem.name,
@@ -69,19 +75,8 @@ def robot(asked: Asked) -> Answer:
         "effects": list(problem.default_effects),
         "drawn": drawn_arm(problem.robot, problem.nominal_links, hulls),
         "own_gravity": problem.robot.gravity,
-        "known": _known(problem),
+        "known": known,
     }
-
-
-def _known(problem: Problem) -> str:
-    """Bounds and filters in a sentence."""
-    bounds, settings = np.isfinite(problem.box).any(axis=2), problem.preprocessing
-    both = settings.state_cutoff, settings.torque_cutoff
-    cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
-    return (
-        f"Bounds on {bounds.sum()} of {bounds.size} link parameters; filters of states and torque: "
-        f"{', '.join(cutoffs)}. The stage Identify, or a folder with a problem.toml, sets others."
-    )
 
 
 def fit(asked: Asked) -> Answer:

@@ -260,6 +260,7 @@ def test_every_error_of_a_job_is_a_sentence():
 
 
 def test_a_worker_that_is_done_does_the_next_job(sessions):
+    sessions.pool = WorkerPool()  # the other tests have closed theirs
     s = opened(sessions, "two_link")
     first = sessions.pool._spare
     do(s, lambda: s.choose_robot("emps"))
