@@ -26,9 +26,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
-from sdp_vs_penalty.checks.regression_data import RegressionData
-from sdp_vs_penalty.checks.repair import Event, Order, Repair
+from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS, UNSEEN
+from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
+from sdp_vs_penalty.checks.repair import Event, Gravity, Numbers, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
@@ -121,7 +121,8 @@ class Likelihood:
         self.joints: list[int] = np.flatnonzero(self.moving).tolist()
         self.revolute = [j for j in self.joints if problem.robot.joints[j].kind == "revolute"]
         self.none = Repair.none(self.n, problem.robot.gravity)
-        self._rows, self.shared = lru_cache(6)(partial(Rows, self)), lru_cache(12)(self._made_shared)
+        self._rows, self.columns = lru_cache(6)(partial(Rows, self)), lru_cache(12)(self._made_columns)
+        self.robot = lru_cache(12)(self._made_robot)
         self._basis, self._late = lru_cache(20)(self._made_basis), lru_cache(40)(self._shifted)
 
     @cached_property
@@ -175,38 +176,40 @@ class Likelihood:
 
     def raw(self, repair: Repair) -> Array:
         """(n, M, s) the columns of the parameters that joints share, 0 where torque is not asked for."""
-        columns = self.shared(repair.of_arm)
+        columns = self.shared(repair)
         if any(repair.lacks):
-            weight = self.shared(repair.of_arm, 0.0, 0.0)
+            weight = self.shared(repair, 0.0, 0.0)
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
-    def robot(self, repair: Repair) -> Robot:
-        """Under another vector of gravity, with other distances between joints."""
-        robot = replace(self.problem.robot, gravity=repair.gravity)
-        if not any(repair.longer):
-            return robot
-        joints = list(robot.joints)
-        for j, x in enumerate(repair.longer):
+    def _made_robot(self, gravity: Gravity, longer: Numbers) -> tuple[Robot, Model | None]:
+        """The robot, and what joints share of its model, under another vector of gravity, with other
+        distances between joints [m]."""
+        robot, joints = self.problem.robot, list(self.problem.robot.joints)
+        for j in np.flatnonzero(longer).tolist():
             placement = joints[j].placement.copy()
-            placement[:3, 3] *= 1.0 + x / or_one(np.linalg.norm(placement[:3, 3]))
+            placement[:3, 3] *= 1.0 + longer[j] / or_one(np.linalg.norm(placement[:3, 3]))
             joints[j] = replace(joints[j], placement=placement)
-        return replace(robot, joints=tuple(joints))
+        robot = replace(robot, gravity=gravity, joints=tuple(joints))
+        shared = self.data.shared
+        return robot, None if shared is None else on_robot(shared, robot)
 
-    def _made_shared(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
+    def _made_columns(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
         """(n, M, p) columns of all parameters that joints share, of ``motion``."""
-        if (known := self.data.shared) is None:
+        if (model := self.robot(repair.gravity, repair.longer)[1]) is None:
             return np.zeros((self.n, self.data.count, 0))
-        robot = self.robot(repair)
-        shared = Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in known.effects))
-        made = shared.columns(self.motion(repair, speed, push))
-        return np.stack([b.wide(len(known.parameters)) for b in made])
+        made = model.columns(self.motion(repair, speed, push))
+        return np.stack([b.wide(len(model.parameters)) for b in made])
+
+    def shared(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
+        """(n, M, s) those that say all that the others do."""
+        return self.columns(repair.of_arm, speed, push)[:, :, list(self.data.independent)]
 
     def nominal(self, repair: Repair, speed: float = 1.0) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion; its weight where speed is 0."""
-        m = self.motion(repair, speed, speed)
-        columns = self.robot(repair).regressor(m.q, m.dq, m.ddq)
-        return np.asarray(columns @ self.problem.nominal_links.ravel(), float)
+        rigid = [] if self.data.shared is None else self.data.shared.rigid_indices
+        columns, links = self.columns(repair.of_arm, speed, speed), self.problem.nominal_links.ravel()
+        return np.asarray(np.swapaxes(columns[:, :, rigid] @ links[: len(rigid)], 0, 1), float)
 
     def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
@@ -277,9 +280,9 @@ class Likelihood:
 
     def steps(self, now: Repair, ats: Sequence[At], values: Array, h: float) -> tuple[Array, Array]:
         """(r,) by how much each of some numbers would have to change alone, to first order, and (r,) the
-        standard deviations of that: by a jackknife, because what the model lacks varies from part to
-        part, and noise alone would make it look exact. With A, c the normal equations of the arm and a,
-        b, c_x those of d(y - Y theta)/dx,
+        standard deviations of that, infinite where the arm's parameters take its place: by a jackknife,
+        because what the model lacks varies from part to part, and noise alone would make it look exact.
+        With A, c the normal equations of the arm and a, b, c_x those of d(y - Y theta)/dx,
 
             change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b)."""
         score, slopes = self.score(now), np.zeros((self.n, self.data.count, len(ats)))
@@ -292,9 +295,11 @@ class Likelihood:
         full = np.concatenate([gram[:, 0], cross[:, 0, :, None]], axis=2)
         arm = solve(full[:, :s, :s], full[:, :s, s:])
         beside = full[:, s:, s:] - full[:, s:, :s] @ arm
-        own = np.einsum("pkk->pk", beside[..., :-1]) + RIDGE * np.einsum("pkk->pk", full[:, s:, s:-1])
-        change, spread = jackknifed(beside[..., -1] / np.maximum(own, 1e-300) / or_one(sizes))
-        return change, np.where(sizes > 0.0, spread, np.inf)
+        own, whole = (np.einsum("pkk->pk", x[..., :-1]) for x in (beside, full[:, s:, s:]))
+        change, spread = jackknifed(
+            beside[..., -1] / np.maximum(own + RIDGE * whole, 1e-300) / or_one(sizes)
+        )
+        return change, np.where(own.sum(axis=0) > UNSEEN * whole.sum(axis=0), spread, np.inf)
 
     def predicts(self, before: Array, after: Array) -> float:
         """By how many standard errors the second of what two repairs leave (PARTS, n) of parts that were
@@ -321,9 +326,9 @@ class Rows:
     def pushed(self) -> Array:
         """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
         product with the weight of a plausible arm."""
-        of, arm = self.of, self.repair.of_arm
-        ddq, weight = of.motion(arm).ddq, of.shared(arm, 0.0, 0.0)
-        made = of.shared(arm, 0.0, 1.0) - weight, weight
+        of, repair = self.of, self.repair
+        ddq, weight = of.motion(repair).ddq, of.shared(repair, 0.0, 0.0)
+        made = of.shared(repair, 0.0, 1.0) - weight, weight
         both = zip(made, (ddq, of.nominal(self.repair, 0.0)), strict=True)
         return np.array([np.einsum("jms,mj->s", x, along) for x, along in both]) / of.data.count
 
@@ -365,6 +370,17 @@ class Score:
     def residual(self) -> Array:
         """(n, M) what the arm leaves of the channels."""
         return self.rows.rest((self.channels - self.rows.raw @ self.theta)[:, :, None])[:, :, 0]
+
+    def gained(self, x: Array) -> Array:
+        """(n, K) by how much log S_j falls with one more own column of joint j, of x (n, M, K) without
+        what the own ones explain: a score test, less what the arm's parameters take of it."""
+        pull = np.einsum("jm,jmk->jk", self.residual, x) ** 2
+        shared = np.einsum("jms,jmk->jsk", self.rows.rest(self.rows.raw), x)
+        normal = np.tensordot(self.weights, self.gram, 1)
+        taken = self.weights[:, None] * np.sum(shared * solve(normal, shared), axis=1)
+        whole = np.sum(x**2, axis=1)
+        seen = np.maximum(whole - taken, 1e-3 * whole) * self.left[:, None]
+        return np.asarray(np.log1p(pull / np.maximum(seen, 1e-280)))
 
     @cached_property
     def samples(self) -> float:

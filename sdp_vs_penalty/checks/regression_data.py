@@ -22,13 +22,18 @@ from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import random_motion, structure
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
+
+#: A gravity along none of an arm's axes [m/s^2].
+_OBLIQUE = (3.0, 5.0, 8.0)
 
 
 def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
@@ -52,11 +57,12 @@ class RegressionData:
     motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over time;
     own : (n, M, k) columns that each joint's own motion makes; laws : those of LAWS, as many; heard :
     (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,); shared : the effects
-    whose columns joints share; largest : (n,) sizes that the channels reach; cutoff : of the low-pass
-    [Hz].
+    whose columns joints share, independent : which of these say all that the others do, however the arm
+    is mounted; largest : (n,) sizes that the channels reach; cutoff : of the low-pass [Hz].
     """
 
     shared: Model | None
+    independent: tuple[int, ...]
     motion: Motion
     torque: CubicSpline
     own: Array
@@ -121,7 +127,8 @@ class RegressionData:
         own, lacking = own[:, asked], dict[str, Array]()
         for name, law in reversed(LAWS.items()):  # the last columns
             own, lacking[name] = np.split(own, [-len(law(motion))], axis=2)
-        return cls(shared, motion, spline, own, lacking, heard, moving, largest, cutoff)
+        free = _independent(shared)
+        return cls(shared, free, motion, spline, own, lacking, heard, moving, largest, cutoff)
 
 
 def _piece(
@@ -145,6 +152,21 @@ def split(model: Model) -> tuple[list[JointEffect], Model | None]:
     own = [e for e in model.effects if isinstance(e, JointEffect) and list(e.joints) == every]
     rest = tuple(e for e in model.effects if e not in own)
     return [e for e in own if "friction" in e.name], Model(model.robot, rest) if rest else None
+
+
+def on_robot(model: Model, robot: Robot) -> Model:
+    """The same effects of another robot."""
+    return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))
+
+
+def _independent(shared: Model | None) -> tuple[int, ...]:
+    """The columns that lead the base parameters under a gravity along none of the arm's axes."""
+    if shared is None:
+        return ()
+    model, m = on_robot(shared, replace(shared.robot, gravity=_OBLIQUE)), random_motion(shared.robot, 0)
+    few = slice(2 * len(model.parameters) // shared.robot.n + 1)
+    columns = model.columns(Motion(m.t[few], m.q[few], m.dq[few], m.ddq[few]))
+    return structure(np.concatenate([b.wide(len(model.parameters)) for b in columns]))[1]
 
 
 def own_columns(friction: Sequence[JointEffect], motion: Motion) -> list[Array]:

@@ -22,6 +22,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 Order = tuple[int, ...]
 Numbers = tuple[float, ...]
+Gravity = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Repair:
     gain: Numbers
     lead: Numbers
     lag: Numbers
-    gravity: tuple[float, float, float]
+    gravity: Gravity
     lacks: Numbers
     longer: Numbers
     bend: Numbers

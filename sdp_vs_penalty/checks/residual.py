@@ -342,5 +342,5 @@ def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[st
             away = log.slope(at, repair.zero[j], 0.01, theta)
             yield "encoder offset", j, -away[:, :, None]
     if log.data.shared is not None:
-        last = log.shared(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]
+        last = log.columns(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]
         yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last

@@ -61,17 +61,21 @@ class Search:
         return now
 
     def proposals(self, now: Repair) -> list[Repair]:
-        """One more thing, the best first; those that only physics can tell are always looked at."""
+        """One more thing that may be believed, the best first.
+
+        A number's best value explains at most twice what a rough one does, and physics gives back at
+        most what it takes of ``now``: what does not reach the odds so is not looked at."""
         score, screen = self.log.score(now), self.log.screen
         made = (t.proposals(self.log, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
-        scores = screen.scores(asked)
-        level = self.likelihood(screen.score(now), now)
-        # Costs are positive: most need not be asked for.
-        far = level - c.LOUDEST
-        near = [i for i, s in enumerate(scores) if -0.5 * self.samples * s.score > far]
-        value = {i: self.likelihood(scores[i], asked[i]) for i in near}
-        order = sorted((i for i in near if value[i] > far), key=lambda i: -value[i])
+        here, scores = screen.score(now), screen.scores(asked)
+        least = c.ODDS - self.likelihood(score, now) + self.posterior(now)
+        gains = [0.5 * self.samples * (here.score - s.score) for s in scores]
+        near = [i for i, gain in enumerate(gains) if gain + max(gain, 0.0) > least]  # before its cost
+        value = {i: self.likelihood(scores[i], asked[i]) - self.likelihood(here, now) for i in near}
+        order = sorted(
+            (i for i in near if value[i] + max(gains[i], 0.0) > least), key=lambda i: -value[i]
+        )
         tied = [i for i in order if _same_fit(asked[i], now)]
         # Of each thing its best number: a grid's neighbours must not crowd out another thing.
         best: dict[frozenset[object], int] = {}
@@ -82,9 +86,7 @@ class Search:
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         level = self.posterior(now)
-        # Rough numbers first: a coarse grid may miss most of what its best value explains.
-        rough = sorted(self.proposals(now), key=self.posterior, reverse=True)
-        refined = [self.refined(r, now) for r in rough[: c.MOST]]
+        refined = [self.refined(r, now) for r in self.proposals(now)]
         # The error of a wrong arm lasts longer than noise does: of that the best one knows most.
         self.samples = max([self.samples, *(self.log.score(r).samples for r in refined)])
         self._posteriors.clear()
@@ -123,7 +125,8 @@ class Search:
         return float(self.log.steps(now, [number.at], np.array([number.value]), h)[1][0])
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
-        """With the best values of the numbers that ``now`` does not have; round ones where as likely."""
+        """With the best values of the numbers that ``now`` does not have: looked for on few rows, then
+        one step of Newton's on all; round ones where as likely."""
         from scipy.optimize import minimize_scalar
 
         known = {e.name for e in self.elements(now)}
@@ -131,13 +134,19 @@ class Search:
             number = next(e.number for e in self.elements(repair) if e.name == name)
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
-            best = float(minimize_scalar(
-                lambda x, at=number.at: self.log.score(at(float(x))).score,
-                bounds=ends, method="bounded", options={"xatol": 0.05 * number.tolerance, "maxiter": 14},
-            ).x)  # fmt: skip
-            near = [x for x in number.snaps if abs(x - best) < number.tolerance]
-            tried = [number.at(x) for x in near] or [number.at(best), repair]
-            repair = max(tried, key=self.posterior)
+            few = lambda x, at=number.at: self.log.screen.score(at(float(x))).score  # noqa: E731
+            settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
+            found = minimize_scalar(few, bounds=ends, method="bounded", options=settings)
+            best = float(found.x) if found.fun < few(number.value) else number.value
+            h = 0.3 * number.tolerance
+            around = self.log.scores([number.at(best + d * h) for d in (-1.0, 0.0, 1.0)])
+            # Of the joints' weights here, what is left is a parabola.
+            low, here, high = (float(around[1].weights @ s.left) for s in around)
+            bend = max(low - 2.0 * here + high, 1e-300)
+            better = best + h * float(np.clip(0.5 * (low - high) / bend, -3.0, 3.0))
+            near = [x for x in number.snaps if abs(x - better) < number.tolerance]
+            tried = [number.at(x) for x in near or (best, better)]
+            repair = max(tried, key=lambda r: self.likelihood(self.log.score(r), r))
         return repair
 
     def told(self, net: Repair) -> tuple[list[Issue], Repair]:

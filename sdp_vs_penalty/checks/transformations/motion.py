@@ -142,8 +142,10 @@ class Zero(Transformation):
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         ats = [partial(_shifted, log, now, j) for j in log.joints]
-        steps, _ = log.screen.steps(now, ats, np.array(now.zero)[log.joints], 0.01)
-        for j, at, step in zip(log.joints, ats, steps.tolist(), strict=True):
+        steps, spreads = log.screen.steps(now, ats, np.array(now.zero)[log.joints], 0.01)
+        for j, at, step, spread in zip(log.joints, ats, steps.tolist(), spreads.tolist(), strict=True):
+            if not np.isfinite(spread):
+                continue  # nothing of it is seen, however large
             unit = 1.0 if j in log.revolute else _length(log)
             quarters = self.quarters if j in log.revolute and score.poor.any() else ()
             for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):

@@ -7,7 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score, solve
+from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import Event, Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Transformation, choices
@@ -138,9 +138,15 @@ class Law(Transformation):
     what they explain is said in a note."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        for j in np.flatnonzero(score.poor).tolist():
-            new = (Event(j, law) for law in LAWS if Event(j, law) not in now.events)
-            yield from (replace(now, events=(*now.events, event)) for event in new)
+        heard, order = log.heard(now)[:, :, None], list(now.order)
+        gains = {
+            name: score.gained(score.rows.rest(heard * law[order])).max(axis=1)
+            for name, law in log.data.laws.items()
+        }
+        for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
+            event = Event(j, max(gains, key=lambda name, j=j: gains[name][j]))  # type: ignore[misc]
+            if event not in now.events:
+                yield replace(now, events=(*now.events, event))
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for event in repair.events:
@@ -166,14 +172,7 @@ class Change(Transformation):
         events = [None, *(float(t[0] + s * span) for s in steps)]
         shapes = np.hstack([Event(0, at).shape(t) for at in events])
         x = score.rows.rest(log.heard(now)[:, :, None] * shapes)
-        pull = np.einsum("jm,jmk->jk", score.residual, x) ** 2
-        # What the arm's parameters take of a shape leaves nothing to see.
-        shared = np.einsum("jms,jmk->jsk", score.rows.rest(score.rows.raw), x)
-        normal = np.tensordot(score.weights, score.gram, 1)
-        taken = score.weights[:, None] * np.sum(shared * solve(normal, shared), axis=1)
-        whole = np.sum(x**2, axis=1)
-        seen = np.maximum(whole - taken, 1e-3 * whole) * score.left[:, None]
-        found = np.log1p(pull / np.maximum(seen, 1e-280))
+        found = score.gained(x)
         forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
         for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
             share = forth @ side / np.maximum(side.sum(axis=0), 1)
