@@ -16,11 +16,11 @@ from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import Element, Number, Transformation
 from sdp_vs_penalty.checks.transformations import motion, torque
 
-#: What is tried, in the order of the words.
+#: What is tried, in the order of the words; of what explains alike the first.
 TRANSFORMATIONS: tuple[Transformation, ...] = (
     motion.Degrees(), motion.Clock(), motion.Sign(), motion.Exchange(), motion.Mounting(),
-    torque.Weight(), torque.Law(), torque.Gain(), torque.Delay(), torque.Change(), motion.Zero(),
-    motion.Length(), torque.Saturation(),
+    torque.Weight(), torque.Law(), torque.Gain(), torque.Delay(), torque.Change(), motion.Length(),
+    motion.Zero(), torque.Saturation(),
 )  # fmt: skip
 
 
@@ -74,7 +74,7 @@ class Search:
         near = [i for i, gain in enumerate(gains) if gain + max(gain, 0.0) > least]  # before its cost
         value = {i: self.likelihood(scores[i], asked[i]) - self.likelihood(here, now) for i in near}
         order = sorted(
-            (i for i in near if value[i] + max(gains[i], 0.0) > least), key=lambda i: -value[i]
+            (i for i in near if value[i] + max(gains[i], 0.0) > least), key=lambda i: -round(value[i])
         )
         tied = [i for i in order if _same_fit(asked[i], now)]
         # Of each thing its best number: a grid's neighbours must not crowd out another thing.
@@ -85,18 +85,19 @@ class Search:
 
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
-        level = self.posterior(now)
         refined = [self.refined(r, now) for r in self.proposals(now)]
         # The error of a wrong arm lasts longer than noise does: of that the best one knows most.
         self.samples = max([self.samples, *(self.log.score(r).samples for r in refined)])
         self._posteriors.clear()
-        level = self.posterior(now)
-        for repair in sorted(refined, key=self.posterior, reverse=True):
-            if self.posterior(repair) < level + c.ODDS:
-                break
-            if self.believed(repair, now):
-                return repair
-        return None
+        known, least = {e.name for e in self.elements(now)}, self.posterior(now) + c.ODDS
+
+        def rank(repair: Repair) -> int:
+            """What explains as much by a law, which arms have, comes before a fault."""
+            law = all(e.severity == "note" for e in self.elements(repair) if e.name not in known)
+            return -round(self.posterior(repair) + c.ODDS * law)
+
+        likely = [r for r in refined if self.posterior(r) >= least]
+        return next((r for r in sorted(likely, key=rank) if self.believed(r, now)), None)
 
     def believed(self, repair: Repair, now: Repair) -> bool:
         """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is
