@@ -15,9 +15,8 @@ TRAVELS = {"gear": (5e-4, 5e-3), "hysteresis": (2e-2, 1e-1, 0.5)}
 # -- the likelihood ------------------------------------------------------------------------------------
 #: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
 RIDGE = 1e-9
-#: Of a number's effect on the torques so much has to be left by the arm's parameters (rounding: RIDGE).
-UNSEEN = 1e3 * RIDGE
-#: A residual below 0.3 % of the torque is explained: friction laws and filters are no better.
+#: A residual below 0.3 % of the torque is explained: friction laws and filters are no better. A number
+#: of whose effect the arm's parameters leave no more is not seen.
 FLOOR = 1e-5
 #: Rounds of reweighting each joint by its own residual.
 ROUNDS = 3

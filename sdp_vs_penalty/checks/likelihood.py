@@ -26,7 +26,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS, UNSEEN
+from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import Event, Gravity, Numbers, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
@@ -299,7 +299,9 @@ class Likelihood:
         change, spread = jackknifed(
             beside[..., -1] / np.maximum(own + RIDGE * whole, 1e-300) / or_one(sizes)
         )
-        return change, np.where(own.sum(axis=0) > UNSEEN * whole.sum(axis=0), spread, np.inf)
+        seen = sizes > FLOOR * np.linalg.norm(score.channels)
+        seen &= own.sum(axis=0) > FLOOR * whole.sum(axis=0)
+        return change, np.where(seen, spread, np.inf)
 
     def predicts(self, before: Array, after: Array) -> float:
         """By how many standard errors the second of what two repairs leave (PARTS, n) of parts that were

@@ -32,9 +32,6 @@ from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-#: A gravity along none of an arm's axes [m/s^2].
-_OBLIQUE = (3.0, 5.0, 8.0)
-
 
 def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
     return [np.column_stack([dahl(q, d) for q in motion.q.T]) for d in travels]
@@ -163,7 +160,8 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     """The columns that lead the base parameters under a gravity along none of the arm's axes."""
     if shared is None:
         return ()
-    model, m = on_robot(shared, replace(shared.robot, gravity=_OBLIQUE)), random_motion(shared.robot, 0)
+    x, y, z = np.random.default_rng(0).normal(size=3).tolist()
+    model, m = on_robot(shared, replace(shared.robot, gravity=(x, y, z))), random_motion(shared.robot, 0)
     few = slice(2 * len(model.parameters) // shared.robot.n + 1)
     columns = model.columns(Motion(m.t[few], m.q[few], m.dq[few], m.ddq[few]))
     return structure(np.concatenate([b.wide(len(model.parameters)) for b in columns]))[1]
