@@ -96,7 +96,11 @@ class Search:
             law = all(e.severity == "note" for e in self.elements(repair) if e.name not in known)
             return -round(self.posterior(repair) + c.ODDS * law)
 
-        likely = [r for r in refined if self.posterior(r) >= least]
+        likely = [
+            r
+            for r in refined  # physics, which takes longer, only lowers it
+            if self.likelihood(self.log.score(r), r) >= least and self.posterior(r) >= least
+        ]
         return next((r for r in sorted(likely, key=rank) if self.believed(r, now)), None)
 
     def believed(self, repair: Repair, now: Repair) -> bool:
@@ -113,6 +117,8 @@ class Search:
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual, and its interval is closed: far to either side, half of it and as far as
         the best value is looked for, it explains less."""
+        if abs(number.value) <= number.tolerance:
+            return False
         far = max(number.reach, 0.5 * abs(number.value))
         values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.log.scores([number.at(x) for x in values])
