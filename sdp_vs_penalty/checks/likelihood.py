@@ -207,7 +207,8 @@ class Likelihood:
 
     def nominal(self, repair: Repair, speed: float = 1.0) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion; its weight where speed is 0."""
-        rigid = [] if self.data.shared is None else self.data.shared.rigid_indices
+        known = self.data.shared
+        rigid = np.arange(0) if known is None else known.rigid_indices
         columns, links = self.columns(repair.of_arm, speed, speed), self.problem.nominal_links.ravel()
         return np.asarray(np.swapaxes(columns[:, :, rigid] @ links[: len(rigid)], 0, 1), float)
 

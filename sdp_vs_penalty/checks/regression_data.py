@@ -22,7 +22,7 @@ from sdp_vs_penalty.effects.effect import JointEffect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.base_parameters import random_motion, structure
+from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.constants import SLIDES
@@ -161,9 +161,10 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     if shared is None:
         return ()
     x, y, z = np.random.default_rng(0).normal(size=3).tolist()
-    model, m = on_robot(shared, replace(shared.robot, gravity=(x, y, z))), random_motion(shared.robot, 0)
-    few = slice(2 * len(model.parameters) // shared.robot.n + 1)
-    columns = model.columns(Motion(m.t[few], m.q[few], m.dq[few], m.ddq[few]))
+    model = on_robot(shared, replace(shared.robot, gravity=(x, y, z)))
+    few = 2 * len(model.parameters) // shared.robot.n + 1
+    q, dq, ddq = (states[:few] for states in shared.robot.random_states)
+    columns = model.columns(Motion(np.zeros(few), q, dq, ddq))
     return structure(np.concatenate([b.wide(len(model.parameters)) for b in columns]))[1]
 
 
