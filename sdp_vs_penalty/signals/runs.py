@@ -56,10 +56,11 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
 
 def _moving(run: Measurements) -> NDArray[np.bool_]:
     total = square = steps = np.zeros(run.n)
-    for _, q in parts(run.q, overlap=1):
-        away = q[:PART] - run.q[0]
-        total, square = total + away.sum(axis=0), square + np.sum(away**2, axis=0)
-        steps = steps + np.sum(np.diff(q, axis=0) ** 2, axis=0)
+    for _, part in parts(run.q, overlap=1):
+        q = np.ascontiguousarray(part.T)  # several times as fast as row by row
+        away = q[:, :PART] - run.q[0][:, None]
+        total, square = total + away.sum(axis=1), square + np.sum(away**2, axis=1)
+        steps = steps + np.sum(np.diff(q, axis=1) ** 2, axis=1)
     count = len(run.q)
     spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0))
     step = np.sqrt(steps / max(count - 1, 1))
