@@ -8,13 +8,11 @@ those of block b, and a draw that holds it w_b times has the factor chol(sum_b w
 looked at again, and no digit is lost, since the sum of all G_b is at most one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.effects.effect import Effect
@@ -27,19 +25,8 @@ from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.certificate import TIGHT
 from sdp_vs_penalty.solvers.objective import Objective
-
-
-@dataclass(frozen=True)
-class Bootstrap:
-    """names (p) of the parameters; theta (draws, p) of each draw; gap (draws,) : its certified gap,
-    relative to the loss."""
-
-    names: tuple[str, ...]
-    theta: Array
-    gap: Array
 
 
 def bootstrap(
@@ -50,8 +37,9 @@ def bootstrap(
     *,
     effects: str | Sequence[str] | Sequence[Effect] | None = None,
     seed: int = 0,
-) -> Bootstrap:
-    """Certified estimates from ``draws`` resamples of the blocks of time, a twentieth of a run each.
+) -> pandas.DataFrame:
+    """Certified estimates from ``draws`` resamples of the blocks of time, a twentieth of a run each: a
+    row a draw, of each parameter a column [SI], and "gap", the certified one relative to the loss.
 
     problem, measurements, method, effects : as :func:`~sdp_vs_penalty.estimation.identify.identify`
     takes them; shape constants and the joints' weights stay those of all measurements. Raises
@@ -74,11 +62,11 @@ def bootstrap(
         grams[blocks] += seen.swapaxes(1, 2) @ seen
     # A direction that no drawn block shows keeps what rounding is worth.
     priors = np.eye(V.shape[1]) * (1.0 + len(V) * np.finfo(float).eps) - grams.sum(axis=0)
-    theta, gap, rng = np.empty((draws, p)), np.empty(draws), np.random.default_rng(seed)
-    for k in range(draws):
+    found, rng = np.empty((draws, p + 1)), np.random.default_rng(seed)
+    for row in found:
         times = rng.multinomial(count, np.full(count, 1.0 / count))
         rows = np.linalg.cholesky(priors + np.tensordot(times, grams, 1)).T @ into
         drawn = LeastSquares(rows[:, :p], rows[:, p], 0.0, float(rows[:, p] @ rows[:, p]), data.rows)
         fit = sdp.fit(Objective(drawn, objective.entropy), 0.5 * TIGHT, near=first)
-        theta[k], gap[k] = task.model.with_known(fit.theta), fit.gap
-    return Bootstrap(tuple(q.name for q in task.model.parameters), theta, gap)
+        row[:] = np.append(task.model.with_known(fit.theta), fit.gap)
+    return pandas.DataFrame(found, columns=[*(q.name for q in task.model.parameters), "gap"])
