@@ -44,8 +44,6 @@ AT_END = 0.02
 #: the motion that answers it has harmonics of its own, from gravity and friction. Chosen on 24 logs with
 #: encoders of 12 and 18 bits, where 5 let more noise through, and 7 joints, where 2 lost the scale.
 COMMAND_HARMONICS = 3.0
-#: Simulations of a command at most, each by the model that the last one's instruments gave.
-SIMULATIONS = 3
 #: Share of its column that others must leave of a parameter which sets a scale [-], and the least
 #: correlation of a motor's current or voltage with its servo's torque (the EMPS: 0.9999).
 SCALE_TOLD, MOTOR_ALIKE = 1e-5, 0.7

@@ -13,6 +13,7 @@ about the last T), are compressed together: each law at each delay is a small pr
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -265,7 +266,7 @@ def servo_log(
     shapes = estimate_shapes(stated, data, settings, weighting, widest=c.TURNS[-1])
     load = tuple(with_shapes(load, shapes))
     model = balanced_at(delay)
-    for k in range(c.SIMULATIONS if instruments else 1):
+    for k in count(1):  # each pass but the last has brought the simulation much nearer
         better = model
         if given is None and delay > 0.0:  # a step of Gauss-Newton, in which joints share their links
             assert model.reference is not None
@@ -274,7 +275,7 @@ def servo_log(
             step = float(task_of(wide).ols[-1]) * prior_deviation(drive, "T")
             better = balanced_at(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))
         if instruments:
-            progress(f"simulating the command, pass {k + 1}")
+            progress(f"simulating the command, pass {k}")
             theta = better.with_known(make_estimator(DEFAULT_METHOD).fit(task_of(better)).theta)
             with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
                 simulated = with_simulated_motion(data, better, theta)
@@ -285,7 +286,7 @@ def servo_log(
                 break
             used, rows, motion = rows, simulated, apart
         model = better
-        if instruments and error > before - np.log(c.FEWER_GAINS):
+        if not instruments or error > before - np.log(c.FEWER_GAINS):
             break
     model, scale = with_scale(model, data, settings, known, loads)
     details = {

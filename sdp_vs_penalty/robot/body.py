@@ -11,8 +11,8 @@ from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 #: What a body can be known from, the best first.
 SOURCES = ("geometry", "bounds", "inertial", "kinematics")
-#: Relative excess of the volume of an enclosing ellipsoid, and the steps that it may take.
-_EXCESS, _STEPS = 1e-2, 2000
+#: Relative excess of the squared distances from an enclosing ellipsoid's centre.
+_EXCESS = 1e-2
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,8 @@ def around(
     weights = np.full(len(lifted), 1.0 / len(lifted))
     inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
     distance = np.sum(lifted @ inverse * lifted, axis=1)
-    for _ in range(_STEPS):
+    while (excess := distance.max()) > 4.0 * (1.0 + _EXCESS):
         farthest = int(np.argmax(distance))
-        excess = distance[farthest]
-        if excess <= 4.0 * (1.0 + _EXCESS):
-            break
         step = (excess - 4.0) / (4.0 * (excess - 1.0))
         weights *= 1.0 - step
         weights[farthest] += step

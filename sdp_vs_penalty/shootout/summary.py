@@ -9,10 +9,10 @@ accuracy, and a claim of success; or infeasibility, rightly claimed.
 
 import importlib.util
 import io
-import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
@@ -70,8 +70,9 @@ def plot_profile(runs: pandas.DataFrame, path: Path, least: float = 0.8) -> bool
     shown = sorted(count.index[count >= least * count.max()])
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
         size = (3.2 * len(asked) + 1.6, 3.4)
-        figure, axes = plt.subplots(1, len(asked), figsize=size, sharey=True, layout="constrained")
-        for panel, accuracy in zip(np.atleast_1d(axes), asked, strict=True):
+        told: dict[str, Any] = {"figsize": size, "sharey": True, "squeeze": False, "layout": "constrained"}
+        figure, (axes,) = plt.subplots(1, len(asked), **told)
+        for panel, accuracy in zip(axes, asked, strict=True):
             curves = profile(runs, accuracy)
             for k, solver in enumerate(shown):
                 ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
@@ -82,9 +83,9 @@ def plot_profile(runs: pandas.DataFrame, path: Path, least: float = 0.8) -> bool
             panel.set(xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03), title=f"{accuracy:.0e}")
             panel.set_xlabel("time over the fastest that was right")
             panel.grid(alpha=0.3)
-        np.atleast_1d(axes)[0].set_ylabel("share of problems got right")
-        handles = np.atleast_1d(axes)[0].get_legend_handles_labels()
-        figure.legend(*handles, loc="outside right upper", frameon=False)
+        axes[0].set_ylabel("share of problems got right")
+        labels = axes[0].get_legend_handles_labels()
+        figure.legend(*labels, loc="outside right upper", frameon=False)
         file = io.BytesIO()
         figure.savefig(file, format="svg", metadata={"Date": None})
         plt.close(figure)
@@ -157,12 +158,6 @@ def by_problem(runs: pandas.DataFrame) -> str:
     return "\n".join(markdown_table(list(grid.columns), grid.to_numpy().tolist())) + "\n"
 
 
-def _links(problem: str, group: str, robots: Mapping[str, int]) -> int | None:
-    """How many links a standard problem has, by its robot or name; None for an ill-conditioned one."""
-    named = re.match(r"chain of (\d+)", problem)
-    return int(named.group(1)) if named else robots.get(group)
-
-
 def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -> list[Row]:
     """The contestants, on arms of so many links (None: on everything), those that reach the accuracy
     most often first.
@@ -172,9 +167,10 @@ def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -
     """
     mine = at_accuracy(runs, accuracy)
     if links is not None:
+        # By its name or its robot; an ill-conditioned problem has neither.
         robots = {name: load_problem(name).robot.n for name in problem_names()}
-        pairs = zip(mine["problem"], mine["group"], strict=True)
-        mine = mine[[_links(*pair, robots) == links for pair in pairs]]
+        named = mine["problem"].str.extract(r"^chain of (\d+)")[0].astype(float)
+        mine = mine[named.fillna(mine["group"].map(robots)) == links]
     right = reached(mine, accuracy)
     found = mine.assign(right=right, wrong=mine["class"] == "silently_wrong")
     found["seconds"] = found["seconds"].where(right)
