@@ -132,8 +132,7 @@ def judge(
     beyond, over = relative, None  # relative: without what the noise explains, where that is known
     if floor is not None:
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(floor > 0.0, rmse / floor, np.inf)
-        over = np.where((floor <= 0.0) & (rmse <= 0.0), 1.0, ratio)
+            over = np.where(floor > 0.0, rmse / floor, np.where(rmse > 0.0, np.inf, 1.0))
         if np.isfinite(relative) and np.any(rmse > 0.0):
             left = np.maximum(rmse**2 - floor**2, 0.0).sum()
             beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))

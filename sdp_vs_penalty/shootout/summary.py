@@ -70,8 +70,8 @@ def plot_profile(runs: pandas.DataFrame, path: Path, least: float = 0.8) -> bool
     shown = sorted(count.index[count >= least * count.max()])
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
         size = (3.2 * len(asked) + 1.6, 3.4)
-        told: dict[str, Any] = {"figsize": size, "sharey": True, "squeeze": False, "layout": "constrained"}
-        figure, (axes,) = plt.subplots(1, len(asked), **told)
+        shared: dict[str, Any] = {"sharey": True, "squeeze": False, "layout": "constrained"}
+        figure, (axes,) = plt.subplots(1, len(asked), figsize=size, **shared)
         for panel, accuracy in zip(axes, asked, strict=True):
             curves = profile(runs, accuracy)
             for k, solver in enumerate(shown):
