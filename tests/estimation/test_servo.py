@@ -28,8 +28,8 @@ from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.page.jobs import summary
+from sdp_vs_penalty.page.run_jobs import Asked
 from sdp_vs_penalty.signals import Preprocessing
 
 URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
@@ -293,7 +293,8 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
 def test_report_and_page_show_the_torque_that_the_servos_make(found, tmp_path):
     test, truth = log(seed=3), log(seed=3, torque=True)
     given = Runs(log(), test, concatenate([log(), test]))
-    shown = summary(found, given, tmp_path / "model.json", 0.0, no_progress)
+    asked = type("AskedOfRuns", (Asked,), {"runs": given})({"out": tmp_path / "model.json"})
+    shown = summary(asked, found, 0.0)
     assert shown["servo"]
     with np.load(tmp_path / "model-1.npz") as read:  # the second of its runs
         t, torque, modelled = read["t"], read["torque"][:, 0], read["modelled"][:, 0]
