@@ -11,11 +11,7 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FAR
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
-from sdp_vs_penalty.diagnosis.held_out import (
-    estimator_beside,
-    model_beside,
-    task_beside,
-)
+from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
 from sdp_vs_penalty.diagnosis.library import Form, Library
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
@@ -206,7 +202,11 @@ def _add_frozen(
     """Fit only the new effects, under their own constraints, to what the model leaves."""
     problem = estimate.problem
     own = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
-    model = model_beside(estimate, new)
+    model = replace(estimate.model, effects=(*estimate.model.effects, *new), reference=None)
+    if model.needs_reference:
+        known = estimate.theta if estimate.model.reference is None else estimate.model.reference
+        reference = np.append(known, np.zeros(len(model.parameters) - len(known)))
+        model = replace(model, reference=reference)
     settings = estimate.preprocessing.resolve(measurements)
     progress("compressing the measurements")
     left = compress(measurements, model, settings).beside(estimate.theta)

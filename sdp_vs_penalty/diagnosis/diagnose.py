@@ -93,7 +93,8 @@ def diagnose(
     search = Search(data, library(data))
     search.run(progress)
     progress("held-out errors")
-    found = _offered(search, Judge(estimate, measurements, test, frozen))
+    unseen = None if test is None else diagnosis_rows(test, estimate, settings)
+    found = _offered(search, Judge(estimate, measurements, unseen, frozen))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)

@@ -1,15 +1,15 @@
 """The last word: errors on data left out, with one finding after the other.
 
 At each step the model is fitted as ``add`` fits it, by its own method under its problem's constraints. A
-test run is judged on the rows on which ``compare`` judges it; without one, five folds by the phase of
-the motion take its place: sizes come from the other folds, the choice of effects and constants from all
-rows.
+test run is filtered as the runs that were searched; without one, five folds by the phase of the motion
+take its place: sizes come from the other folds, the choice of effects and constants from all rows.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import MINOR
@@ -32,26 +32,22 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
     with_plausible,
 )
-from sdp_vs_penalty.regression.regression import (
-    Factor,
-    Regression,
-    TimeBlock,
-    compress,
-    triangular,
-)
+from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
-from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 
 @dataclass(frozen=True)
 class Split:
-    """Rows to fit to and rows to judge on, in the columns of a model and of effects; of a frozen model:
-    what it leaves, in those of the effects."""
+    """Rows to fit to, and rows to judge on, in the columns of a model and of effects; of a frozen model:
+    what it leaves, in those of the effects. there (n, M, p + 1) : columns and torque; counts (M, n) :
+    which rows do."""
 
     effects: tuple[Effect, ...]
     train: Regression
-    there: Regression
+    there: Array
+    counts: NDArray[np.bool_]
 
     def squares(self, estimate: Estimate, frozen: bool, chosen: Sequence[int]) -> Array:
         """(n,) squared errors with some of the effects."""
@@ -60,8 +56,9 @@ class Split:
         picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
         own, left = exchanged(() if frozen else estimate.model.effects, new)
         wanted = np.append(left, picked).astype(bool)
-        theta = fitted_parameters(estimate, own, new, self.train.keeping(wanted), frozen)
-        return self.there.keeping(wanted).joint_losses(theta)
+        theta = np.append(np.zeros(len(wanted)), -1.0)
+        theta[:-1][wanted] = fitted_parameters(estimate, own, new, self.train.keeping(wanted), frozen)
+        return np.asarray(np.sum((self.there @ theta) ** 2 * self.counts.T, axis=1))
 
 
 @dataclass
@@ -79,7 +76,7 @@ class HeldOut:
         key = tuple(sorted(chosen))
         if key not in self._known:
             squares = sum(s.squares(self.estimate, self.frozen, key) for s in self.splits)
-            rows = sum(s.there.joint_rows() for s in self.splits)
+            rows = sum(s.counts.sum(axis=0) for s in self.splits)
             self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._known[key]
 
@@ -111,11 +108,11 @@ def harm(before: Array, after: Array) -> float:
 @dataclass(frozen=True)
 class Judge:
     """Who has the last word: a test run, or folds by phase. first : the model as it was given; data :
-    the runs that were searched."""
+    the runs that were searched; test : the rows of a run that was not."""
 
     first: Estimate
     data: Measurements
-    test: Measurements | None
+    test: SegmentedRuns | None
     frozen: bool
 
     def of(
@@ -125,54 +122,49 @@ class Judge:
         estimate: Estimate,
         by_fold: Mapping[int, Sequence[Effect]] | None = None,
     ) -> HeldOut:
-        """Errors of models fitted to the runs that were searched, on the test run, or to all folds but
+        """Errors of models fitted to the rows that were searched, on the test run, or to all folds but
         one, on that one; by_fold : at an effect's place, what rows outside of each fold make of it."""
-        if self.test is None:
-            splits = _folds(rows, self.frozen, estimate, effects, by_fold or {})
-            return HeldOut(estimate, self.frozen, splits, "folds")
-        model = model_beside(estimate, effects, changes=True)
-        runs, settings = (self.data, self.test), estimate.preprocessing
-        train, there = (compress(run, model, settings, blocks_per_run=1) for run in runs)
-        if self.frozen:
-            train, there = (rows.beside(estimate.theta) for rows in (train, there))
-        return HeldOut(estimate, self.frozen, (Split(tuple(effects), train, there),), "test")
+        own = () if self.frozen else estimate.model.effects
+        parameters = tuple(p for e in (*own, *effects) for p in e.parameters)
+
+        def table(rows: SegmentedRuns, effects: Sequence[Effect]) -> Array:
+            """(n, M, p + 1) columns and torque."""
+            columns = [spread_columns(rows, e) for e in effects]
+            torque = rows.residual if self.frozen else rows.torque
+            every = [model_columns(rows, estimate, self.frozen), *columns, torque.T[:, :, None]]
+            return np.concatenate(every, axis=2)
+
+        def split(both: Array, fit: NDArray[np.bool_], there: Array, counts: NDArray[np.bool_]) -> Split:
+            """fit (M, n) : the rows to fit to."""
+            parts = [x[mine] for x, mine in zip(both, fit.T, strict=True)]
+            triangles = [triangular([x]) if len(x) else x for x in parts]
+            every = np.arange(len(parameters))
+            pairs = zip(triangles, parts, strict=True)
+            factors = tuple(Factor(j, 0, every, x, len(part)) for j, (x, part) in enumerate(pairs))
+            block = (TimeBlock(0, 0.0, 0.0),)
+            train = Regression(parameters, rows.n, block, factors, oversampling=1.0)
+            return Split(tuple(effects), train, there, counts)
+
+        whole = table(rows, effects)
+        if self.test is not None:
+            test = with_estimate(self.test, estimate)
+            only = split(whole, rows.keep, table(test, effects), test.keep)
+            return HeldOut(estimate, self.frozen, (only,), "test")
+        fold, splits = folds_of(rows), list[Split]()
+        for f in range(fold.max() + 1):
+            if by_fold:
+                shaped = [by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)]
+                whole = table(rows, shaped)
+            out = fold == f
+            splits.append(split(whole, rows.keep & ~out[:, None], whole[:, out], rows.keep[out]))
+        return HeldOut(estimate, self.frozen, splits, "folds")
 
     def outside(self, effect: Effect) -> float:
         """Share of the test run's rows that leave what an effect is known for; none without one."""
         if self.test is None:
             return 0.0
-        settings = self.first.preprocessing.resolve(self.test)
-        rows = with_estimate(segmented(self.test, settings), self.first)
-        away = [s.low_pass @ effect.outside(s.motion).astype(float) for s in rows.segments]
-        return float(np.mean(np.concatenate(away)[rows.keep.any(axis=1)] > 0.5))
-
-
-def _folds(
-    rows: SegmentedRuns,
-    frozen: bool,
-    estimate: Estimate,
-    effects: Sequence[Effect],
-    by_fold: Mapping[int, Sequence[Effect]],
-) -> list[Split]:
-    columns = [model_columns(rows, estimate, frozen), *(spread_columns(rows, e) for e in effects)]
-    torque = rows.residual.T if frozen else rows.torque.T
-    own = () if frozen else estimate.model.effects
-    parameters = tuple(p for effect in (*own, *effects) for p in effect.parameters)
-    fold, splits = folds_of(rows), []
-    for f in range(fold.max() + 1):
-        for place, shaped in by_fold.items():
-            columns[1 + place] = spread_columns(rows, shaped[f])
-        both = np.concatenate([*columns, torque[:, :, None]], axis=2)
-        factors = []
-        for j in range(rows.n):
-            for block in range(2):
-                kept = both[j][((fold == f) == block) & rows.keep[:, j]]
-                triangle = triangular([kept]) if len(kept) else kept
-                factors.append(Factor(j, block, np.arange(len(parameters)), triangle, len(kept)))
-        blocks = (TimeBlock(0, 0.0, 0.0),) * 2
-        every = Regression(parameters, rows.n, blocks, tuple(factors), oversampling=1.0)
-        splits.append(Split(tuple(effects), every.select([0]), every.select([1])))
-    return splits
+        away = [s.low_pass @ effect.outside(s.motion).astype(float) for s in self.test.segments]
+        return float(np.mean(np.concatenate(away)[self.test.keep.any(axis=1)] > 0.5))
 
 
 def exchanged(effects: Sequence[Effect], new: Sequence[Effect]) -> tuple[list[Effect], list[bool]]:
@@ -187,16 +179,6 @@ def exchanged(effects: Sequence[Effect], new: Sequence[Effect]) -> tuple[list[Ef
         if stay:
             out.append(e if whole else type(e)(e.robot, stay, **e.shape))
     return out, left
-
-
-def model_beside(estimate: Estimate, new: Sequence[Effect], changes: bool = False) -> Model:
-    """The estimate's model with effects more that refer to it; changes : of its own too."""
-    every = (*estimate.model.effects, *new)
-    model = replace(estimate.model, effects=every, reference=None, changes=changes)
-    if not model.needs_reference:
-        return model
-    known = estimate.theta if estimate.model.reference is None else estimate.model.reference
-    return replace(model, reference=np.append(known, np.zeros(len(model.parameters) - len(known))))
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:
