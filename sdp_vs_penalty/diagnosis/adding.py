@@ -205,8 +205,8 @@ def _add_frozen(
     model = replace(estimate.model, effects=(*estimate.model.effects, *new), reference=None)
     if model.needs_reference:
         known = estimate.theta if estimate.model.reference is None else estimate.model.reference
-        reference = np.append(known, np.zeros(len(model.parameters) - len(known)))
-        model = replace(model, reference=reference)
+        every = np.append(known, np.zeros(len(model.parameters) - len(known)))
+        model = replace(model, reference=every)
     settings = estimate.preprocessing.resolve(measurements)
     progress("compressing the measurements")
     left = compress(measurements, model, settings).beside(estimate.theta)

@@ -111,25 +111,24 @@ def _offered(search: Search, judge: Judge) -> Found:
     """Findings and constants in order that data left out do not speak against."""
     first, own = judge.first, [t for t in search.terms if t.form.own]
 
-    def beside_model(own: Sequence[Term], findings: Sequence[Term]) -> tuple[Estimate, Search]:
-        """Some findings beside the model with other constants of its own."""
-        now = adopted(first, changed(own, first.model), judge.data) if own else first
-        moved = search.limited(findings)
-        now, beside = referred(moved.carried(now) if own else moved)
-        return now, beside.limited(beside.terms)
+    def beside_model(kept: Sequence[Term], findings: Sequence[Term]) -> tuple[Estimate, Search]:
+        """Findings beside the model with other constants of its own."""
+        now = adopted(first, changed(kept, first.model), judge.data) if kept else first
+        found = search.limited(findings)
+        now, found = referred(found.carried(now) if own else found)
+        return now, found.limited(found.terms)
 
-    now, beside = beside_model(own, [t for t in search.terms if not t.form.own])
-    terms = [*own, *sorted(beside.terms, key=lambda t: -t.J)]
-    given = replace(first, theta=now.theta)
-    held_out = judge.of(beside.data.rows, [t.form.effect for t in terms], given)
+    now, final = beside_model(own, [t for t in search.terms if not t.form.own])
+    terms = [*own, *sorted(final.terms, key=lambda t: -t.J)]
+    effects = [t.form.effect for t in terms]
+    held_out = judge.of(final.data.rows, effects, replace(first, theta=now.theta))
     # Evidence against a noise that is guessed proves nothing by itself.
-    order = held_out.offered(range(len(terms)), needed=beside.data.noise.source != REPETITION)
-    kept = [terms[k] for k in order if k < len(own)]
+    order = held_out.offered(range(len(terms)), needed=search.data.noise.source != REPETITION)
+    kept, left_in = ([terms[k] for k in order if (k < len(own)) is x] for x in (True, False))
     if len(kept) < len(own):
-        now, beside = beside_model(kept, [terms[k] for k in order if k >= len(own)])
-        final = beside
+        now, final = beside_model(kept, left_in)
     else:
-        final = beside.limited([terms[k] for k in order if k >= len(own)])
+        final = final.limited(left_in)
     left = what_is_left(final)
     if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
         beside = final.carried(now, left.odd)

@@ -160,13 +160,17 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
 
 def _own_forms(data: WhiteData) -> Iterator[Form]:
     """The model's own effects with other values of the shape constants that are estimated."""
+    joints = data.estimate.robot.joints
     for key, (effect, _) in data.own.items():
         for name in effect.estimated:
-            grid = list(effect.shapes[name].on(effect.robot.joints[key[1]].kind).grid)
+            now, grid = effect.shape[name], list(effect.shapes[name].on(joints[key[1]].kind).grid)
             high = max(grid[-1], TURNS[-1])
             while 2.0 * grid[-1] < high:
                 grid.append(2.0 * grid[-1])
-            yield from (Form(key, alone(effect, key[1], **{name: x}), own=True) for x in (*grid, high))
+            # From the present value on the way is found where the next ones are worse.
+            near = (float(f"{now * step:.6g}") for step in (0.8, 1.25))
+            values = sorted({high, *grid, *(x for x in near if grid[0] < x < high)} - {now})
+            yield from (Form(key, alone(effect, key[1], **{name: x}), own=True) for x in values)
 
 
 def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool:

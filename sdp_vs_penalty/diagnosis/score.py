@@ -246,6 +246,7 @@ class Score:
             if not DEPENDENT**2 * float(np.sum(flat**2)) < energy:
                 return none
             inverse = np.array([[1.0 / energy]])
+            left = left - T[:, :, 0] * float(np.sum(T[:, :, 0] * left)) / energy
         v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
         J = float(drop) / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)

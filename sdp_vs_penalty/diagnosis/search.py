@@ -123,7 +123,8 @@ class Search:
         least = 0.5 * max(top, beyond) - 3.0 * APART
         best = {t.key: t for t in sorted(found, key=lambda t: t.J)}
         found = [t for t in found if _as_good(t, best[t.key])]
-        ranked = sorted((self.refined(fit, t) for t in found if least < t.J), key=lambda t: -t.J)
+        useful = (t for t in found if least < t.J or t.form.own)
+        ranked = sorted((self.refined(fit, t) for t in useful), key=lambda t: -t.J)
         first = {t.key: t for t in reversed(ranked)}
         return [t for t in ranked if first[t.key] is t]
 
@@ -264,15 +265,13 @@ class Search:
         out.fit = out.score.fit(out.terms)
         return out
 
-    def limited(self, terms: Sequence[Term], data: WhiteData | None = None) -> Search:
-        """The search with some of its terms only, each judged beside those; data : white rows in the
-        place of its own."""
-        out = Search(data or self.data, self.library)
+    def limited(self, terms: Sequence[Term]) -> Search:
+        """The search with some of its terms only, each judged beside those."""
+        out = Search(self.data, self.library)
         out.fit = out.score.fit(terms)
         for t in terms:
-            again = out.score.judged(
-                out.score.fit([x for x in terms if x != t], out.fit), t.form, t.columns
-            )
+            beside = out.score.fit([x for x in terms if x != t], out.fit)
+            again = out.score.judged(beside, t.form, t.columns)
             out.terms.append(replace(again, rivals=t.rivals))
         return out
 

@@ -1,5 +1,6 @@
 """The score against plain least squares, and what it promises."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -117,6 +118,30 @@ def test_what_the_model_makes_itself_is_no_candidate():
     assert np.isneginf(score.judged(fit, form(), columns).J)
     batch = Batch((0, 1), (form(),), np.stack([columns[0], columns[1]]))
     assert score.absorbed(fit, batch)[0] == pytest.approx(1.0)
+
+
+def test_another_constant_of_the_models_own_effect_stands_in_its_place():
+    data, z = made(size=1.0)
+    data.X[1, :, 4], key = 0.0, ("own", 0)
+    data.own = {key: (form().effect, 4)}
+    score, own = Score(data, 10), replace(form(), key=key, own=True)
+    fit = score.fit(())
+    np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
+    data.y[0] -= data.X[0, :, 4] * np.linalg.lstsq(data.X[0], data.y[0], rcond=None)[0][4]
+    score = Score(data, 10)
+    fit = score.fit(())
+    term = score.judged(fit, own, {0: z})
+    left = plain(data, fit, z, drop=(4,))
+    without = score.without(fit, own)
+    drop = without.deviance(fit.rss) - without.deviance(np.sum(left**2, axis=1) * fit.level**2)
+    assert pytest.approx(drop - np.log(M) - 2.0 * np.log(10), rel=0.1) == term.J
+    both = score.fit([term])
+    np.testing.assert_allclose(both.residual, plain(data, both, z, drop=(4,)), atol=1e-9)
+    batch = Batch((0,), (own,), z[None])
+    exact = np.sum(fit.residual**2) - np.sum(left**2)
+    assert score.screened(fit, batch)[0] == pytest.approx(exact - np.log(without.degrees[0]), rel=1e-6)
+    noise = np.random.default_rng(5).normal(size=(M, 1))
+    assert score.judged(fit, own, {0: noise}).J < 0.0
 
 
 def test_screening_is_the_drop_of_the_squared_error():
