@@ -14,6 +14,7 @@ from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.page.jobs import summary
+from sdp_vs_penalty.page.run_jobs import Asked
 
 pytestmark = pytest.mark.long
 
@@ -67,7 +68,8 @@ def test_one_grade_everywhere(folder, method, effects, judged, tmp_path, capsys)
     # Several models side by side: the noise is the run's, not theirs.
     beside = compare({"model": estimate, "first": load_estimate(model)}, run)
     assert [c.verdict for c in beside] == [found, found]
-    page = summary(estimate, Runs(run, None, run), tmp_path / "page.json", 0.0, lambda text: None)
+    given = type("Given", (Asked,), {"runs": Runs(run, None, run)})
+    page = summary(given({"out": tmp_path / "page.json"}), estimate, 0.0)
     assert page["comparison"]["verdict"]["headline"] == found.headline
     report({"model": estimate}, run, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
