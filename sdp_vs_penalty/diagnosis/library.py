@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,8 @@ from sdp_vs_penalty.estimation.shapes import alone
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
-#: Ratio to its present value of the next ones at which a constant of the model's own is looked for,
-#: besides its grid: the grid alone did not find a width of 0.058 beside one of 0.032 rad/s.
-STEP = 1.25
+#: Steps of the lattice on which shape constants are refined, in those of the grid that they begin with.
+STEPS = 0.5, 0.25, 0.125
 
 #: (effect name, joint from 0; None: the whole robot).
 Key = tuple[str, int | None]
@@ -171,7 +171,9 @@ def _own_forms(data: WhiteData) -> Iterator[Form]:
             high = max(grid[-1], TURNS[-1])
             while 2.0 * grid[-1] < high:
                 grid.append(2.0 * grid[-1])
-            near = (float(f"{now * step:.6g}") for step in (1.0 / STEP, STEP))
+            # The grid alone did not find a width of 0.058 beside one of 0.032 rad/s.
+            ratio = min(b / a for a, b in pairwise(grid))
+            near = (float(f"{now * ratio**step:.6g}") for step in (-STEPS[1], STEPS[1]))
             values = sorted({high, *grid, *(x for x in near if grid[0] < x < high)} - {now})
             yield from (Form(key, alone(effect, key[1], **{name: x}), own=True) for x in values)
 

@@ -14,15 +14,13 @@ from sdp_vs_penalty.diagnosis.constants import (
     EQUIVALENT,
     FORM,
 )
-from sdp_vs_penalty.diagnosis.library import Form, Key, Library, eligible
+from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Steps of the lattice on which shape constants are refined, in those of the grid that they begin with.
-_STEPS = 0.5, 0.25, 0.125
 #: Times that a constant that is as large as its effect follows it: what is left of an error falls by the
 #: share of the effect that is not of first order, a quarter for the softest gears.
 _SIZED = 3
@@ -90,7 +88,7 @@ class Search:
             return seen[x]
 
         x = step = 0.0
-        for step in _STEPS:
+        for step in STEPS:
             while (best := max((x, x - step, x + step), key=lambda y: at(y).J)) != x:
                 x = best
         less, most, more = (at(x + d).J for d in (-step, 0.0, step))
