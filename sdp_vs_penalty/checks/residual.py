@@ -320,7 +320,7 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     cut = min(range(3, len(parts) - 2), key=apart)  # neither may be short
     row = cut * log.data.count // len(parts)
     t, both = float(log.data.motion.t[row]), [log.some(slice(row)), log.some(slice(row, None))]
-    names = f"the rows before t = {t:.4g} s", f"the rows from t = {t:.4g} s on"
+    names = f"the part before t = {t:.4g} s", f"the part from t = {t:.4g} s on"
     logs = [(x, repair, name) for x, name in zip(both, names, strict=True)]
     for _, issue in compare(logs, c.TIMES**0.5):  # within a log, friction changes as well
         place = f"{issue.where}, t = {t:.4g} s" if issue.figures["joints"] else f"t = {t:.4g} s"

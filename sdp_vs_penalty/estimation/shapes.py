@@ -356,7 +356,10 @@ class _Profile:
         T = np.pad(T, (0, 1))
         T[-1, -1] = 1.0  # the torque
         grams, rest, total = (T.T @ x @ T for x in self._left_out)
-        size = or_one(np.sqrt(np.diagonal(total)))
+        # Of a direction that hardly changes anything, rounding leaves as much as of none.
+        least = np.diagonal(np.abs(T).T @ np.abs(self._left_out[2]) @ np.abs(T))
+        square = np.diagonal(total)
+        size = or_one(np.sqrt(np.where(square > len(T) * np.finfo(float).eps * least, square, 0.0)))
         grams, rest = (x / (size * size[:, None]) for x in (grams, rest))
         rest += UNSEEN * np.eye(len(size))
         fits = np.zeros((len(moved) + 1, count, len(size)))
