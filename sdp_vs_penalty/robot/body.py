@@ -70,7 +70,10 @@ def around(
     weights = np.full(len(lifted), 1.0 / len(lifted))
     inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
     distance = np.sum(lifted @ inverse * lifted, axis=1)
-    while (excess := distance.max()) > 4.0 * (1.0 + _EXCESS):
+    # Steps grow as order over excess; next to a line, rounding may eat up the inverse before that.
+    for _ in range(round(5 * 4 / _EXCESS)):
+        if not 4.0 * (1.0 + _EXCESS) < (excess := distance.max()) < 1.0 / np.finfo(float).eps:
+            break
         farthest = int(np.argmax(distance))
         step = (excess - 4.0) / (4.0 * (excess - 1.0))
         weights *= 1.0 - step

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import random_robots
 from commands import run_cli
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
@@ -470,6 +470,7 @@ def test_the_verb(tmp_path, capsys):
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans(), turned=st.booleans())
+@example(seed=190, joints=4, frames=False, turned=False)  # joints a thousand kilometres apart
 def test_any_tree_survives_being_written_and_edited(tmp_path, seed, joints, frames, turned):
     """A random tree of revolute and prismatic joints: made, reloaded, edited with another model.
 
