@@ -70,11 +70,9 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
         return no_answer(instance, error)
     runs = fit.details["runs"]
     best = min(runs, key=lambda run: run["objective"])
-    said = (
-        "optimal" if best["residual"] <= accuracy else "inaccurate",
-        f"residual {best['residual']:.1e}",
-    )
-    return Answer(fit.theta, *said, int(best["stages"]), fit.multipliers, attempts=len(runs))
+    claims = "optimal" if best["residual"] <= accuracy else "inaccurate"
+    status, steps = f"residual {best['residual']:.1e}", int(best["stages"])
+    return Answer(fit.theta, claims, status, steps, fit.multipliers, attempts=len(runs))
 
 
 _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
@@ -162,9 +160,15 @@ def _conic(solver: Solver, variant: str = "") -> Contestant:
         sdp = instance.sdp
         solution = solver.solve(sdp.conic, accuracy, variant)
         seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
-        said = solution.claims, solution.status, solution.iterations
-        dual = instance.constraints.filled(sdp.multipliers(solution)), sdp.entropy_slopes(solution)
-        return Answer(sdp.theta(solution), *said, *dual, dimacs_error(seen, x, z))
+        return Answer(
+            sdp.theta(solution),
+            solution.claims,
+            solution.status,
+            solution.iterations,
+            instance.constraints.filled(sdp.multipliers(solution)),
+            sdp.entropy_slopes(solution),
+            dimacs_error(seen, x, z),
+        )
 
     about = f"{solver.name} with the parameter set {variant} of its manual"
     return Contestant(
@@ -188,9 +192,15 @@ def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest
         return no_answer(instance, error)
     said: list[str] = fit.details["solver_said"]
     steps = sum(int(word.rpartition("(")[2].rstrip(")")) for word in said)
-    claims, status = "optimal" if gap <= accuracy else "inaccurate", f"certified gap {gap:.1e}; "
-    found = claims, status + ", ".join(said), steps, fit.multipliers, fit.entropy_slopes
-    return Answer(fit.theta, *found, attempts=len(said))
+    return Answer(
+        fit.theta,
+        "optimal" if gap <= accuracy else "inaccurate",
+        f"certified gap {gap:.1e}; " + ", ".join(said),
+        steps,
+        fit.multipliers,
+        fit.entropy_slopes,
+        attempts=len(said),
+    )
 
 
 def _baselines() -> list[Contestant]:

@@ -117,27 +117,35 @@ def judge(instance: Instance, reference: Reference, answer: Answer, asked: float
     error, violation = _primal(instance, reference, answer.theta)
     own = (reference.upper - _dual(instance, answer)) / reference.scale
     numbers = error, violation, own, np.inf if answer.dimacs is None else answer.dimacs
-    claims, verdict, allowed = answer.claims, reference.verdict, SLACK * asked
-    kind, remark = "silently_wrong", "the objective lies outside of the proved interval"
-    if claims in ("failed", "inaccurate"):
-        kind, remark = claims, ""
-    elif claims == verdict:
-        kind, remark = "right", ""
-    elif claims in ("infeasible", "unbounded"):
-        remark = f"claims {claims}, which is proved wrong"
-        if verdict == "unknown":
-            kind, remark = "inaccurate", "whether anything is feasible is not proved"
-    elif verdict == "infeasible":
-        remark = "solves what is proved infeasible"
-    elif max(violation, error) <= allowed:
-        kind, remark = "right", ""
-        if reference.gap > allowed and verdict == "feasible":
-            kind, remark = "inaccurate", "our interval is wider than what was asked"
-    else:
-        remark = "violates the constraints" if violation > allowed else remark
-        if max(violation, error) <= max(allowed, asked**0.5):
-            kind, remark = "inaccurate", f"{remark}, with at least half of the digits asked for"
+    if answer.claims in ("failed", "inaccurate"):
+        return Judgement(answer.claims, *numbers)
+    kind, remark = classified(reference, answer.claims, error, violation, asked)
     return Judgement(kind, *numbers, remark)
+
+
+def classified(
+    reference: Reference, claims: str, error: float, violation: float, asked: float
+) -> tuple[str, str]:
+    """The class of an answer that claims something, and why it is not right."""
+    allowed, half = SLACK * asked, max(SLACK * asked, asked**0.5)
+    if claims in ("infeasible", "unbounded"):
+        if reference.verdict == claims:
+            return "right", ""
+        if reference.verdict == "unknown":
+            return "inaccurate", "whether anything is feasible is not proved"
+        return "silently_wrong", f"claims {claims}, which is proved wrong"
+    if reference.verdict == "infeasible":
+        return "silently_wrong", "solves what is proved infeasible"
+    if violation <= allowed and error <= allowed:  # of what is no number neither holds
+        if reference.gap > allowed and reference.verdict == "feasible":
+            return "inaccurate", "our interval is wider than what was asked"
+        return "right", ""
+    what = "the objective lies outside of the proved interval"
+    if violation > allowed:
+        what = "violates the constraints"
+    if violation <= half and error <= half:
+        return "inaccurate", f"{what}, with at least half of the digits asked for"
+    return "silently_wrong", what
 
 
 def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[float, float]:

@@ -217,7 +217,7 @@ def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outc
 
 
 def _run(setup: Shootout, say: Progress) -> Outcome:
-    people, missing = chosen(setup.solvers)
+    competing, missing = chosen(setup.solvers)
     entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
     results, notes = Results(setup.out), []
     absent = {c.name: str(c.absent) for c in missing}
@@ -226,9 +226,9 @@ def _run(setup: Shootout, say: Progress) -> Outcome:
     references = _references(setup, entries, say, jobs)
     if dropped := results.keep({name: found["hash"] for name, found in references.items()}):
         notes.append(f"{dropped} runs of instances that have changed since were dropped")
-    tasks, not_applicable = _pending(setup, entries, people, references, results)
+    tasks, not_applicable = _pending(setup, entries, competing, references, results)
     done, total = 0, sum(len(task.accuracies) for task in tasks)
-    groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in people}
+    groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in competing}
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     say("runs", done, total)
     for task, rows in spread(perform, tasks, setup.scheduler, jobs):
@@ -274,7 +274,7 @@ def _references(
 def _pending(
     setup: Shootout,
     entries: Sequence[Entry],
-    people: Sequence[Contestant],
+    competing: Sequence[Contestant],
     references: dict[str, dict[str, Any]],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
@@ -282,7 +282,7 @@ def _pending(
     for entry in entries:
         made = instance(entry.name)
         known = Reference(**references[entry.name]["reference"])
-        for contestant in people:
+        for contestant in competing:
             if reason := contestant.refuses(made):
                 left_out.append((entry.name, contestant.name, reason))
                 continue

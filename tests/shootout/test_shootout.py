@@ -28,6 +28,7 @@ from sdp_vs_penalty.shootout.judge import (
     CLASSES,
     Answer,
     Reference,
+    classified,
     dimacs_error,
     judge,
     reference,
@@ -466,3 +467,10 @@ def test_nobody_at_the_address(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         runner.run(setup(tmp_path / "s", scheduler="tcp://127.0.0.1:9"))
+
+
+@pytest.mark.parametrize(("error", "violation"), [(np.nan, 0.0), (0.0, np.nan)])
+def test_what_is_no_number_is_not_right(error, violation):
+    known = Reference("feasible", 0.0, 0.0, 1.0)
+    assert classified(known, "optimal", 0.0, 0.0, 1e-6)[0] == "right"
+    assert classified(known, "optimal", error, violation, 1e-6)[0] == "silently_wrong"
