@@ -94,7 +94,7 @@ def _read(path: Path) -> pandas.DataFrame:
 class Assignment:
     """Runs of one solver on one problem, or (solver "") the proof of the problem's interval.
 
-    time_limit [s] and memory [GB] are for each run."""
+    time_limit [s] and memory [GB] are for each run, or the proof."""
 
     problem: str
     hash: str
@@ -118,7 +118,7 @@ def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
         _ = made.interior, made.constraints.groups, made.task.ols
         if task.solver:
             return task, list(_runs(task, made))
-        kind, found, _ = in_child(lambda: reference(made), np.inf, task.memory)
+        kind, found, _ = in_child(lambda: reference(made), task.time_limit, task.memory)
         remark = "" if kind == "ended" else f"{kind} {found}".strip()
         found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
         return task, [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
@@ -172,7 +172,8 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Shootout:
-    """What to run and how. time_limit [s] and memory [GB] are for each run.
+    """What to run and how. time_limit [s] and memory [GB] are for each run, proof_limit [s] for each
+    proof of an interval, which no run's limit is to end.
 
     Raises InputError for settings that make no sense, and on Windows.
     """
@@ -186,6 +187,7 @@ class Shootout:
     quick: bool = False
     scheduler: str | None = None
     jobs: int = 0
+    proof_limit: float = 900.0
 
     def __post_init__(self) -> None:
         if not self.accuracies or any(not 1e-14 < a < 1.0 for a in self.accuracies):
@@ -259,7 +261,7 @@ def _references(
             raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
     current = {e.name: instance(e.name).hash for e in entries}
     todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
-    tasks = [Assignment(n, h, setup.time_limit, setup.memory) for n, h in todo.items()]
+    tasks = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()]
     say("proving intervals", 0, len(tasks))
     for done, (task, (reply,)) in enumerate(spread(perform, tasks, setup.scheduler, jobs), start=1):
         if "error" in reply:

@@ -65,9 +65,8 @@ def _child(
         os.dup2(silence, 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         used = resource.getrusage(resource.RUSAGE_SELF)
-        if math.isfinite(limit):  # whole seconds: the kernel's grain
-            whole = math.ceil(used.ru_utime + used.ru_stime + limit)
-            resource.setrlimit(resource.RLIMIT_CPU, (whole, whole + 2))
+        whole = math.ceil(used.ru_utime + used.ru_stime + limit)  # whole seconds: the kernel's grain
+        resource.setrlimit(resource.RLIMIT_CPU, (whole, whole + 2))
         try:  # the address space in use, where the system says it
             pages = int(Path("/proc/self/statm").read_text().split()[0])
             size = pages * resource.getpagesize() + int(memory * 1e9)

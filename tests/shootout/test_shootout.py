@@ -1,6 +1,7 @@
 """The shootout: wrong answers are planted and must be found; of its runs none is lost."""
 
 import csv
+import json
 import os
 import re
 import signal
@@ -454,6 +455,17 @@ def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path):
     kinds = dict(zip(runs.index, zip(runs["class"], runs["remark"], strict=True), strict=True))
     assert kinds["1e-04"][0] == kinds["1e-06"][0] == "timeout"
     assert "not run" in kinds["1e-06"][1]
+
+
+def test_a_proof_that_hangs_is_ended_and_its_problem_runs_without_an_interval(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "reference", lambda made: time.sleep(60.0))
+    begin = time.monotonic()
+    outcome = runner.run(setup(tmp_path / "s", solvers=["clarabel"], proof_limit=0.2))
+    assert time.monotonic() - begin < 30.0
+    assert np.isinf(outcome.results.runs["lower"]).all()
+    (known,) = json.loads((tmp_path / "s" / "references.json").read_text()).values()
+    assert known["reference"]["verdict"] == "unknown"
+    assert known["remark"].startswith("timeout")
 
 
 @pytest.mark.parametrize("accuracies", [(), (0.0,), (2.0,)])
