@@ -28,8 +28,8 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
+from sdp_vs_penalty.research.shootout.instance import chain_problem, thin_links
 from sdp_vs_penalty.robot.trajectory import random_trajectory
-from sdp_vs_penalty.shootout.instance import chain_problem, thin_links
 
 Array = NDArray[np.float64]
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"

@@ -46,8 +46,8 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.research.shootout.instance import chain_task
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.shootout.instance import chain_task
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.solvers.objective import Objective

@@ -15,8 +15,8 @@ from challenge import cases
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import alone
-from sdp_vs_penalty.paper.tables.table import Table
-from sdp_vs_penalty.shootout.runner import COLUMNS, Results
+from sdp_vs_penalty.research.shootout.runner import COLUMNS, Results
+from sdp_vs_penalty.research.tables.table import Table
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked and killed")
 STEPS = ("open", "write", "fsync", "close", "replace")

@@ -15,8 +15,8 @@ PACKAGE = ROOT.name
 ORDER = (
     "version", "errors", "formatting", "files", "parallel", "plugins", "robot",
     "data", "effects", "signals", "problem", "regression", "solvers", "estimators",
-    "estimation", "exporters", "diagnosis", "simulation", "checks", "shootout", "reports",
-    "page", "paper", "cli", "__main__",
+    "estimation", "exporters", "diagnosis", "simulation", "checks", "reports", "page",
+    "research", "cli", "__main__",
 )  # fmt: skip
 #: The front door: re-exports for users, and nothing inside goes through it.
 DOOR = PACKAGE
@@ -79,8 +79,9 @@ def test_there_is_no_circle():
         raise AssertionError(f"imports in a circle: {' -> '.join(error.args[1])}") from None
 
 
-def test_at_most_eight_files_at_the_root():
+def test_at_most_eight_files_and_seventeen_folders_at_the_root():
     assert len(list(ROOT.glob("*.py"))) <= 8
+    assert len(list(ROOT.glob("*/__init__.py"))) <= 17
 
 
 #: A worker of the page hands its error on as the one sentence that it is.

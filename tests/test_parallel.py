@@ -14,9 +14,9 @@ from sdp_vs_penalty import InputError, Measurements, cross_validate, load_proble
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
-from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.regression import compress
+from sdp_vs_penalty.research.tables.study import Study
 
 
 @pytest.fixture(scope="module")

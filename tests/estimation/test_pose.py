@@ -14,7 +14,7 @@ from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
 from sdp_vs_penalty.problem import with_bounds
 from sdp_vs_penalty.problem.load import load_problem, with_filters
-from sdp_vs_penalty.shootout.instance import measurements
+from sdp_vs_penalty.research.shootout.instance import measurements
 from sdp_vs_penalty.simulation import experiment
 
 _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]

@@ -11,12 +11,12 @@ from random_robots import bare, link_parameters, open_problem, sines, task_of, t
 
 from sdp_vs_penalty import InputError, Measurements, Problem, identify
 from sdp_vs_penalty.estimators import interior_point
-from sdp_vs_penalty.paper.tables.errata import pi_p_hat
 from sdp_vs_penalty.problem import open_box, plausible_links, published_links, with_bounds
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import CentreOfMassCone
 from sdp_vs_penalty.problem.published import published_cell
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.research.tables.errata import pi_p_hat
 from sdp_vs_penalty.robot import Joint, Robot, inertia
 from sdp_vs_penalty.simulation import experiment
 

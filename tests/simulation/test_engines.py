@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, Problem, load_problem
-from sdp_vs_penalty.paper.tables import table_v
 from sdp_vs_penalty.problem import published_links
+from sdp_vs_penalty.research.tables import table_v
 from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
 from sdp_vs_penalty.simulation import engine_types
 from sdp_vs_penalty.simulation.engines.comparison import inverse_dynamics_error, play, sinusoids

@@ -14,7 +14,7 @@ def verb(
     --budget: Effort: quick, or paper (longer motions, more instants).
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.paper.figures import make_figures
+    from sdp_vs_penalty.research.figures import make_figures
 
     with console.progress("figures") as progress:
         written = make_figures(numbers or (), out, budget.value, progress=progress)

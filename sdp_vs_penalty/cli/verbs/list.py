@@ -78,7 +78,7 @@ def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
             rows = [(n, "absent" if s.absent else "yes", s.source, s.description) for n, s in made]
             return ("name", "here", "installed by", "what it is"), rows
         case "tables":
-            from sdp_vs_penalty.paper.tables import makers
+            from sdp_vs_penalty.research.tables import makers
 
             rows = [(name, ", ".join(table.problems), table.about) for name, table in makers().items()]
             return ("name", "only for", "what it is"), rows

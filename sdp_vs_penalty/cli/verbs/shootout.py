@@ -33,9 +33,9 @@ def verb(
     --export DIR: Folder for the instances as files with proofs; nothing runs.
     --list: List of instances and solvers.
     """
-    from sdp_vs_penalty.shootout import runner, summary
-    from sdp_vs_penalty.shootout.contestants import contestants
-    from sdp_vs_penalty.shootout.instances import GROUPS
+    from sdp_vs_penalty.research.shootout import runner, summary
+    from sdp_vs_penalty.research.shootout.contestants import contestants
+    from sdp_vs_penalty.research.shootout.instances import GROUPS
 
     if list_:
         _list()
@@ -61,7 +61,7 @@ def verb(
 
 
 def _export(folder: Path, groups: list[str] | None) -> None:
-    from sdp_vs_penalty.shootout import instances, library
+    from sdp_vs_penalty.research.shootout import instances, library
 
     everything = instances.library()
     wanted, _ = instances.selected(groups or [e.group for e in everything], everything)
@@ -75,8 +75,8 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 
 
 def _list() -> None:
-    from sdp_vs_penalty.shootout.contestants import contestants
-    from sdp_vs_penalty.shootout.instances import catalogue
+    from sdp_vs_penalty.research.shootout.contestants import contestants
+    from sdp_vs_penalty.research.shootout.instances import catalogue
 
     rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
     console.listing(("instance", "group", ""), rows)

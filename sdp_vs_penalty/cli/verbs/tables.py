@@ -23,8 +23,8 @@ def verb(
     --budget: Effort: quick, or paper (as many runs as there).
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.paper.tables import all_tables, make_tables
     from sdp_vs_penalty.parallel import Workers
+    from sdp_vs_penalty.research.tables import all_tables, make_tables
 
     if all_:
         if names or problem:

@@ -1,1 +1,0 @@
-"""What belongs to the paper alone: its tables and figures made again."""

@@ -1,0 +1,71 @@
+"""The paper's figures."""
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.research.figures import panda, two_link
+from sdp_vs_penalty.research.tables.study import Study
+
+#: By number the problem, and what draws the figure of its study: each ``figure_N`` of a problem's file.
+FIGURES: Mapping[int, tuple[str, Callable[[Study], Any]]] = {
+    int(name.removeprefix("figure_")): (home.PROBLEM, draw)
+    for home in (panda, two_link)
+    for name, draw in vars(home).items()
+    if name.startswith("figure_")
+}
+
+
+def make_figures(
+    numbers: Sequence[int] = (),
+    out: str | Path = "results",
+    budget: str = "quick",
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> list[Path]:
+    """Draw figures (all, or those asked for) and write each as figure_N.png and figure_N.pdf.
+
+    Raises InputError for a number that is no figure, before anything is computed or written, and
+    where matplotlib is absent.
+    """
+    for number in numbers:
+        if number not in FIGURES:
+            raise InputError(
+                f"figure {number} is not made",
+                f"choose from {', '.join(map(str, FIGURES))}; 4 is a photograph of V-REP's window",
+            )
+    try:
+        import matplotlib
+    except ImportError:
+        raise missing_extra("Figures need matplotlib,", "plot") from None
+    matplotlib.use("Agg")
+    studies: dict[str, Study] = {}
+    paths = []
+    for number in numbers or FIGURES:
+        problem, draw = FIGURES[number]
+        if problem not in studies:
+            studies[problem] = Study(load_problem(problem), budget, seed, progress)
+        progress(f"figure {number}")
+        paths += save(draw(studies[problem]), Path(out) / f"figure_{number}")
+    return paths
+
+
+def save(figure: Any, base: Path) -> list[Path]:
+    """Write a matplotlib figure as base.png and base.pdf, each whole or not at all."""
+    import matplotlib.pyplot as plt
+
+    paths = []
+    # Without a date the same numbers make the same file.
+    for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
+        content = io.BytesIO()
+        figure.savefig(content, format=suffix[1:], dpi=200, metadata=metadata)
+        path = base.with_name(base.name + suffix)
+        write_bytes(path, content.getvalue())
+        paths.append(path)
+    plt.close(figure)
+    return paths

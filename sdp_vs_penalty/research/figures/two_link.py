@@ -1,0 +1,195 @@
+"""Figures 8 to 10, of the 2R: drawn from its parameters, its torques, its internal wrenches."""
+
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.research.figures import style
+from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure, title
+from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.research.tables.wrenches import COMPONENTS, wrench_study
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+
+PROBLEM = "two_link"
+
+
+def figure_8(study: Study) -> Any:
+    """The 2R from its parameters: shapes, frames, centres of mass, inertia ellipsoids."""
+    problem = study.problem
+    figure, axes = new_figure(1, 3, 4.2, width_ratios=(1.4, 1, 1))
+    position = axes[0, 0].get_subplotspec()
+    axes[0, 0].remove()
+    _robot(figure.add_subplot(position, projection="3d"), problem)
+    estimates = {
+        "p_real": (study.experiment.links, style.BLACK, "-", "o"),
+        "p_hat (published)": (published_links(problem, "p_hat"), style.RED, "--", "s"),
+        "lmi-sdp": (study.links("lmi-sdp", study.simulated), style.BLUE, "-.", "^"),
+    }
+    for link, (axis, plane) in enumerate(zip(axes[0, 1:], ((0, 1), (0, 2)), strict=True)):
+        _section(axis, problem, link, plane)
+        for name, (links, color, line, marker) in estimates.items():
+            look = {"color": color, "linestyle": line}
+            axis.plot(*_ellipse(links[link], plane), linewidth=1.3, **look)
+            c = links[link, 1:4] / links[link, 0]
+            axis.plot(*c[list(plane)], marker=marker, markersize=4, label=name, **look)
+    legend_below(figure, axes[0, 1])
+    title(
+        figure,
+        "The 2R from its parameters. Sections: link shapes, and where a centre of mass can be (grey);\n"
+        "centres of mass, and uniform ellipsoids with the same mass and inertia (cut off at the frame)",
+    )
+    return figure
+
+
+def radius_profile(problem: Problem, link: int, slices: int = 60) -> tuple[int, Array, Array]:
+    """Axis of a link's shape, positions along it (slices,) and its radius there (slices,) [m].
+
+    Raises InputError for a shape without volume: no radius is positive anywhere in its range.
+    """
+    cones = [c for c in problem.cones if c.link == link + 1]
+    if not cones:
+        raise InputError(
+            f"link {link + 1}: the problem gives it no shape to draw",
+            "give it bounds on its centre of mass",
+        )
+    along = "xyz".index(cones[0].axis)
+    low, high = problem.box[link, 1 + along]
+    x = np.linspace(low, high, slices)
+    radius = np.min([c.radius + c.slope * x for c in cones], axis=0)
+    if not (np.all(np.isfinite(x)) and high > low and radius.max() > 0.0):
+        raise InputError(
+            f"link {link + 1}: its shape has no volume (radius at most {radius.max():.3g} m "
+            f"over {high - low:.3g} m)",
+            "correct the cones and bounds of the centre of mass",
+        )
+    return along, x, np.maximum(radius, 0.0)
+
+
+def _robot(axis: Any, problem: Problem) -> None:
+    """In three dimensions: each link's shape, and its frame."""
+    (poses,) = problem.robot.poses(np.array([(0.6, 0.7)]))  # the pose that is drawn [rad]
+    frames = [np.eye(4), *(p @ j.link_frame for p, j in zip(poses, problem.robot.joints, strict=True))]
+    for link, frame in enumerate(frames[1:]):
+        along, x, radius = radius_profile(problem, link)
+        angle = np.linspace(0.0, 2.0 * np.pi, len(x))
+        points = np.zeros((len(x), len(x), 3))
+        points[:, :, along] = x[:, None]
+        across = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        points[:, :, [a for a in range(3) if a != along]] = across
+        points = points @ frame[:3, :3].T + frame[:3, 3]
+        axis.plot_surface(*np.moveaxis(points, 2, 0), color="#cccccc", alpha=0.5, linewidth=0)
+    for name, frame in enumerate(frames):
+        # x, y, z as everywhere in robotics: red, green, blue; here from the same palette, and labelled.
+        for k, (color, letter) in enumerate(((style.RED, "x"), (style.GREEN, "y"), (style.BLUE, "z"))):
+            end = frame[:3, 3] + 0.25 * frame[:3, k]
+            axis.plot(*np.column_stack([frame[:3, 3], end]), color=color, linewidth=1.2)
+            axis.text(*end, f"${letter}_{name}$", fontsize=7, color=color)
+    axis.set_box_aspect((1, 1, 1.6))
+    axis.set(xlim=(-0.6, 0.6), ylim=(-0.6, 0.6), zlim=(0.0, 1.92))
+    axis.set(xticks=[-0.5, 0.0, 0.5], yticks=[-0.5, 0.0, 0.5], zticks=[0.0, 0.5, 1.0, 1.5])
+    axis.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    axis.view_init(elev=18, azim=-65)
+
+
+def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> None:
+    """The link's shape and a margin of it: an ellipsoid that is larger is cut off, not the link."""
+    along, x, radius = radius_profile(problem, link)
+    edge = np.column_stack([np.concatenate([x, x[::-1]]), np.concatenate([radius, -radius[::-1]])])
+    edge = edge if plane[0] == along else edge[:, ::-1]
+    axis.fill(*edge.T, color=style.GREY, alpha=0.3, linewidth=0)
+    axis.set_aspect("equal")
+    axis.set_title(f"link {link + 1}, section in its frame")
+    axis.set_xlabel(f"$c_{{{link + 1}{'xyz'[plane[0]]}}}$ [m]")
+    axis.set_ylabel(f"$c_{{{link + 1}{'xyz'[plane[1]]}}}$ [m]")
+    margin = 0.5 * float(np.ptp(edge, axis=0).max())
+    low, high = edge.min(axis=0) - margin, edge.max(axis=0) + margin
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+
+
+def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
+    """(2, 100) outline of the uniform ellipsoid of this mass and inertia, along the third axis."""
+    p = inertia.pseudo_inertia(link)
+    c = p[:3, 3] / p[3, 3]
+    central = p[:3, :3] / p[3, 3] - np.outer(c, c)
+    # A uniform ellipsoid with half axes a has second moments a^2 / 5; its shadow is that of 5 Sigma.
+    values, vectors = np.linalg.eigh(5.0 * central[np.ix_(plane, plane)])
+    angle = np.linspace(0.0, 2.0 * np.pi, 100)
+    circle = np.sqrt(np.maximum(values, 0.0))[:, None] * np.vstack([np.cos(angle), np.sin(angle)])
+    return np.asarray(vectors @ circle + c[list(plane)][:, None])
+
+
+def figure_9(study: Study) -> Any:
+    """Torques of the 2R, true ones and with parameters retrieved by penalty and by SDP."""
+    robot, x, data = study.problem.robot, study.experiment, study.simulated
+    t = np.arange(0.0, x.trajectory.duration, 0.02)
+    states = x.trajectory.states(t)
+    true = robot.inverse_dynamics(x.links.ravel(), *states)
+    figure, axes = new_figure(robot.n, 2, 4.2, sharex=True, width_ratios=(3, 2))
+    gaps, worst = [], []
+    for j in range(robot.n):
+        axes[j, 0].plot(t, true[:, j], label="p_real", **LOOKS["true"])
+    for method in ("lmi-sdp", "penalty"):
+        torque = robot.inverse_dynamics(study.links(method, data).ravel(), *states)
+        worst.append(f"{method} {1e3 * np.abs(torque - true).max():.1f} mN m")
+        gap = study.result(method, data).certificate.gap
+        if gap is not None:
+            gaps.append(f"{method} {abs(gap):.0e}")
+        for j in range(robot.n):
+            axes[j, 0].plot(t, torque[:, j], label=method, **LOOKS[method])
+            axes[j, 1].plot(t, 1e3 * (torque - true)[:, j], label=method, **LOOKS[method])
+    for axis in axes[:, 1]:
+        axis.set_ylabel("error [mN m]")
+    label_joints(axes, robot.torque_units, "torque")
+    legend_below(figure, axes[0, 0])
+    title(
+        figure,
+        f"2R, identified from one noisy simulated run: largest torque errors {', '.join(worst)};\n"
+        f"certified gaps {', '.join(gaps)} of the loss",
+    )
+    return figure
+
+
+def figure_10(study: Study) -> Any:
+    """Internal wrenches of the 2R: real, feasible, unfeasible, and all that are possible."""
+    w, n = study.once(wrench_study), study.problem.robot.n
+    figure, axes = new_figure(len(COMPONENTS), n, 8.6, sharex=True)
+    unfeasible = [*w.boxed[:3], *w.unbounded[:3]]
+    possible = {"color": style.SKY, "alpha": 0.45, "linewidth": 0}
+    possible["label"] = "all feasible with equal torques (certified)"
+    groups: tuple[tuple[list[Array], dict[str, Any]], ...] = (
+        (
+            [*w.feasible.values(), *w.penalty_runs],
+            {"color": style.ORANGE, "linewidth": 0.6, "label": "feasible estimates"},
+        ),
+        (unfeasible, {"color": style.RED, "linewidth": 0.8, "linestyle": ":", "label": "unfeasible"}),
+        ([w.true], {"color": style.BLACK, "linewidth": 1.4, "label": "p_real"}),
+    )
+    for k, j in np.ndindex(axes.shape):
+        axis, component = axes[k, j], [*COMPONENTS][k]
+        i = w.intervals
+        axis.fill_between(w.t, i.lower_bound[:, j, k], i.upper_bound[:, j, k], **possible)
+        for wrenches, look in groups:
+            for values in wrenches:
+                axis.plot(w.t, values[:, j, k], **look)
+        # Room around the interval; unfeasible wrenches may leave it by orders of magnitude.
+        low, high = i.lower[:, j, k].min(), i.upper[:, j, k].max()
+        axis.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
+        symbol = f"${component[0]}_{component[1]}$" + (" = torque" if component == "nz" else "")
+        axis.set_ylabel(f"{symbol} [{plain_unit(COMPONENTS[component])}]")
+    for j in range(n):
+        axes[0, j].set_title(f"joint {j + 1}")
+        axes[-1, j].set_xlabel("time [s]")
+    figure.align_ylabels()
+    legend_below(figure, axes[0, 0])
+    worst = max((float(np.abs(v).max()) for v in unfeasible), default=0.0)
+    title(
+        figure,
+        "Internal wrenches of the 2R in the joint frames; unfeasible parameters make the same torques "
+        f"and leave the\npanels (worst here {worst:.1e}; without bounds there is no largest)",
+    )
+    return figure

@@ -1,0 +1,241 @@
+"""Who takes part: our default method, every conic solver of the library, what users do without one."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.estimators.estimator import Fit
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
+from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
+from sdp_vs_penalty.research.shootout import augmented_lagrangian
+from sdp_vs_penalty.research.shootout.instance import Instance
+from sdp_vs_penalty.research.shootout.judge import Answer, dimacs_error, no_answer
+from sdp_vs_penalty.solvers import solver_types, through_cvxpy
+from sdp_vs_penalty.solvers.solver import Solver
+from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
+from sdp_vs_penalty.version import __version__
+
+#: What CVXPY asks of its default solver for such problems, SCS.
+CVXPY_ACCURACY = 1e-5
+
+
+def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:
+    """The problem as its formulas read; prob.solve() alone, or with the solver that a user names."""
+    import cvxpy as cp
+
+    data, entropy = instance.data, instance.objective.entropy
+    theta = cp.Variable(data.R.shape[1])
+
+    def matrix(c: Any) -> Any:
+        flat = c.coefficients.reshape(len(c.indices), -1).T @ theta[c.indices] + c.constant.ravel()
+        square = cp.reshape(flat, c.constant.shape, order="C")
+        return 0.5 * (square + square.T)
+
+    constraints = []
+    for c in instance.constraints.convex:
+        if c.cone == "psd":
+            constraints.append(matrix(c) >> 0)
+            continue
+        flat = c.coefficients.T @ theta[c.indices] + c.constant
+        constraints.append(cp.SOC(flat[0], flat[1:]) if c.cone == "soc" else flat >= 0)
+    objective = cp.sum_squares(data.R @ theta - data.rho)
+    if entropy is not None:
+        for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
+            trace = cp.trace(np.linalg.inv(p0) @ matrix(link))
+            objective = objective + entropy.weight * (trace - cp.log_det(matrix(link)))
+    problem = cp.Problem(cp.Minimize(objective), constraints)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            problem.solve(solver=solver)
+    except cp.error.SolverError as error:
+        return no_answer(instance, str(error))
+    value = np.full(data.R.shape[1], np.nan) if theta.value is None else np.asarray(theta.value)
+    status, stats = f"{problem.status} ({problem.solver_stats.solver_name})", problem.solver_stats
+    return Answer(value, CLAIMS.get(problem.status, "failed"), status, int(stats.num_iters or 0))
+
+
+def solve_penalty(instance: Instance, accuracy: float) -> Answer:
+    """The estimator ``penalty`` on the instance's constraints; its shifts are its multipliers."""
+    try:
+        fit = fit_penalty(instance.task, instance.data, instance.constraints, Penalty.starts, accuracy)
+    except InputError as error:
+        return no_answer(instance, error)
+    runs = fit.details["runs"]
+    best = min(runs, key=lambda run: run["objective"])
+    claims = "optimal" if best["residual"] <= accuracy else "inaccurate"
+    status, steps = f"residual {best['residual']:.1e}", int(best["stages"])
+    return Answer(fit.theta, claims, status, steps, fit.multipliers, attempts=len(runs))
+
+
+_LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
+Options = Callable[[float], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """name, description, solve(instance, accuracy) and version; absent : why it is not here, or "".
+
+    options : what it is told at an accuracy, by the names of its documentation; None: it cannot be
+        asked, and promises ``promise``. entropy : whether log det can be posed to it. warm_up : what a
+        first call pays for once; it must start no thread: a forked child would wait for it for ever.
+    """
+
+    name: str
+    description: str
+    solve: Callable[[Instance, float], Answer]
+    version: Callable[[], str] = lambda: __version__
+    absent: str = ""
+    options: Options | None = None
+    promise: float = 1e-8
+    entropy: bool = True
+    warm_up: Callable[[], None] = lambda: None
+
+    @property
+    def tunable(self) -> bool:
+        return self.options is not None
+
+    def settings(self, accuracy: float) -> str:
+        """How a run is set up, in one word: the key in runs.csv."""
+        return f"{accuracy:.0e}" if self.tunable else "default"
+
+    def told(self, accuracy: float) -> str:
+        """What it is told, in its documentation's names."""
+        if self.options is None:
+            return ""
+        told = self.options(accuracy).items()
+        return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in told)
+
+    def refuses(self, instance: Instance) -> str | None:
+        """Why an instance cannot be posed to it, or None."""
+        posed = self.entropy or instance.objective.entropy is None
+        return None if posed else "no cone for log det"
+
+
+def contestants() -> dict[str, Contestant]:
+    """All of them by name, absent ones included."""
+    found = _baselines()
+    for name, kind in solver_types().items():
+        conic = kind()
+        own, finest = _conic(conic), conic.finest
+        certified = replace(
+            own,
+            name=f"{name} certified",
+            description=f"{name} {_LOOP}",
+            solve=partial(_in_our_loop, solver=name, finest=finest),
+            options=None,
+            promise=max(Contestant.promise, 10.0 * finest),
+        )
+        found += [own, certified, *(_conic(conic, v) for v in conic.variants)]
+    return {c.name: c for c in sorted(found, key=lambda c: c.name)}
+
+
+def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]:
+    """The contestants of these names (default: all), those that are here and those that are absent.
+
+    Raises InputError for a name that does not exist, and for one asked for by name that is absent.
+    """
+    everyone = contestants()
+    if names is None:
+        return [c for c in everyone.values() if not c.absent], [c for c in everyone.values() if c.absent]
+    for name in names:
+        if name not in everyone:
+            raise unknown("solver", name, everyone)
+        if why := everyone[name].absent:
+            raise InputError(f"solver {name} cannot be used here", why)
+    return [everyone[name] for name in names], []
+
+
+def _conic(solver: Solver, variant: str = "") -> Contestant:
+    """A solver of the library; variant : another parameter set of its manual."""
+
+    def solve(instance: Instance, accuracy: float) -> Answer:
+        sdp = instance.sdp
+        solution = solver.solve(sdp.conic, accuracy, variant)
+        seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
+        return Answer(
+            sdp.theta(solution),
+            solution.claims,
+            solution.status,
+            solution.iterations,
+            instance.constraints.filled(sdp.multipliers(solution)),
+            sdp.entropy_slopes(solution),
+            dimacs_error(seen, x, z),
+        )
+
+    about = f"{solver.name} with the parameter set {variant} of its manual"
+    return Contestant(
+        f"{solver.name} {variant}".rstrip(),
+        about if variant else solver.description,
+        solve,
+        solver.version,
+        solver.absent,
+        partial(solver.options, variant=variant),
+        entropy="exp" in solver.cones,
+        warm_up=lambda: None if solver.absent else solver.warm_up(),
+    )
+
+
+def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest: float) -> Answer:
+    """The certified fit, which claims what its own proof says."""
+    try:
+        fit: Fit = solve_sdp(instance.task, instance.objective, instance.constraints, solver, finest)
+        gap = fit.gap
+    except InputError as error:
+        return no_answer(instance, error)
+    said: list[str] = fit.details["solver_said"]
+    steps = sum(int(word.rpartition("(")[2].rstrip(")")) for word in said)
+    return Answer(
+        fit.theta,
+        "optimal" if gap <= accuracy else "inaccurate",
+        f"certified gap {gap:.1e}; " + ", ".join(said),
+        steps,
+        fit.multipliers,
+        fit.entropy_slopes,
+        attempts=len(said),
+    )
+
+
+def _baselines() -> list[Contestant]:
+    """What ``identify`` runs; CVXPY as a user meets it, the penalty, an augmented Lagrangian."""
+    words = "our default: the NumPy interior point, certified; Clarabel where the certified gap is loose"
+    cvxpy = Contestant(
+        "cvxpy",
+        "CVXPY as a user meets it: the formulas, prob.solve(), no options",
+        partial(solve_cvxpy, solver=None),
+        partial(metadata.version, "cvxpy"),
+        promise=CVXPY_ACCURACY,
+        warm_up=through_cvxpy.warm_up,
+    )
+    return [
+        Contestant("lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)),
+        cvxpy,
+        replace(
+            cvxpy,
+            name="cvxpy clarabel",
+            description="CVXPY as a user meets it: the formulas, prob.solve(solver='CLARABEL')",
+            solve=partial(solve_cvxpy, solver="CLARABEL"),
+            promise=Contestant.promise,
+        ),
+        Contestant(
+            "penalty",
+            "the exact penalty, multi-start (no SDP solver)",
+            solve_penalty,
+            options=lambda accuracy: {"starts": Penalty.starts, "tolerance": accuracy},
+            entropy=False,
+        ),
+        Contestant(
+            "log-cholesky L-BFGS",
+            "log-Cholesky variables, augmented Lagrangian, SciPy's L-BFGS-B (no SDP solver)",
+            augmented_lagrangian.solve,
+            partial(metadata.version, "scipy"),
+            options=augmented_lagrangian.options,
+        ),
+    ]

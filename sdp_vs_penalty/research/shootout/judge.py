@@ -1,0 +1,244 @@
+"""What an answer is worth, whatever its author says of it: one standard for every contestant.
+
+``objective_error``: how far the objective as returned lies from the proved interval, relative to the
+loss; ``violation`` of the constraints as returned, relative to each one's size; beside them the dual gap
+from the contestant's own multipliers, and ``dimacs``, the largest DIMACS error of the conic problem that
+it saw. The classes are those of the table in summary.md.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
+from sdp_vs_penalty.research.shootout.instance import Instance
+from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
+from sdp_vs_penalty.solvers.certificate import lower_bound
+from sdp_vs_penalty.solvers.conic import ConicProblem, unsvec
+from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
+
+CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
+
+#: How far beyond what was asked an answer may be and still count as right: solvers stop by errors scaled
+#: in their own ways, of which ten times is the usual spread.
+SLACK = 10.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """lower <= optimum <= upper, both rigorous; scale : what gaps are relative to.
+
+    verdict : "feasible" (a strictly feasible point is proved), "infeasible" (proved) or "unknown".
+    """
+
+    verdict: str
+    lower: float
+    upper: float
+    scale: float
+
+    @property
+    def gap(self) -> float:
+        return (self.upper - self.lower) / self.scale
+
+
+def proved(instance: Instance) -> tuple[str, Proof | None]:
+    """ "optimum proved", "proved infeasible" or "not proved", and the proof in rational arithmetic."""
+    task, constraints = instance.task, instance.constraints
+    names = [p.name for p in task.model.parameters]
+    with suppress(InputError, ValueError, np.linalg.LinAlgError):
+        # Nothing in between: what the rational checker does not accept is not called proved.
+        try:
+            fit = solve_sdp(task, instance.objective, constraints, "clarabel", LmiSdp.accuracy)
+            assert fit.multipliers is not None
+            known = fit.multipliers, fit.theta, task.bound, fit.entropy_slopes, names
+            return "optimum proved", optimum_proof(instance.objective, constraints, *known)
+        except Infeasible as error:
+            if error.proof is not None:
+                return "proved infeasible", infeasibility_proof(*error.proof, task.bound, names)
+    return "not proved", None
+
+
+def reference(instance: Instance) -> Reference:
+    """The proved interval of an instance, or the proof that there is none."""
+    status, proof = proved(instance)
+    if proof is None or status == "proved infeasible":
+        return Reference("unknown" if proof is None else "infeasible", 0.0, np.inf, 1.0)
+    scale = instance.data.loss_scale(np.array(proof["theta"], float))
+    return Reference("feasible", float(proof["lower"]), float(proof["upper"]), max(scale, 1e-300))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a contestant returned. multipliers : of all convex constraints, or None without a dual.
+
+    dimacs : the largest DIMACS error of the conic problem that the solver saw, rewritten for it; None
+        where no conic problem was sent.
+    attempts : runs that went into it, as far as the contestant starts several.
+    """
+
+    theta: Array
+    claims: str
+    status: str
+    iterations: int
+    multipliers: Sequence[Array] | None = None
+    entropy_slopes: Array | None = None
+    dimacs: float | None = None
+    attempts: int = 1
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """class of a run; objective_error, violation : of the answer as returned, relative; own_gap : from
+    the proved upper bound to what the contestant's own multipliers prove, relative."""
+
+    kind: str
+    objective_error: float = np.inf
+    violation: float = np.inf
+    own_gap: float = np.inf
+    dimacs: float = np.inf
+    remark: str = ""
+
+
+def no_answer(instance: Instance, error: InputError | str) -> Answer:
+    """Nothing, or a claim of infeasibility where the error proves it."""
+    nothing = np.full(len(instance.task.bound), np.nan)
+    claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
+    return Answer(nothing, claims, str(error), 0)
+
+
+def judge(instance: Instance, reference: Reference, answer: Answer, asked: float) -> Judgement:
+    """Classify one answer; ``asked`` is the accuracy that was asked for."""
+    error, violation = _primal(instance, reference, answer.theta)
+    own = (reference.upper - _dual(instance, answer)) / reference.scale
+    numbers = error, violation, own, np.inf if answer.dimacs is None else answer.dimacs
+    if answer.claims in ("failed", "inaccurate"):
+        return Judgement(answer.claims, *numbers)
+    kind, remark = classified(reference, answer.claims, error, violation, asked)
+    return Judgement(kind, *numbers, remark)
+
+
+def classified(
+    reference: Reference, claims: str, error: float, violation: float, asked: float
+) -> tuple[str, str]:
+    """The class of an answer that claims something, and why it is not right."""
+    allowed, half = SLACK * asked, max(SLACK * asked, asked**0.5)
+    if claims in ("infeasible", "unbounded"):
+        if reference.verdict == claims:
+            return "right", ""
+        if reference.verdict == "unknown":
+            return "inaccurate", "whether anything is feasible is not proved"
+        return "silently_wrong", f"claims {claims}, which is proved wrong"
+    if reference.verdict == "infeasible":
+        return "silently_wrong", "solves what is proved infeasible"
+    if violation <= allowed and error <= allowed:  # of what is no number neither holds
+        if reference.gap > allowed and reference.verdict == "feasible":
+            return "inaccurate", "our interval is wider than what was asked"
+        return "right", ""
+    what = "the objective lies outside of the proved interval"
+    if violation > allowed:
+        what = "violates the constraints"
+    if violation <= half and error <= half:
+        return "inaccurate", f"{what}, with at least half of the digits asked for"
+    return "silently_wrong", what
+
+
+def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[float, float]:
+    """Relative distance of the objective from the interval, and relative violation."""
+    if not np.all(np.isfinite(theta)):
+        return np.inf, np.inf
+    interior = instance.interior
+    inside = instance.task.nominal if interior is None else interior
+    violation = relative_violation(instance.constraints.convex, theta, inside, instance.task.bound)
+    if reference.verdict != "feasible":
+        return np.inf, violation
+    value = instance.objective.value(theta)
+    if not np.isfinite(value):  # where the entropy is not defined: the least squares alone
+        value = instance.data.loss(theta)
+    return max(value - reference.upper, reference.lower - value, 0.0) / reference.scale, violation
+
+
+def dimacs_error(problem: ConicProblem, x: Array, z: Array) -> float:
+    """The largest DIMACS error (Mittelmann, 2003) of a conic solution; infinite for NaN.
+
+    With s = b - A x: the distances of s and z from their cones and stationarity P x + q + A^T z,
+    relative to 1 + the largest entries of b and q, and the gap, relative to 1 + both objectives.
+    """
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
+        return np.inf
+    s = problem.b - problem.A @ x
+    force, pull = (problem.P + sparse.triu(problem.P, 1).T) @ x, problem.A.T @ z
+    half = 0.5 * float(x @ force)
+    primal, dual = half + float(problem.q @ x), -half - float(problem.b @ z)
+    stationary = float(np.linalg.norm(force + problem.q + pull))
+    b, q = (1.0 + float(np.abs(x).max(initial=0.0)) for x in (problem.b, problem.q))
+    apart = abs(primal - dual) / (1.0 + abs(primal) + abs(dual))
+    outside = max(_outside(problem, z, dual=True), stationary)
+    return max(_outside(problem, s) / b, outside / q, apart)
+
+
+def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
+    """How far rows lie outside of their cones (or of the dual ones), in the rows' own unit."""
+    worst, start = 0.0, 0
+    for cone in problem.cones:
+        part = values[start : start + cone.rows]
+        start += cone.rows
+        if cone.kind == "zero":
+            worst = max(worst, 0.0 if dual else float(np.abs(part).max(initial=0.0)))
+        elif cone.kind == "exp":
+            worst = max(worst, _outside_exponential(part, dual))
+        elif len(part):
+            shaped = unsvec(part, cone.size) if cone.kind == "psd" else part
+            worst = max(worst, -float(cone_margin(cone.kind, shaped)))
+    return worst
+
+
+def _outside_exponential(v: Array, dual: bool) -> float:
+    """y exp(x / y) <= z with y > 0; dual: -u exp(v / u) <= e w with u < 0; of either as z is missed."""
+    x, y, z = map(float, v)
+    if (x >= 0.0) if dual else (y <= 0.0):
+        return max(x, -y, -z, 0.0)
+    power, size = (y / x - 1.0, -x) if dual else (x / y, y)
+    return max(size * float(np.exp(min(power, 700.0))) - z, 0.0)
+
+
+def _dual(instance: Instance, answer: Answer) -> float:
+    """The bound from the contestant's own multipliers, -inf without finite ones."""
+    own, slopes = answer.multipliers, answer.entropy_slopes
+    if own is None or not all(np.all(np.isfinite(x)) for x in (answer.theta, *own)):
+        return -np.inf
+    if slopes is not None and not np.all(np.isfinite(slopes)):
+        slopes = None
+    posed = instance.objective, instance.constraints, own, answer.theta, instance.task.bound
+    with suppress(np.linalg.LinAlgError):
+        return float(np.nan_to_num(lower_bound(*posed, slopes), nan=-np.inf))
+    return -np.inf
+
+
+def relative_violation(
+    constraints: Sequence[Constraint], theta: Array, inside: Array, bound: Array
+) -> float:
+    """The worst violation in units of each cone's own size at an interior point: free of units.
+
+    psd: the smallest eigenvalue of D F(theta) D with D F(inside) D of unit diagonal; rows: relative to
+    the largest term that they can hold.
+    """
+    worst = 0.0
+    for c in constraints:
+        value = c.value(theta)
+        if c.cone == "psd":
+            diagonal = np.abs(np.diagonal(c.value(inside)))
+            scale = 1.0 / np.sqrt(or_one(diagonal))
+            margin = float(np.linalg.eigvalsh(value * np.outer(scale, scale))[0])
+        else:
+            terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
+            size = or_one(np.maximum(terms, np.abs(c.constant)))
+            size = size.max() if c.cone == "soc" else size
+            margin = float(cone_margin(c.cone, value / size))
+        worst = max(worst, -margin)
+    return worst

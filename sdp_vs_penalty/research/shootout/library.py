@@ -1,0 +1,103 @@
+"""The library of instances: identification SDPs as files that any solver reads, with proofs beside them.
+
+Each instance is a folder with the problem in three formats (CBF, sparse SDPA where its cones allow
+that, NumPy arrays), a JSON that says how a file's optimum becomes the loss and between which
+proved bounds that lies, and a proof that `verify` checks in rational arithmetic. index.csv lists them
+all with sizes and SHA-256. The same version writes the same bytes on the same machine.
+"""
+
+import hashlib
+import io
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.exporters.sdp import export_sdp
+from sdp_vs_penalty.files import as_csv, write_bytes, write_text
+from sdp_vs_penalty.research.shootout.instance import Instance
+from sdp_vs_penalty.research.shootout.instances import Entry
+from sdp_vs_penalty.research.shootout.judge import proved
+from sdp_vs_penalty.research.shootout.runner import Shootout
+from sdp_vs_penalty.solvers.conic import ConicProblem
+from sdp_vs_penalty.solvers.proof import write_proof
+from sdp_vs_penalty.solvers.rewrite import linear_objective
+
+#: The data card and the citation that go with a library are files beside this one.
+_HERE = Path(__file__).parent
+
+
+def write_library(
+    folder: Path, wanted: Sequence[Entry], progress: Callable[[str, int, int], None]
+) -> list[dict[str, Any]]:
+    """Write the instances, their index and the data card; returns the rows of the index.
+
+    An instance whose measurements this machine lacks is left out.
+    """
+    rows = []
+    for k, item in enumerate(wanted):
+        progress(item.name, k, len(wanted))
+        try:
+            rows.append(write_instance(folder / item.folder, item, item.make()))
+        except InputError:
+            if not item.measured:
+                raise
+    table = as_csv(list(rows[0]) if rows else ["name"], (list(row.values()) for row in rows))
+    write_text(folder / "index.csv", table)
+    proved = sum(r["status"] != "not proved" for r in rows)
+    card = (_HERE / "card.md").read_text()
+    write_text(folder / "README.md", card.format(count=len(rows), proved=proved))
+    write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text())
+    return rows
+
+
+def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
+    """The files of one instance; returns its row of the index."""
+    status, proof = proved(instance)
+    sdp, interval = instance.sdp, None
+    if proof is not None:
+        write_proof(proof, folder / "proof.json")
+        interval = (proof["lower"], proof["upper"]) if status == "optimum proved" else None
+    exponential = any(c.kind == "exp" for c in sdp.conic.cones)
+    sums = {}
+    for name in ("problem.cbf",) if exponential else ("problem.cbf", "problem.dat-s"):
+        more = {"name": item.name, "about": item.sentence, "formulation": instance.formulation}
+        sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)["sha256"]
+    made = linear_objective(sdp.conic).problem
+    arrays = _npz(made)
+    write_bytes(folder / "problem.npz", arrays)
+    sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
+    low, high = map(float, interval) if interval else (0.0, np.inf)
+    gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)  # of the objective, never negative
+    # By what the shootout asks for: proved as tightly as that, or as the next accuracy.
+    _, medium, easy = Shootout.accuracies
+    difficulty = "easy" if gap <= easy else "medium" if gap <= medium else "hard"
+    cones = Counter(cone.kind for cone in made.cones)
+    return {
+        **{name: getattr(item, name) for name in ("name", "group", "folder")},
+        "status": status,
+        "difficulty": difficulty if status == "optimum proved" else status,
+        "lower": interval[0] if interval else "",
+        "upper": interval[1] if interval else "",
+        "relative_gap": f"{gap:.1e}" if interval else "",
+        "parameters": len(instance.task.bound),
+        "variables": len(made.q),
+        "rows": len(made.b),
+        "nonzeros": int(made.A.nnz),
+        "cones": " ".join(f"{k}:{v}" for k, v in cones.items()),
+        "sentence": item.sentence,
+        **{f"sha256 problem.{x}": sums.get(f"problem.{x}", "") for x in ("cbf", "dat-s", "npz")},
+    }
+
+
+def _npz(problem: ConicProblem) -> bytes:
+    """minimise c^T x subject to b - A x in a product of cones, matrices as svec (README.md)."""
+    file, A = io.BytesIO(), problem.A.tocoo()
+    arrays = {"c": problem.q, "b": problem.b, "A_row": A.row, "A_column": A.col, "A_value": A.data}
+    arrays["A_shape"] = np.array(A.shape)
+    arrays |= {f"cone_{x}s": np.array([getattr(c, x) for c in problem.cones]) for x in ("kind", "size")}
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()

@@ -1,0 +1,299 @@
+"""The shootout from names to runs.csv: proofs of the instances' intervals first, then every run.
+
+runs.csv has one row a run, written as runs end, read back to go on where a shootout stopped. A task is
+all accuracies of one solver on one problem, from loose to tight: what exceeds the time limit at one
+would exceed it at every tighter one. The worker builds the instance, forks for each run, and judges the
+numbers that come back.
+"""
+
+import io
+import json
+import os
+import platform
+import resource
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import alone, read_text, write_text
+from sdp_vs_penalty.parallel import spread
+from sdp_vs_penalty.research.shootout.contestants import Contestant, chosen, contestants
+from sdp_vs_penalty.research.shootout.instance import Instance
+from sdp_vs_penalty.research.shootout.instances import GROUPS, Entry, catalogue, instance, selected
+from sdp_vs_penalty.research.shootout.judge import Answer, Judgement, Reference, judge, reference
+from sdp_vs_penalty.research.shootout.work import in_child
+
+Row = dict[str, Any]
+#: Every column, and what its cells are. Numbers have all their digits: what was proved is written.
+COLUMNS: dict[str, type] = (
+    dict.fromkeys(("problem", "group", "hash", "solver", "settings"), str)
+    | {"accuracy": float}
+    | dict.fromkeys(("claimed", "status", "class"), str)
+    | dict.fromkeys(("objective_error", "violation", "own_gap", "dimacs", "lower", "upper"), float)
+    | {"seconds": float, "iterations": int, "attempts": int}
+    | dict.fromkeys(("version", "machine", "remark"), str)
+)
+#: What makes a run the same run.
+KEY = ["problem", "hash", "solver", "settings"]
+_ORDER = {"by": ["group", "problem", "solver", "accuracy"], "ascending": [True, True, True, False]}
+
+
+class Results:
+    """The runs of one output folder: runs.csv is written anew, whole or not at all, after each.
+
+    Raises InputError where the folder holds other results.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "runs.csv"
+        if self.path.exists():
+            self.runs = _read(self.path)
+        elif folder.is_dir() and any(
+            not p.name.startswith((".", "references.json")) for p in folder.iterdir()
+        ):
+            what = "holds other files and no runs.csv"
+            raise InputError(what, "give --out an empty or a new folder", folder)
+        else:
+            self._write(pandas.DataFrame(columns=list(COLUMNS)).astype(COLUMNS))
+
+    def add(self, row: Row) -> None:
+        """One more run; it is on the disk when this returns."""
+        new = pandas.DataFrame([{name: row[name] for name in COLUMNS}]).astype(COLUMNS)
+        self._write(pandas.concat([self.runs, new], ignore_index=True) if len(self.runs) else new)
+
+    def keep(self, current: dict[str, str]) -> int:
+        """Drop runs of instances whose hash (by problem name) has changed; returns how many."""
+        before, wanted = len(self.runs), self.runs["problem"].map(current)
+        self._write(self.runs[wanted.isna() | (wanted == self.runs["hash"])])
+        return before - len(self.runs)
+
+    def _write(self, runs: pandas.DataFrame) -> None:
+        self.runs = runs.sort_values(**_ORDER, ignore_index=True)
+        write_text(self.path, self.runs.to_csv(index=False, lineterminator="\n"))
+
+
+def _read(path: Path) -> pandas.DataFrame:
+    text = read_text(path, own=True)
+    if (head := text.partition("\n")[0].strip()) != ",".join(COLUMNS):
+        what = f"holds the results of something else (its columns are {head[:60]}...)"
+        raise InputError(what, "give --out another folder", path)
+    try:
+        # As text first: an empty cell is no number, and "None" or "nan" are texts.
+        return pandas.read_csv(io.StringIO(text), dtype=str, keep_default_na=False).astype(COLUMNS)
+    except ValueError as error:
+        remedy = "delete it, and its run is done again"
+        raise InputError(f"a row is damaged ({error})", remedy, path) from None
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Runs of one solver on one problem, or (solver "") the proof of the problem's interval.
+
+    time_limit [s] and memory [GB] are for each run, or the proof."""
+
+    problem: str
+    hash: str
+    time_limit: float
+    memory: float
+    solver: str = ""
+    accuracies: tuple[float, ...] = ()
+    reference: Reference | None = None
+
+
+def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
+    """Do a task here; what a worker of any kind calls. {"error": ...} where that is not possible."""
+    try:
+        made = instance(task.problem)
+        if made.hash != task.hash:
+            raise ValueError(
+                f"instance {task.problem!r} has hash {made.hash} here and {task.hash} where the run was "
+                "asked for: use the same version and data on all machines"
+            )
+        # Work that belongs to no contestant: done before the fork, so that children have it.
+        _ = made.interior, made.constraints.groups, made.task.ols
+        if task.solver:
+            return task, list(_runs(task, made))
+        kind, found, _ = in_child(lambda: reference(made), task.time_limit, task.memory)
+        remark = "" if kind == "ended" else f"{kind} {found}".strip()
+        found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
+        return task, [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
+    except Exception as error:  # an answer must come: the other side waits for it
+        return task, [{"error": f"{type(error).__name__}: {error}"}]
+
+
+def _runs(task: Assignment, made: Instance) -> Iterator[Row]:
+    _ = made.sdp if made.sent is not None else None
+    contestant, stopped = contestants()[task.solver], ""
+    contestant.warm_up()  # what a first use pays for
+    for accuracy in task.accuracies:
+        yield (row := run_one(task, contestant, made, accuracy, stopped))
+        stopped = stopped or (row["settings"] if row["class"] == "timeout" else "")
+
+
+def run_one(
+    task: Assignment, contestant: Contestant, made: Instance, asked: float, stopped: str = ""
+) -> Row:
+    """One run: what the contestant says, its seconds of processor time, programs that it ran included
+    (machines are shared), and what that is worth; stopped : a looser setting that exceeded the limit."""
+    assert task.reference is not None
+
+    def timed() -> tuple[Answer, float]:
+        used = _processor()
+        answer = contestant.solve(made, asked)
+        return answer, _processor() - used
+
+    remark = f"not run: {stopped} exceeded the time limit" if stopped else ""
+    ended: tuple[str, Any, float] = "timeout", "", task.time_limit
+    kind, found, seconds = ended if stopped else in_child(timed, task.time_limit, task.memory)
+    if kind == "ended" and (seconds := found[1]) > task.time_limit:
+        kind, found = "timeout", f"took {seconds:.2g} s of processor time"
+    if kind == "ended":
+        answer, verdict = found[0], judge(made, task.reference, found[0], asked)
+    else:
+        answer, verdict = Answer(np.empty(0), "", found, 0, attempts=0), Judgement(kind, remark=remark)
+    row = {"settings": contestant.settings(asked), "accuracy": asked, "class": verdict.kind}
+    row |= {"claimed": answer.claims, "status": " ".join(answer.status.split()), "seconds": seconds}
+    return {**asdict(verdict), **row, "iterations": answer.iterations, "attempts": answer.attempts}
+
+
+def _processor() -> float:
+    """Processor time of this process and of the programs that it ran [s]."""
+    used = [resource.getrusage(x) for x in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(x.ru_utime + x.ru_stime for x in used)
+
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Shootout:
+    """What to run and how. time_limit [s] and memory [GB] are for each run, proof_limit [s] for each
+    proof of an interval, which no run's limit is to end.
+
+    Raises InputError for settings that make no sense, and on Windows.
+    """
+
+    out: Path
+    solvers: list[str] | None = None
+    problems: list[str] = field(default_factory=lambda: list(GROUPS))
+    accuracies: tuple[float, ...] = (1e-4, 1e-6, 1e-8)
+    time_limit: float = 60.0
+    memory: float = 4.0
+    quick: bool = False
+    scheduler: str | None = None
+    jobs: int = 0
+    proof_limit: float = 900.0
+
+    def __post_init__(self) -> None:
+        if not self.accuracies or any(not 1e-14 < a < 1.0 for a in self.accuracies):
+            what = "--accuracy takes numbers between 1e-14 and 1"
+            raise InputError(what, "separate them by commas: 1e-4,1e-8")
+        if not self.time_limit > 0.0 or not self.memory > 0.0:
+            raise InputError("--time-limit or --memory is not above 0", "correct it")
+        if not hasattr(os, "fork"):
+            raise InputError("The shootout forks a process for each run", "use Linux or macOS")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The folder's runs after a shootout, and what was left out: why, by name."""
+
+    results: Results
+    absent: dict[str, str]
+    not_applicable: list[tuple[str, str, str]]  # problem, solver, reason
+    notes: list[str]
+
+
+def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outcome:
+    """Do every run that the folder does not hold yet; say : hears what is done, of how much.
+
+    Raises InputError for names that do not exist, and where another shootout writes into the folder.
+    """
+    with alone(setup.out):
+        return _run(setup, say)
+
+
+def _run(setup: Shootout, say: Progress) -> Outcome:
+    competing, missing = chosen(setup.solvers)
+    entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
+    results, notes = Results(setup.out), []
+    absent = {c.name: str(c.absent) for c in missing}
+    absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
+    jobs = setup.jobs or os.cpu_count() or 1
+    references = _references(setup, entries, say, jobs)
+    if dropped := results.keep({name: found["hash"] for name, found in references.items()}):
+        notes.append(f"{dropped} runs of instances that have changed since were dropped")
+    tasks, not_applicable = _pending(setup, entries, competing, references, results)
+    done, total = 0, sum(len(task.accuracies) for task in tasks)
+    groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in competing}
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    say("runs", done, total)
+    for task, rows in spread(perform, tasks, setup.scheduler, jobs):
+        assert task.reference is not None
+        about = {name: getattr(task, name) for name in ("problem", "hash", "solver")}
+        about |= {"group": groups[task.problem], "version": versions[task.solver], "machine": machine}
+        about |= {"lower": task.reference.lower, "upper": task.reference.upper}
+        for row in rows:
+            if "error" in row:
+                notes.append(f"{task.problem}, {task.solver}: {row['error']}")
+                continue
+            results.add(row | about)
+            done += 1
+        say(f"{task.solver} on {task.problem}", done, total)
+    return Outcome(results, absent, not_applicable, notes)
+
+
+def _references(
+    setup: Shootout, entries: Sequence[Entry], say: Progress, jobs: int
+) -> dict[str, dict[str, Any]]:
+    """Each instance's hash and proved interval; kept in references.json beside the runs."""
+    path = setup.out / "references.json"
+    known: dict[str, dict[str, Any]] = {}
+    if path.exists():
+        try:
+            known = json.loads(read_text(path, own=True))
+        except ValueError:
+            raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
+    current = {e.name: instance(e.name).hash for e in entries}
+    todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
+    tasks = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()]
+    say("proving intervals", 0, len(tasks))
+    for done, (task, (reply,)) in enumerate(spread(perform, tasks, setup.scheduler, jobs), start=1):
+        if "error" in reply:
+            what = f"instance {task.problem!r} cannot be used: {reply['error']}"
+            raise InputError(what, "leave it out of --problems")
+        known[task.problem] = reply
+        write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
+        say(f"proving intervals: {task.problem}", done, len(tasks))
+    return {name: known[name] for name in current}
+
+
+def _pending(
+    setup: Shootout,
+    entries: Sequence[Entry],
+    competing: Sequence[Contestant],
+    references: dict[str, dict[str, Any]],
+    results: Results,
+) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
+    done, tasks, left_out = set(results.runs[KEY].itertuples(index=False, name=None)), [], []
+    for entry in entries:
+        made = instance(entry.name)
+        known = Reference(**references[entry.name]["reference"])
+        for contestant in competing:
+            if reason := contestant.refuses(made):
+                left_out.append((entry.name, contestant.name, reason))
+                continue
+            # From loose to tight; one for a contestant that cannot be asked.
+            asked = sorted(set(setup.accuracies), reverse=True)
+            asked = asked if contestant.tunable else [contestant.promise]
+            what = entry.name, made.hash, contestant.name
+            new = tuple(a for a in asked if (*what, contestant.settings(a)) not in done)
+            if new:
+                limits = setup.time_limit, setup.memory
+                tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
+    return tasks, left_out

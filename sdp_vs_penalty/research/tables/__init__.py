@@ -1,0 +1,99 @@
+"""The comparison tables, one file each: a file with a :class:`Maker` is its registration."""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.plugins import by_word, modules
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.research.tables.table import Maker, Table, is_measured
+
+#: What `tables` without names makes.
+DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
+DEFAULT_PROBLEM = "panda"
+
+
+@cache
+def makers() -> dict[str, Maker]:
+    """Every table of the package by its name."""
+    found = (value for home in modules(__name__, __path__) for value in vars(home).values())
+    return by_word((maker.name, maker) for maker in found if isinstance(maker, Maker))
+
+
+def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
+    """The tables as data. Raises InputError for a table that does not exist for the problem."""
+    chosen = _chosen(names or DEFAULT_TABLES)
+    for maker in chosen:
+        if maker.problems and study.problem.name not in maker.problems:
+            raise InputError(
+                f"table {maker.name} belongs to {' and '.join(maker.problems)}",
+                "choose it with --problem, or leave the table out",
+            )
+    out = []
+    for maker in chosen:
+        study.progress(f"table {maker.name}")
+        out.append(maker.made(study))
+    return out
+
+
+def all_tables() -> tuple[str, ...]:
+    """Every table that does not take minutes of its own."""
+    return tuple(name for name, maker in makers().items() if not maker.slow)
+
+
+def _chosen(names: Sequence[str]) -> list[Maker]:
+    known = {name.lower(): maker for name, maker in makers().items()}
+    for name in names:
+        if name.lower() not in known:
+            raise unknown("table", name, makers())
+    return list(dict.fromkeys(known[name.lower()] for name in names))
+
+
+def make_tables(
+    names: Sequence[str] | None = None,
+    problem: str | Path | Problem | None = None,
+    budget: str = "quick",
+    out: str | Path = "results",
+    progress: Progress = no_progress,
+    seed: int = 0,
+    workers: Workers = ALONE,
+) -> list[tuple[Table, list[Path]]]:
+    """Build tables and write each as CSV, Markdown and LaTeX; each with its paths, CSV first.
+
+    Without the real run, a folder's measured tables are not overwritten: those without it are written to
+    its subfolder ``simulated``.
+
+    names : of the tables, in any case; None for III, IV, VIII and IX. problem : default the Panda,
+    and the 2R for the tables that are about it only.
+    budget : "quick", or "paper" for as many loss evaluations of the paper's method as its authors
+    allow; workers : who estimates, a method on a data set each. Raises InputError for names that do not
+    exist, before anything is computed or written.
+    """
+    groups: dict[Any, list[str]] = {}
+    for maker in _chosen(names or DEFAULT_TABLES):
+        # The default problem where the table applies to it, else its own.
+        where = maker.problems or (DEFAULT_PROBLEM,)
+        own = DEFAULT_PROBLEM if DEFAULT_PROBLEM in where else where[0]
+        groups.setdefault(own if problem is None else "", []).append(maker.name)
+    made = []
+    for name, group in groups.items():
+        study = Study(as_problem(problem or name), budget, seed, progress, workers)
+        made += [(t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)]
+    return made
+
+
+def _folder(table: Table, out: Path) -> Path:
+    """Where to write a table so that it takes no measured one's place without being measured itself."""
+    import pandas
+
+    there = out / f"table_{table.name}.csv"
+    if table.measured or not there.is_file():
+        return out
+    held = pandas.read_csv(there, dtype=str, keep_default_na=False)
+    return out / "simulated" if is_measured(held) else out

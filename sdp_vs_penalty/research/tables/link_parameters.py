@@ -1,0 +1,140 @@
+"""Tables VI to IX: the 2R's kinematics; links' parameters about their centres of mass, row by row."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import numpy as np
+from scipy.optimize import approx_fprime
+
+from sdp_vs_penalty.estimation.identify import DATA, from_data
+from sdp_vs_penalty.estimators import DEFAULT_METHOD
+from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
+from sdp_vs_penalty.research.tables.study import Data, Study
+from sdp_vs_penalty.research.tables.table import Cell, Maker, Row, Table, makes, text
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+
+
+@makes("VI", "two_link")
+def denavit_hartenberg(study: Study) -> Table:
+    """Table VI: the DH table of the 2R, as printed and as the problem's kinematics has it.
+
+    Rows: joints. Our columns are read back from the joint placements, not from the same file.
+    """
+    rows: list[Row] = []
+    for row, joint in zip(study.problem.published["table_VI"], study.problem.robot.joints, strict=True):
+        frame = joint.link_frame  # Tz(d) Tx(a) Rx(alpha)
+        a, alpha, d = frame[0, 3], np.arctan2(frame[2, 1], frame[2, 2]), frame[2, 3]
+        ours = {"a_m_ours": float(a), "alpha_rad_ours": float(alpha), "d_m_ours": float(d)}
+        rows.append({**row, **ours})
+    return Table(
+        f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
+        rows,
+        ("theta_i = q_i without offset.",),
+        caption="Standard (distal) convention; nothing here is simulated or measured.",
+    )
+
+
+def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
+    """Bounds and published values as printed, the nominal robot and whether the data or a prior towards
+    it decide, then the simulation's truth, then every method."""
+    units = "kg", "m", "m", "m", *("kg*m^2",) * 6
+    bounds = [
+        {"parameter": key, "lower": float(lower), "upper": float(upper), "unit": unit}
+        for link, box in enumerate(study.problem.box, start=1)
+        for key, (lower, upper), unit in zip(barycentric_names(link), box, units, strict=True)
+    ]
+    printed = [row for table in box_tables(study.problem) for row in study.problem.published[table]]
+    rows = {str(row["parameter"]): dict(row) for row in printed or bounds}
+    rows = {key: row for key, row in rows.items() if chosen(key)}
+
+    def add(column: str, values: Mapping[str, Cell]) -> None:
+        for key, row in rows.items():
+            row[column] = values[key]
+
+    add("nominal", by_name(study.problem.nominal_links))
+    told = []
+    for data in study.whole:
+        decided = sources(study, data)
+        seen = sum(decided[key] == DATA for key in rows)
+        told.append(f"the {data.label} data decide {seen} of {len(rows)} entries")
+        add(f"{data.label}_source", decided)
+    add("true_simulated", by_name(study.experiment.links))
+    for data in study.whole:
+        for method_name, method in study.methods.items():
+            add(f"{method_name}_{data.label}", by_name(study.links(method, data)))
+    notes = [
+        "Inertias are about the centres of mass, in the link frames. Torque determines base "
+        "parameters only: other entries are what each method fills in, OLS with the point nearest to "
+        "the problem's nominal robot, in general not physically consistent.",
+        f"nominal: the robot that {DEFAULT_METHOD} is pulled to, guessed masses not yet scaled. Columns "
+        f"named source: whether the data or that pull know an entry better, at {DEFAULT_METHOD}'s "
+        "estimate and to first order.",
+        *study.about_priors,
+    ]
+    if any(key[0] == "I" for key in rows):
+        notes += _bounds_received(study)
+    for erratum in errata(study.problem):
+        if erratum.cell and erratum.cell["row"] in rows:
+            notes.append(
+                f"{erratum.where}: printed {erratum.printed}; the other tables need "
+                f"{erratum.corrected}, which true_simulated has."
+            )
+    return Table(
+        f"Table {name}: {title} of {study.problem.title}",
+        list(rows.values()),
+        notes,
+        f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the nominal robot.",
+    )
+
+
+def sources(study: Study, data: Data) -> dict[str, str]:
+    """Whether data or prior decide each entry: m1, c1x, I1xx, ... as functions of the parameters."""
+    task = study.task(data)
+    theta = study.result(DEFAULT_METHOD, data).theta
+    names, gradients = list[str](), list[Array]()
+    for link, indices in enumerate(task.links, start=1):
+        wide = np.zeros((10, len(theta)))
+        wide[:, indices] = approx_fprime(theta[indices], inertia.barycentric_from_standard)
+        names += barycentric_names(link)
+        gradients.append(wide)
+    own = from_data(task, np.vstack(gradients))
+    return {name: "data" if seen else "prior" for name, seen in zip(names, own, strict=True)}
+
+
+def _bounds_received(study: Study) -> list[str]:
+    """Which method got which bound on inertias, and what became of those it did not get."""
+    if not study.task(study.simulated).constraints.nonconvex:
+        return []
+    worst = []
+    for data in study.whole:
+        for name, method in study.methods.items():
+            found = study.task(data).constraints.worst(study.result(method, data).theta)
+            worst.append(f"{name}_{data.label} {text(found['barycentric inertia'], 2)}")
+    return [
+        "Bounds on these inertias: penalty and penalty_paper received them as they are; the SDPs their "
+        "convex consequence J_aa <= upper + m max(c_b^2 + c_c^2), because the originals are not convex "
+        "in the parameters that torque is linear in; OLS none.",
+        f"Worst violation of the originals afterwards [kg m^2]: {', '.join(worst)}.",
+    ]
+
+
+def by_name(links: Array) -> dict[str, float]:
+    """m1, c1x, I1xx, ... of links (n, 10); a centre of mass of a massless link is empty."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        barycentric = inertia.barycentric_from_standard(links)
+    return {
+        name: float(value)
+        for link, row in enumerate(barycentric, start=1)
+        for name, value in zip(barycentric_names(link), row, strict=True)
+    }
+
+
+def _maker(name: str, title: str, letters: str, *problems: str) -> Maker:
+    build = partial(link_table, name=name, title=title, chosen=lambda parameter: parameter[0] in letters)
+    return Maker(name, f"Table {name}: {title}, published and ours.", build, problems)
+
+
+VII = _maker("VII", "parameters", "mcI", "two_link")
+VIII = _maker("VIII", "masses and centres of mass", "mc")
+IX = _maker("IX", "inertias about the centres of mass", "I")

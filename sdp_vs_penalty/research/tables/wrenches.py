@@ -1,0 +1,250 @@
+"""Internal joint wrenches: the force and moment that a joint bears, of which torque is one part.
+
+The wrench w_j = (force [N], moment about the joint frame's origin [N m]), in the axes of joint j's
+frame, is what the parent link exerts on everything that joint j carries (recursive Newton-Euler;
+Luh, Walker, Paul 1980). Its component along the axis is the joint's torque; the other five load the
+bearings. All six are linear in the standard parameters, w_j = Y_j(q, dq, ddq) theta, but only the
+torque is a function of the base parameters: estimates with equal torques can bear different
+wrenches. How different is answered by :func:`wrench_intervals`, over all feasible parameters at once.
+The paper's supplementary material shows on a spatial 2R why that matters: parameters that reproduce
+every torque can bear impossible loads. They come from the relaxed retrieval: torques and no physics.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import optimize
+
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
+from sdp_vs_penalty.estimators.sdp_fit import interior_point
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.research.tables.table import Row, Table, makes
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.solvers.extremes import Slice
+
+#: Components of a wrench, and their units.
+COMPONENTS = dict(fx="N", fy="N", fz="N", nx="N*m", ny="N*m", nz="N*m")
+
+
+def wrench_regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+    """Y with w_j = Y[:, j] theta, shape (N, n, 6, 10 n), for states of shape (N, n)."""
+    q, dq, ddq = (np.ascontiguousarray(np.atleast_2d(x), float) for x in (q, dq, ddq))
+    model = robot._model
+    data = model.createData()
+    frames = [inertia.transform(j.link_frame) for j in robot.joints]
+    out = np.zeros((len(q), robot.n, 6, robot.n, 10))
+    for k in range(len(q)):
+        pin.rnea(model, data, q[k], dq[k], ddq[k])
+        for link in range(robot.n):
+            own = pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1]) @ frames[link]
+            joint, down = link, np.eye(6)
+            while joint >= 0:
+                out[k, joint, :, link] = down @ own
+                down = data.liMi[joint + 1].toDualActionMatrix() @ down
+                joint = robot.joints[joint].parent
+    return out.reshape(len(q), robot.n, 6, 10 * robot.n)
+
+
+@dataclass(frozen=True)
+class WrenchIntervals:
+    """For M instants, n joints and six components, (M, n, 6) each [N, N m].
+
+    lower, upper : attained by parameters with equal torques within the convex constraints;
+    lower_bound, upper_bound : certified from the dual, no such parameters lie outside.
+    """
+
+    lower: Array
+    upper: Array
+    lower_bound: Array
+    upper_bound: Array
+
+    @property
+    def slack(self) -> float:
+        """Largest distance between attained and certified ends, relative to the widest interval."""
+        widest = float((self.upper_bound - self.lower_bound).max())
+        worst = float(np.maximum(self.lower - self.lower_bound, self.upper_bound - self.upper).max())
+        return worst / widest if widest > 0.0 else 0.0
+
+
+def wrench_intervals(
+    feasible: Slice, regressor: Array, progress: Progress = no_progress
+) -> WrenchIntervals:
+    """The smallest and largest value of every wrench component, of regressor (M, n, 6, 10 n), over the
+    parameters of a slice (:class:`Slice` with the base parameters for equalities: equal torques).
+
+    Two SDPs a component, each certified.
+    """
+    ends = np.empty((4, *regressor.shape[:3]))
+    for index in np.ndindex(*regressor.shape[:3]):
+        progress(f"wrench intervals: instant {index[0] + 1} of {len(regressor)}")
+        least, most = feasible.minimum(regressor[index]), feasible.maximum(regressor[index])
+        ends[:, *index] = least.value, most.value, least.bound, most.bound
+    return WrenchIntervals(*ends)
+
+
+def unfeasible_retrievals(
+    problem: Problem, pi: Array, count: int, boxed: bool, wide: float = 1.0
+) -> Iterator[Array]:
+    """Links (n, 10) of the first ``count`` relaxed retrievals that reproduce the base parameters pi (b,)
+    to 1e-8 of the largest and are physically inconsistent.
+
+    Non-linear least squares |pi(p) - pi|^2 in barycentric parameters p from random starts without
+    triangle inequality or shape: what the paper's retrieval is without its conditional constraints.
+    boxed : keep the box bounds of the problem's tables, which leave the 2R's c1x, c1z, c2y, c2z open;
+    otherwise nothing is bounded. wide : within so many kg, m or kg m^2 of zero the search for one
+    that is open starts.
+    """
+    base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
+    box, size, found = problem.box.reshape(-1, 2), float(np.abs(pi).max()), 0
+    free = np.tile([-wide, wide], (len(box), 1))
+    free[::10, 0] = -wide if boxed else 0.0  # masses
+    known = np.isfinite(box) & (boxed | (np.arange(len(box)) % 10 == 0))[:, None]
+    low, high = np.where(known, box, free).T
+
+    def links_of(p: Array) -> Array:
+        return inertia.standard_from_barycentric(p.reshape(-1, 10))
+
+    for k in range(20 * count):
+        end = optimize.least_squares(
+            lambda p: (base @ links_of(p).ravel() - pi) / size,
+            np.random.default_rng(k).uniform(low, high),
+            bounds=(box[:, 0], box[:, 1]) if boxed else (-np.inf, np.inf),
+            x_scale="jac",
+            **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15),
+            max_nfev=1000,
+        )
+        links = links_of(end.x)
+        if np.abs(end.fun).max() <= 1e-8 and inertia.consistency_margin(links).min() < 0.0:
+            yield links
+            found += 1
+        if found == count:
+            return
+
+
+@dataclass(frozen=True)
+class WrenchStudy:
+    """Wrenches (M, n, 6) along the exciting trajectory at t (M,), and the intervals.
+
+    feasible : of each method's estimate; penalty_runs : of the exact penalty from other starts;
+    boxed, unbounded : of relaxed retrievals that reproduce the torques and are inconsistent, with and
+    without the box bounds.
+    """
+
+    t: Array
+    true: Array
+    feasible: dict[str, Array]
+    penalty_runs: list[Array]
+    boxed: list[Array]
+    unbounded: list[Array]
+    intervals: WrenchIntervals
+
+
+def wrench_study(study: Study) -> WrenchStudy:
+    problem, x = study.problem, study.experiment
+    t = np.linspace(0.0, x.trajectory.duration, study.effort.instants + 2)[1:-1]
+    Y, model = wrench_regressor(problem.robot, *x.trajectory.states(t)), problem.model("rigid_body")
+    links, bound = x.links.ravel(), problem.parameter_bound(model)
+    feasible = Slice(problem.constraints(model), study.base, links, bound)
+    intervals = wrench_intervals(feasible, Y, study.progress)
+    study.progress("relaxed retrievals")
+    pi, count = study.base @ links, study.effort.retrievals
+    retrieved = (unfeasible_retrievals(problem, pi, count, boxed) for boxed in (True, False))
+    estimates = {"published p_hat": published_links(problem, "p_hat")}
+    for name, method in study.methods.items():
+        if name != "ols":
+            estimates[name] = study.links(method, study.simulated)
+    (true,), feasible_ones, runs, boxed, unbounded = (
+        [Y @ links.ravel() for links in found]
+        for found in ([x.links], estimates.values(), penalty_links(study), *retrieved)
+    )
+    named = dict(zip(estimates, feasible_ones, strict=True))
+    return WrenchStudy(t, true, named, runs, boxed, unbounded, intervals)
+
+
+def penalty_links(study: Study) -> list[Array]:
+    """Links (n, 10) that the exact penalty finds from scattered feasible starts, as many as the paper's
+    runs, one run each.
+
+    A start lies near the boundary of the feasible set, where a random linear function is least.
+    """
+    task, found = study.task(study.simulated), []
+    p = len(task.bound)
+    interior = interior_point(task, task.constraints)
+    everywhere = Slice(task.constraints, np.zeros((0, p)), interior, task.bound)
+    rng = np.random.default_rng(study.seed)
+    estimator = Penalty(body=False, thickness=0.0, starts=1)
+    for k in range(PenaltyPaper.runs):
+        study.progress(f"penalty run {k + 1} of {PenaltyPaper.runs}")
+        edge = everywhere.minimum(rng.normal(size=p) / task.bound).theta
+        # How far towards the boundary such a start lies, from the interior point.
+        start = everywhere.interior + 0.9 * (edge - everywhere.interior)
+        found.append(estimator.fit(replace(task, nominal=start)).theta[task.links])
+    return found
+
+
+@makes("wrenches", "two_link")
+def wrench_table(study: Study) -> Table:
+    """How far internal wrenches differ between parameters that make the same torques.
+
+    Rows: joint and component; largest true value, then largest deviations from it.
+    """
+    w = study.once(wrench_study)
+    low, high = w.intervals.lower, w.intervals.upper
+    columns: dict[str, Array] = {
+        "true": np.abs(w.true).max(axis=0),
+        "interval_mean_width": (high - low).mean(axis=0),
+        "interval_max_width": (high - low).max(axis=0),
+        # How far feasible parameters of equal torque can be from the true wrench.
+        "interval_deviation": np.maximum(high - w.true, w.true - low).max(axis=0),
+    }
+    columns |= {name: np.abs(value - w.true).max(axis=0) for name, value in w.feasible.items()}
+    columns["spread_of_penalty_runs"] = np.ptp(w.penalty_runs, axis=0).max(axis=0)
+    columns["spread_of_estimates"] = np.ptp(list(w.feasible.values()), axis=0).max(axis=0)
+    for name, found in (("unfeasible_in_box", w.boxed), ("unfeasible_unbounded", w.unbounded)):
+        if found:
+            errors = [np.abs(x - w.true).max(axis=0) for x in found]
+            columns[f"{name}_median"] = np.median(errors, axis=0)
+            columns[f"{name}_max"] = np.max(errors, axis=0)
+    rows: list[Row] = [
+        {"joint": j + 1, "component": component, "unit": unit}
+        | {name: float(values[j, k]) for name, values in columns.items()}
+        for j in range(study.problem.robot.n)
+        for k, (component, unit) in enumerate(COMPONENTS.items())
+    ]
+    return Table(
+        f"Internal joint wrenches of {study.problem.title}",
+        rows,
+        (
+            "Force and moment about the joint's origin, in the joint frame, that a joint bears "
+            "(recursive Newton-Euler), its own torque being the component nz: the largest over "
+            f"{len(w.t)} instants of the exciting trajectory.",
+            "interval: the smallest and largest value over all feasible parameters that make exactly "
+            "the true torques in every motion, by two SDPs a component and instant; attained ends and "
+            f"ends certified from the dual differ by {w.intervals.slack:.1e} of the widest. "
+            "interval_deviation: the farthest such parameters are from the truth.",
+            "The interval is over the convex constraints: of the upper bounds on inertias about the "
+            "centres of mass it has the convex consequence, so that it contains what the originals "
+            "allow.",
+            f"spread_of_penalty_runs: largest difference among {len(w.penalty_runs)} runs of the exact "
+            "penalty from random feasible starts; spread_of_estimates: among the estimates of all "
+            "methods.",
+            "Columns named after methods: deviation of an estimate from the truth; these saw a noisy "
+            "run, so that their torques differ a little too.",
+            f"unfeasible: {len(w.boxed)} and {len(w.unbounded)} relaxed retrievals (no triangle "
+            "inequality, no shape) from random starts that reproduce pi_2R to 1e-8 and are physically "
+            "inconsistent, within the box bounds and without any. Without bounds the error is whatever "
+            "the search happens to end at: wrenches are linear along the directions that torque does "
+            "not see.",
+        ),
+        digits=3,
+    )

@@ -1,0 +1,488 @@
+"""The shootout: wrong answers are planted and must be found; of its runs none is lost."""
+
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+from scipy import sparse
+
+from sdp_vs_penalty import InputError
+from sdp_vs_penalty import parallel as cluster
+from sdp_vs_penalty.research.shootout import runner, summary
+from sdp_vs_penalty.research.shootout.augmented_lagrangian import Chart
+from sdp_vs_penalty.research.shootout.contestants import chosen, contestants
+from sdp_vs_penalty.research.shootout.instance import Instance, _task, in_units
+from sdp_vs_penalty.research.shootout.instances import catalogue, instance, selected
+from sdp_vs_penalty.research.shootout.judge import (
+    CLASSES,
+    Answer,
+    Reference,
+    classified,
+    dimacs_error,
+    judge,
+    reference,
+    relative_violation,
+)
+from sdp_vs_penalty.research.shootout.runner import COLUMNS, KEY, Assignment, Results, Shootout, run_one
+from sdp_vs_penalty.research.shootout.work import in_child
+from sdp_vs_penalty.robot import Constraint
+from sdp_vs_penalty.solvers import Cone, ConicProblem, solver
+
+CONTESTANTS = contestants()
+SMALL = (
+    "two_link simulated one-step gyration",
+    "two_link simulated two-step gyration",
+    "chain of 2 links gyration 0",
+)
+
+
+@pytest.fixture(scope="module")
+def two_link() -> Instance:
+    return instance("two_link simulated one-step gyration")
+
+
+@pytest.fixture(scope="module")
+def proved(two_link: Instance) -> Reference:
+    return reference(two_link)
+
+
+@pytest.fixture(scope="module")
+def best(two_link: Instance) -> Answer:
+    return CONTESTANTS["lmi-sdp"].solve(two_link, 1e-8)
+
+
+def test_instances_are_deterministic_and_differ():
+    names = [n for n, e in catalogue().items() if e.quick and e.group != "chains"]
+    first = {n: instance(n).hash for n in names}
+    instance.cache_clear()
+    _task.cache_clear()
+    assert {n: instance(n).hash for n in names[::3]} == {n: first[n] for n in names[::3]}
+    assert len(set(first.values())) == len(first)
+
+
+@pytest.mark.parametrize("mass", [1e-3, 1e3])
+def test_units_change_numbers_only(two_link, mass):
+    length = mass
+    other = in_units(two_link, mass, length)
+    torque = 1.0 / (mass * length**2)
+    theta = two_link.interior
+    assert theta is not None
+    factor = other.task.bound / two_link.task.bound
+    assert other.objective.value(theta * factor) == pytest.approx(
+        torque**2 * two_link.objective.value(theta), rel=1e-9
+    )
+    # The solver gets the same problem: the same constraints, variables and cones of the same size.
+    assert [c.name for c in two_link.sent] == [c.name for c in other.sent]
+    assert other.sdp.loss_scale == pytest.approx(torque * two_link.sdp.loss_scale, rel=1e-9)
+    np.testing.assert_allclose(other.sdp.theta_scale, two_link.sdp.theta_scale * factor, rtol=1e-9)
+    size, same = (np.linalg.norm(i.sdp.conic.A.toarray(), axis=0) for i in (two_link, other))
+    np.testing.assert_allclose(same, size, rtol=1e-6, atol=1e-6)
+    for ours, theirs in zip(two_link.constraints.convex, other.constraints.convex, strict=True):
+        assert np.sign(ours.margin(theta)) == np.sign(theirs.margin(theta * factor))
+    outside = theta.copy()
+    outside[4] *= -3.0
+    inside = np.asarray(theta)
+    ratio = [
+        relative_violation(i.constraints.convex, x, y, i.task.bound)
+        for i, x, y in ((two_link, outside, inside), (other, outside * factor, inside * factor))
+    ]
+    assert ratio[0] > 0.1
+    assert ratio[1] == pytest.approx(ratio[0], rel=1e-6)
+    ours, theirs = reference(two_link), reference(other)
+    assert theirs.lower / torque**2 == pytest.approx(ours.lower, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["panda infeasible 1e-3", "panda infeasible 1e-6"])
+def test_infeasible_instances_are_proved_infeasible(name):
+    made = instance(name)
+    assert made.interior is None
+    known = reference(made)
+    assert known.verdict == "infeasible"
+    nothing = np.zeros(len(made.task.bound))
+    says = Answer(nothing, "infeasible", "", 1)
+    assert judge(made, known, says, 1e-6).kind == "right"
+    assert judge(made, known, replace(says, claims="optimal"), 1e-6).kind == "silently_wrong"
+    assert judge(made, known, replace(says, claims="unbounded"), 1e-6).kind == "silently_wrong"
+
+
+def test_the_default_path_is_right(two_link, proved, best):
+    verdict = judge(two_link, proved, best, 1e-8)
+    assert verdict.kind == "right"
+    assert 0.0 <= verdict.own_gap <= 1e-8
+
+
+def test_planted_wrong_answers_are_found(two_link, proved, best):
+    inside = two_link.interior
+    assert inside is not None
+    optimal = replace(best, claims="optimal", multipliers=None)
+    suboptimal = replace(optimal, theta=best.theta + 1e-3 * (inside - best.theta))
+    outside = replace(optimal, theta=best.theta + 0.2 * (best.theta - inside))
+    nan = replace(optimal, theta=np.full_like(best.theta, np.nan))
+    for wrong in (suboptimal, outside, nan, replace(best, claims="infeasible")):
+        verdict = judge(two_link, proved, wrong, 1e-8)
+        assert verdict.kind == "silently_wrong"
+        assert verdict.remark
+    # Half of the digits that were asked for are inaccurate, whoever returns them.
+    near = replace(optimal, theta=best.theta + 1e-5 * (inside - best.theta))
+    verdict = judge(two_link, proved, near, 1e-8)
+    assert 1e-7 < verdict.objective_error < 1e-4
+    assert verdict.kind == "inaccurate"
+    assert judge(two_link, proved, suboptimal, 1e-8).violation == 0.0
+    assert judge(two_link, proved, suboptimal, 1e-8).objective_error > 1e-7
+    # The same points are no lie where the solver admits them, or was asked for less.
+    assert judge(two_link, proved, replace(suboptimal, claims="inaccurate"), 1e-8).kind == "inaccurate"
+    assert judge(two_link, proved, replace(suboptimal, claims="failed"), 1e-8).kind == "failed"
+    assert judge(two_link, proved, suboptimal, 0.5).kind == "right"
+
+
+def test_a_chart_of_links_has_the_demands_of_all_other_constraints():
+    """Fulfilled where these are, of either sign; slopes by central differences; it begins inside."""
+    made = instance("two_link simulated one-step cones")
+    inside, others = made.interior, [c for c in made.sent if c.cone != "psd"]
+    assert {c.cone for c in others} == {"soc", "nonnegative"}
+    chart, rng, met = Chart(made.sent, inside), np.random.default_rng(0), set()
+    np.testing.assert_allclose(chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12)
+    for spread in (0.01, 0.3, 0.3, 3.0):
+        theta = inside + spread * rng.normal(size=len(inside)) * np.maximum(np.abs(inside), 1e-2)
+        h, slopes = chart.demands(theta)
+        holds = min(float(c.margin(theta)) for c in others) >= 0.0
+        assert (h.min() >= 0.0) == holds
+        met.add(holds)
+        step = 1e-8 * rng.normal(size=len(inside))
+        moved = chart.demands(theta + step)[0] - chart.demands(theta - step)[0]
+        np.testing.assert_allclose(moved, 2.0 * slopes @ step, rtol=1e-3, atol=1e-13)
+    assert met == {True, False}
+
+
+def test_what_our_interval_cannot_decide_is_not_called_wrong(two_link, proved, best):
+    wide = replace(proved, lower=0.0)
+    verdict = judge(two_link, wide, replace(best, multipliers=None), 1e-8)
+    assert verdict.kind == "inaccurate"
+    assert "interval" in verdict.remark
+
+
+@pytest.mark.parametrize("name", list(CONTESTANTS))
+@pytest.mark.parametrize(
+    "problem", [SMALL[0], *(pytest.param(name, marks=pytest.mark.long) for name in SMALL[1:])]
+)
+def test_every_contestant_on_every_small_instance(name, problem):
+    contestant = CONTESTANTS[name]
+    if contestant.absent:
+        pytest.skip(contestant.absent)
+    made = instance(problem)
+    assert contestant.refuses(made) is None
+    if name == "cvxpy" and problem.startswith("chain"):
+        pytest.skip("100 000 iterations of SCS; the shootout shows how they end")
+    answer = contestant.solve(made, 1e-6)
+    verdict = judge(made, reference(made), answer, 1e-6)
+    assert verdict.kind in CLASSES
+    assert answer.status
+    # Whatever is claimed, our bounds hold: no multipliers prove more than the proved optimum.
+    assert verdict.own_gap >= -1e-12
+    if name in ("lmi-sdp", "clarabel", "penalty", "csdp", "sdpa"):
+        # Where the optimum is 0 no multipliers lie inside of the cones; whether SDPA then ends early,
+        # and says so, depends on the processor's BLAS (with two of seven kernels of OpenBLAS).
+        admits = name == "sdpa" and reference(made).upper < 1e-20 and answer.claims == "inaccurate"
+        assert verdict.kind == "right" or admits
+
+
+def test_the_forms_users_write_have_the_same_optimum(two_link):
+    known = reference(two_link)
+    for formulation in ("residual", "gram", "rows"):
+        posed = replace(two_link, formulation=formulation)
+        ours = formulation == "residual"  # users send redundant constraints, too
+        assert (len(posed.sent) < len(posed.constraints.convex)) is ours
+        answer = CONTESTANTS["clarabel"].solve(posed, 1e-9)
+        verdict = judge(posed, known, answer, 1e-3)
+        assert verdict.kind == "right"
+        assert verdict.own_gap <= 0.01
+        sdp = posed.sdp  # what the file says of its optimum is the loss there
+        solution = solver("clarabel").solve(sdp.conic, 1e-9)
+        x, P = solution.x, sdp.conic.P  # the upper triangle
+        square = x @ (P @ x) - 0.5 * x @ (P.diagonal() * x)
+        optimum = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
+        assert optimum == pytest.approx(posed.objective.value(sdp.theta(solution)), rel=1e-5)
+    single = replace(two_link, formulation="gram in float32")
+    difference = abs(single.sdp.conic.P - replace(two_link, formulation="gram").sdp.conic.P).max()
+    assert difference > 0.0
+
+
+def test_conic_errors_see_each_kind_of_mistake(two_link):
+    """Zero at the optimum; each error by itself, planted; of the entropic problem too."""
+    for made in (two_link, instance("two_link simulated one-step regulariser")):
+        conic = made.sdp.conic
+        answer = solver("clarabel").solve(conic, 1e-10)
+        assert dimacs_error(conic, answer.x, answer.z) < 1e-7
+        nothing = replace(answer, x=np.full_like(answer.x, np.nan))
+        assert dimacs_error(conic, nothing.x, nothing.z) == np.inf
+        shifted = answer.x + 1e-2 * np.random.default_rng(0).normal(size=len(answer.x))
+        for wrong in (
+            replace(answer, z=answer.z + 1e-2),
+            replace(answer, z=answer.z - 1e-2),
+            replace(answer, x=shifted),
+        ):
+            assert dimacs_error(conic, wrong.x, wrong.z) > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("kind", "x", "z", "error"),
+    [
+        ("nonnegative", 1.0, 1.0, 0.0),
+        ("nonnegative", 0.5, 1.0, 0.25),  # s = -1/2 over 1 + |b|
+        ("zero", 0.5, 1.0, 0.25),
+        ("nonnegative", 1.0, 0.4, 0.3),  # 1 - z over 1 + |q|
+        ("nonnegative", 3.0, 1.0, 0.4),  # 3 - 1 over 1 + 3 + 1
+        ("psd", 0.5, 1.0, 0.25),
+        ("soc", 0.5, 1.0, 0.25),
+    ],
+)
+def test_the_conic_error_of_a_line_is_known(kind, x, z, error):
+    """Of min x subject to x - 1 in a cone, whose optimum is 1, with the multiplier 1."""
+    one = sparse.csc_matrix([[-1.0]])
+    line = ConicProblem(0.0 * one, np.ones(1), one, -np.ones(1), (Cone(kind, 1),))
+    assert dimacs_error(line, np.array([x]), np.array([z])) == pytest.approx(error)
+
+
+def test_violations_are_in_units_of_their_own_cones():
+    """Rows: the largest term that they can hold; a cone: its largest row; a matrix: its diagonal."""
+    x, inside, bound = np.array([3.0, 0.0]), np.zeros(2), np.array([10.0, 10.0])
+    rows = Constraint("a", "", "nonnegative", [0], np.array([1.0, 40.0]), np.array([[-1.0, -20.0]]))
+    assert relative_violation([rows], x, inside, bound) == pytest.approx(2.0 / 10.0)  # and 20 of 200
+    cone = Constraint("a", "", "soc", [0], np.array([1.0, 0.0]), np.array([[0.0, 2.0]]))
+    assert relative_violation([cone], x, inside, bound) == pytest.approx(5.0 / 20.0)
+    matrix = Constraint("a", "", "psd", [0], np.diag([4.0, 9.0]), np.diag([-2.0, 0.0])[None])
+    assert relative_violation([matrix], x, inside, bound) == pytest.approx(2.0 / 4.0)
+    assert relative_violation([rows, cone, matrix], np.zeros(2), inside, bound) == 0.0
+
+
+def _spin() -> bytes:
+    while True:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("work", "limit", "kind", "said"),
+    [
+        (lambda: b"x" * 200_000, 20.0, "ended", "^x{200000}$"),
+        (lambda: time.sleep(30), 0.3, "timeout", ""),
+        (_spin, 0.5, "timeout", "processor|stopped"),
+        (lambda: os.kill(os.getpid(), signal.SIGKILL), 20.0, "crash", "^ended by signal 9$"),
+        (lambda: bytes(np.ones(int(1e10))), 20.0, "crash", "^asked for more than 1 GB$"),
+        (lambda: int("odd"), 20.0, "failed", "^ValueError: invalid literal"),
+    ],
+    ids=["ends", "sleeps", "spins", "dies", "eats", "raises"],
+)
+def test_a_run_ends_in_its_own_process(work, limit, kind, said):
+    found, words, seconds = in_child(work, limit, 1.0)
+    assert found == kind
+    assert re.search(said, words.decode() if isinstance(words, bytes) else words)
+    assert seconds < 5.0
+
+
+def test_seconds_are_processor_time(two_link, proved, best):
+    """Of two contestants that take half a second, one sleeps and the other's program computes."""
+    busy = "import time\nwhile time.process_time() < 0.5: pass"
+
+    def seconds(wait: Callable[[], object]) -> float:
+        def solve(made: Instance, accuracy: float) -> Answer:
+            wait()
+            return best
+
+        task = Assignment("", "", 20.0, 1.0, reference=proved)
+        row = run_one(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
+        assert row["class"] == "right"
+        return row["seconds"]
+
+    assert seconds(lambda: time.sleep(0.5)) < 0.1
+    assert 0.5 <= seconds(lambda: subprocess.run([sys.executable, "-c", busy], check=True)) < 2.0
+
+
+def test_names_that_do_not_exist_are_refused(monkeypatch):
+    with pytest.raises(InputError, match=r"'gurobi' is unknown: there are: clarabel"):
+        chosen(["gurobi"])
+    with pytest.raises(InputError, match=r"choose from two_link, panda"):
+        selected(["pandas"], catalogue().values())
+    absent = [c.name for c in CONTESTANTS.values() if c.absent]
+    if absent:
+        with pytest.raises(InputError, match=f"solver {absent[0]} cannot be used here"):
+            chosen([absent[0]])
+    with pytest.raises(InputError, match="instance 'x' is unknown"):
+        instance("x")
+
+
+def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
+    row: dict[str, object] = {
+        "problem": problem, "group": "panda", "solver": solver, "settings": "1e-06", "accuracy": 1e-6,
+        "claimed": "optimal", "class": "right", "objective_error": 1e-6, "violation": 0.0,
+        "lower": 1.0, "upper": 1.0, "attempts": 1, "seconds": 0.1, "hash": "h", "own_gap": np.inf,
+        "dimacs": 1e-7, "version": "1", "machine": "m",
+    }  # fmt: skip
+    return row | changes
+
+
+def test_summary_of_known_runs(tmp_path):
+    liar = {"class": "silently_wrong", "seconds": 0.01}
+    rows = pandas.DataFrame([
+        _run("a", "good"), _run("b", "good", seconds=0.4),
+        _run("a", "fast", seconds=0.05),
+        _run("b", "fast", **{"class": "failed", "claimed": "failed", "seconds": 0.01}),
+        _run("a", "liar", **liar, objective_error=0.3), _run("b", "liar", **liar, objective_error=0.2),
+    ])  # fmt: skip
+    table = {r["solver"]: r for r in summary.summary_rows(rows, 10.0)}
+    assert table["good"]["success_percent"] == 100.0
+    assert table["fast"]["success_percent"] == 50.0
+    assert table["liar"]["silently_wrong"] == 2
+    assert table["liar"]["objective_error"] == pytest.approx(0.25)
+    assert np.isnan(table["liar"]["own_gap"])
+    expected = np.exp(np.mean(np.log([0.11, 0.41]))) - 0.01
+    assert table["good"]["mean_seconds"] == pytest.approx(expected)
+    first, second, third = summary.sentences(rows)
+    assert "Take good: right on 2 of 2 problems at 1e-06, 0 times silently wrong" in first
+    assert "is good: 2 of 2" in second
+    assert "Check every answer of liar: silently wrong on 2 of 2" in third
+    curves = summary.profile(rows, 1e-6)
+    np.testing.assert_allclose(curves["good"][0], [1.0, 2.0])
+    np.testing.assert_allclose(curves["good"][1], [0.5, 1.0])
+    np.testing.assert_allclose(curves["fast"][0], [1.0])
+    assert len(curves["liar"][0]) == 0
+    left_out = {"mosek": "no licence"}, [("a", "x", "no cone")]
+    paths = summary.write_summary(tmp_path, rows, 10.0, *left_out, CONTESTANTS)
+    text = paths[0].read_text()
+    assert "**WRONG** 3e-01" in text
+    assert "mosek: no licence.\n- x: not applicable to 1 problem(s): no cone." in text
+    assert [path.name for path in paths] == ["summary.md", "summary.csv", "profile.svg"]
+    assert pandas.read_csv(paths[1])["success_percent"].tolist() == [50.0, 100.0, 0.0]
+    assert paths[2].read_text().startswith("<?xml")
+
+
+def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():
+    rows = pandas.DataFrame([
+        _run("a", "slow"), _run("b", "slow", seconds=0.3), _run("a", "prudent", seconds=0.9),
+        _run("a", "quick", seconds=0.001),
+        _run("b", "quick", **{"seconds": 0.001, "objective_error": 1.0, "class": "silently_wrong"}),
+        _run("chain of 14 links", "other", group="chains"),
+        _run("ill-conditioned a", "other", group="ill-conditioned"),
+    ])  # fmt: skip
+    table = summary.ranking(rows, 1e-6, 7)
+    assert [(r["solver"], r["right"], r["silently wrong"]) for r in table] == [
+        ("slow", 2, 0),
+        ("prudent", 1, 0),
+        ("quick", 1, 1),
+    ]
+    assert table[0]["seconds"] == pytest.approx(0.2)
+    assert "Take slow: right on 2 of 2 problems of 7 links" in summary.answer(rows)
+    assert summary.answer(rows[-2:]) == ""
+
+
+PROBLEM = "two_link simulated one-step gyration"
+
+
+def setup(out: Path, **changes: object) -> Shootout:
+    chosen: dict[str, object] = {
+        "solvers": ["clarabel", "lmi-sdp"],
+        "problems": [PROBLEM],
+        "accuracies": (1e-4, 1e-6),
+        "jobs": 1,
+    }
+    return Shootout(out, **{**chosen, **changes})
+
+
+def test_runs_resume(tmp_path):
+    out = tmp_path / "shootout"
+    first = runner.run(setup(out))
+    runs = first.results.runs
+    assert set(zip(runs["solver"], runs["settings"], strict=True)) == {
+        ("clarabel", "1e-04"), ("clarabel", "1e-06"), ("lmi-sdp", "default"),
+    }  # fmt: skip
+    assert set(runs["class"]) == {"right"}
+    with (out / "runs.csv").open(newline="") as file:
+        assert [r["class"] for r in csv.DictReader(file)] == ["right"] * 3
+    before = (out / "runs.csv").read_text()
+
+    again = runner.run(setup(out))
+    assert (out / "runs.csv").read_text() == before
+    assert len(again.results.runs) == 3
+
+    # Only what is missing is done again.
+    lines = before.splitlines(keepends=True)
+    (out / "runs.csv").write_text("".join(lines[:-1]))
+    resumed = runner.run(setup(out))
+    assert resumed.results.runs[KEY].equals(first.results.runs[KEY])
+    assert set(lines[:-1]) <= set((out / "runs.csv").read_text().splitlines(keepends=True))
+
+    more = runner.run(setup(out, solvers=["clarabel"], accuracies=(1e-5,)))
+    assert len(more.results.runs) == 4
+
+
+def test_runs_of_an_instance_that_changed_are_done_again(tmp_path):
+    runner.run(setup(tmp_path / "s", solvers=["clarabel"], accuracies=(1e-4,)))
+    path = tmp_path / "s" / "runs.csv"
+    (digest,) = Results(tmp_path / "s").runs["hash"]
+    path.write_text(path.read_text().replace(digest, "0" * 16))
+    outcome = runner.run(setup(tmp_path / "s", solvers=["clarabel"], accuracies=(1e-4,)))
+    assert any("changed" in note for note in outcome.notes)
+    assert list(outcome.results.runs["hash"]) == [digest]
+
+
+def test_folders_that_hold_something_else_are_refused(tmp_path):
+    (tmp_path / "table_III.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match="holds other files"):
+        Results(tmp_path)
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "runs.csv").write_text("run,result\n1,2\n")
+    with pytest.raises(InputError, match="something else"):
+        Results(other)
+    (other / "runs.csv").write_text(",".join(COLUMNS) + "\na,b\n" + "," * (len(COLUMNS) - 1) + "\n")
+    with pytest.raises(InputError, match="a row is damaged"):
+        Results(other)
+
+
+def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path):
+    outcome = runner.run(setup(tmp_path / "s", solvers=["penalty"], time_limit=1e-3))
+    runs = outcome.results.runs.set_index("settings")
+    kinds = dict(zip(runs.index, zip(runs["class"], runs["remark"], strict=True), strict=True))
+    assert kinds["1e-04"][0] == kinds["1e-06"][0] == "timeout"
+    assert "not run" in kinds["1e-06"][1]
+
+
+def test_a_proof_that_hangs_is_ended_and_its_problem_runs_without_an_interval(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "reference", lambda made: time.sleep(60.0))
+    begin = time.monotonic()
+    outcome = runner.run(setup(tmp_path / "s", solvers=["clarabel"], proof_limit=0.2))
+    assert time.monotonic() - begin < 30.0
+    assert np.isinf(outcome.results.runs["lower"]).all()
+    (known,) = json.loads((tmp_path / "s" / "references.json").read_text()).values()
+    assert known["reference"]["verdict"] == "unknown"
+    assert known["remark"].startswith("timeout")
+
+
+@pytest.mark.parametrize("accuracies", [(), (0.0,), (2.0,)])
+def test_senseless_settings_are_refused(tmp_path, accuracies):
+    with pytest.raises(InputError, match="--accuracy"):
+        setup(tmp_path, accuracies=accuracies)
+
+
+def test_nobody_at_the_address(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        runner.run(setup(tmp_path / "s", scheduler="tcp://127.0.0.1:9"))
+
+
+@pytest.mark.parametrize(("error", "violation"), [(np.nan, 0.0), (0.0, np.nan)])
+def test_what_is_no_number_is_not_right(error, violation):
+    known = Reference("feasible", 0.0, 0.0, 1.0)
+    assert classified(known, "optimal", 0.0, 0.0, 1e-6)[0] == "right"
+    assert classified(known, "optimal", error, violation, 1e-6)[0] == "silently_wrong"

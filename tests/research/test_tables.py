@@ -1,0 +1,331 @@
+"""Tables as data and files; the published columns verbatim; ours against what they are made from."""
+
+import csv
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import THREE, write_urdf
+
+from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
+from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
+from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
+from sdp_vs_penalty.problem import published_links
+from sdp_vs_penalty.problem.published import barycentric_names
+from sdp_vs_penalty.regression import LeastSquares, triangular
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.research.tables import DEFAULT_TABLES, build_tables, emps, make_tables, study
+from sdp_vs_penalty.research.tables.study import METHODS, Study
+from sdp_vs_penalty.research.tables.table import Table
+from sdp_vs_penalty.research.tables.table_i import exact_rows, fit_sigmoid
+from sdp_vs_penalty.research.tables.wrenches import (
+    WrenchIntervals,
+    unfeasible_retrievals,
+    wrench_intervals,
+    wrench_regressor,
+)
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.simulation import Experiment, experiment
+from sdp_vs_penalty.solvers.extremes import Slice
+
+
+class SmallStudy(Study):
+    """The same tables with two short runs of the annealing."""
+
+    def estimator(self, method: str) -> Estimator:
+        made = super().estimator(method)
+        return type(made)(runs=2, evaluations=200) if isinstance(made, PenaltyPaper) else made
+
+
+@pytest.fixture
+def without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine on which no real run is at hand."""
+    (tmp_path / "empty").mkdir()
+    monkeypatch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path / "empty"))
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], Table]:
+    """The paper's comparison tables of both problems, simulated only."""
+    found = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path_factory.mktemp("empty")))
+        for name, more in (("panda", ["errata"]), ("two_link", ["VII", "methods"])):
+            for table in build_tables([*DEFAULT_TABLES, *more], SmallStudy(load_problem(name))):
+                found[name, table.name] = table
+    return found
+
+
+def rows(table: Table) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(table.csv())))
+
+
+@pytest.mark.parametrize("name", ["III", "IV", "VIII", "IX"])
+def test_published_cells_come_first_and_as_printed(tables, panda, name):
+    printed = panda.published[f"table_{name}"]
+    made = tables["panda", name]
+    header = list(printed[0])
+    assert list(made.frame)[: len(header)] == header
+    ours = rows(made)
+    for published, row in zip(printed, ours, strict=False):
+        assert {key: row[key] for key in header} == published
+    if name in ("VIII", "IX"):
+        assert len(ours) == len(printed)
+
+
+def test_tables_three_eight_and_nine_are_one_robot(tables, panda, without_data):
+    """pi of the links in VIII and IX is III, method by method, to the digits printed."""
+    study = Study(panda)
+    links = rows(tables["panda", "VIII"]) + rows(tables["panda", "IX"])
+    pi = rows(tables["panda", "III"])
+    for column in ("true_simulated", "lmi_sdp_simulated", "penalty_simulated"):
+        value = {row["parameter"]: float(row[column]) for row in links}
+        barycentric = [[value[name] for name in barycentric_names(k)] for k in range(1, 8)]
+        got = study.base @ inertia.standard_from_barycentric(barycentric).ravel()
+        expected = [float(row[column]) for row in pi[:43]]
+        np.testing.assert_allclose(got, expected, atol=2e-3)
+
+
+def test_all_three_forms_hold_the_same_cells(tables):
+    for table in tables.values():
+        cells = table.cells().to_numpy().tolist()
+        read = list(csv.reader(io.StringIO(table.csv())))
+        for row, exact, shown in zip(table.frame.to_numpy(), read[1:], cells, strict=True):
+            for cell, kept, rounded in zip(row, exact, shown, strict=True):
+                if isinstance(cell, float) and np.isfinite(cell):
+                    assert float(kept) == cell  # all digits: to compute with
+                else:
+                    assert kept == rounded
+        body = [line for line in table.markdown().splitlines() if line.startswith("| ")][2:]
+        plain = [[c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body]
+        assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
+        lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][1:]
+        assert [line.count(" & ") for line in lines] == [len(table.frame.columns) - 1] * len(cells)
+
+
+def test_files_of_the_names_asked_for_are_written(tmp_path, without_data, monkeypatch):
+    monkeypatch.setattr(study, "METHODS", {"ols": "ols"})
+    out = tmp_path / "new"
+    ((_, paths),) = make_tables(["viii"], problem="two_link", out=out)
+    assert [p.name for p in paths] == ["table_VIII.csv", "table_VIII.md", "table_VIII.tex"]
+    assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in paths)
+
+
+def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InputError, match="table 'XII' is unknown"):
+        make_tables(["III", "XII"], out=tmp_path / "new")
+    with pytest.raises(InputError, match="belongs to two_link"):
+        make_tables(["VII"], problem="panda", out=tmp_path / "new")
+    with pytest.raises(InputError, match="budget 'huge' is unknown"):
+        make_tables(["III"], budget="huge", out=tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_any_urdf_has_tables_too(tmp_path, without_data):
+    urdf = write_urdf(tmp_path / "arm.urdf", "arm", THREE[1:])
+    made = build_tables(None, SmallStudy(load_problem(urdf)))
+    assert [table.name for table in made] == list(DEFAULT_TABLES)
+    assert "the problem's nominal links" in made[0].caption
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_real_data_add_measured_columns(panda):
+    study = SmallStudy(panda)
+    three, four = build_tables(["III", "IV"], study)
+    assert {f"{m}_measured" for m in METHODS} <= set(three.frame)
+    measured = {row["coefficient"]: row for row in rows(three)}
+    # The paper's figures for this run: condition number 121.88, relative error 1.41 %.
+    assert 90.0 < float(measured["condition number"]["ols_measured"]) < 140.0
+    assert 0.9 < float(measured["relative error [%]"]["ols_measured"]) < 1.5
+    assert measured["condition number"]["re_simulated"].startswith("48.9")
+    # Large base parameters agree with the published least squares within a few percent.
+    large = [r for r in rows(three)[:43] if abs(float(r["pi_CLS"])) > 0.4]
+    assert len(large) == 8
+    for row in large:
+        assert float(row["ols_measured"]) == pytest.approx(float(row["pi_CLS"]), rel=0.06)
+    by_name = {row["estimate"]: float(row["relative_error_percent"] or "nan") for row in rows(four)}
+    assert by_name["lmi_sdp_measured"] < 1.06 * by_name["ols_measured"]
+    for published in ("p_hat", "delta", "p_hat_table_I"):
+        assert by_name[f"{published}_measured"] > by_name["lmi_sdp_measured"]
+
+
+def test_standard_deviations_are_those_of_repeated_experiments(two_link):
+    """Against the spread of estimates over many draws of the noise, oversampling included."""
+    study = Study(two_link)
+    task = study.task(study.simulated)
+    rng = np.random.default_rng(0)
+    rows_y = np.vstack([task.data.R] * 3)
+    theta = study.experiment.links.ravel()
+    sigma, estimates, predicted = 0.05, [], []
+    for _ in range(400):
+        tau = rows_y @ theta + rng.normal(0.0, sigma, len(rows_y))
+        # Every row twice: what oversampling by 2 does, exactly.
+        r = triangular([np.column_stack([np.vstack([rows_y] * 2), np.tile(tau, 2)])])
+        floor, size = float(r[20, 20]), float(r[:, 20] @ r[:, 20])
+        data = LeastSquares(r[:20, :20], r[:20, 20], floor, size, 2 * len(tau))
+        drawn = replace(task, data=data)
+        pi, std = standard_deviations(drawn, 2.0)
+        np.testing.assert_allclose(pi, task.base @ Ols().fit(drawn).theta, atol=1e-12)
+        estimates.append(pi)
+        predicted.append(std)
+    spread = np.std(estimates, axis=0)
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(predicted), axis=0)), spread, rtol=0.12)
+
+
+@pytest.mark.real_data
+def test_the_authors_own_bound_contradicts_table_eight(panda):
+    (table,) = build_tables(["errata"], Study(panda))
+    assert rows(table)[6]["what_shows_it"] == "the authors' file reads c5z,-0.35,0.05"
+
+
+def test_measured_tables_are_not_replaced_by_others(tmp_path, without_data):
+    """Without the real run, tables go beside what is measured, and say what they are."""
+    held = "estimate,joint_1,data\nols_measured,0.5,measured\n"
+    (tmp_path / "table_VI.csv").write_text(held)
+    made = make_tables(["VI"], "two_link", out=tmp_path)
+    assert (tmp_path / "table_VI.csv").read_text() == held
+    ((table, paths),) = made
+    assert {path.parent for path in paths} == {tmp_path / "simulated"}
+    assert not table.measured
+    assert len(table.lines()) == 3
+    (tmp_path / "table_VI.csv").write_text("i,a\n1,0.1\n")
+    ((_, paths),) = make_tables(["VI"], "two_link", out=tmp_path)
+    assert {path.parent for path in paths} == {tmp_path}
+
+
+def test_the_cart_of_the_benchmark_sticks_and_slides():
+    """Below Coulomb friction it stays; above, it slides at (F - F_c - offset) / F_v, and stops again."""
+    constants = (100.0, 200.0, 20.0, -3.0, 0.0)
+    t = np.arange(0.0, 12.0, 1e-3)
+    force = np.where(t < 2.0, 16.0, np.where(t < 8.0, 57.0, 0.0))[:, None]
+    q = emps.simulated(Measurements(t, np.zeros((len(t), 1)), force), constants)
+    speed = np.gradient(q, t)
+    assert np.all(q[t < 2.0] == 0.0)
+    assert speed[7900] == pytest.approx((57.0 - 20.0 + 3.0) / 200.0, rel=1e-4)
+    assert np.all(speed[-1000:] == 0.0)
+
+
+@pytest.fixture(scope="module")
+def x(panda: Problem) -> Experiment:
+    return experiment(panda)
+
+
+def sampled(x: Experiment, step: float) -> tuple[Motion, np.ndarray]:
+    t = np.arange(0.0, x.trajectory.duration, step)
+    motion = Motion(t, *x.trajectory.states(t))
+    return motion, x.torque(motion)
+
+
+def test_without_noise_table_one_is_recovered(panda, x):
+    fit = fit_sigmoid(panda, exact_rows(*sampled(x, 0.05)))
+    assert np.abs(fit.phi / x.friction - 1.0).max() < 1e-6
+    assert fit.rmse.max() < 1e-9
+
+
+def test_intervals_cover_the_truth_at_their_nominal_rate(panda, x):
+    motion, torque = sampled(x, 0.1)
+    fits = []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(size=torque.shape) * 0.3 * x.sensor.torque_std
+        fits.append(fit_sigmoid(panda, exact_rows(motion, torque + noise)))
+    assert x.friction is not None
+    inside = [(fit.lower <= x.friction) & (x.friction <= fit.upper) for fit in fits]
+    share = np.mean(inside, axis=(0, 1))
+    # 140 intervals a parameter: four standard deviations of a count at 95 % are 7.4 %.
+    assert np.all(share > 0.95 - 0.074)
+    # Not by being too wide: at 50 % confidence they must miss as often as they hold.
+    narrow = []
+    for fit in fits:
+        inside = np.abs(fit.phi - x.friction) < 0.6745 * fit.std
+        narrow.append(inside.mean(axis=0))
+    assert np.all(np.abs(np.mean(narrow, axis=0) - 0.5) < 0.17)
+
+
+def test_too_few_samples_are_refused(panda, x):
+    motion, torque = sampled(x, 1.0)
+    with pytest.raises(InputError, match="Too few samples"):
+        fit_sigmoid(panda, exact_rows(motion, torque))
+
+
+def states(problem: Problem, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, problem.robot.n))
+    return problem.robot.random_configurations(count, seed), dq, ddq
+
+
+def links_slice(problem: Problem, links: np.ndarray) -> Slice:
+    model = problem.model("rigid_body")
+    base, _ = base_parameters(model)
+    bound = problem.parameter_bound(model)
+    return Slice(problem.constraints(model), base, links.ravel(), bound)
+
+
+@pytest.fixture(scope="module")
+def real(two_link: Problem) -> np.ndarray:
+    return published_links(two_link, "p_real")
+
+
+@pytest.fixture(scope="module")
+def feasible(two_link: Problem, real: np.ndarray) -> Slice:
+    return links_slice(two_link, real)
+
+
+@pytest.fixture(scope="module")
+def intervals(two_link: Problem, feasible: Slice) -> WrenchIntervals:
+    return wrench_intervals(feasible, wrench_regressor(two_link.robot, *states(two_link, 3)))
+
+
+@pytest.mark.parametrize(("name", "column"), [("two_link", "p_real"), ("panda", "p_hat")])
+def test_wrenches_are_those_of_recursive_newton_euler(name: str, column: str) -> None:
+    problem = load_problem(name)
+    robot, links = problem.robot, published_links(problem, column)
+    q, dq, ddq = states(problem, 5)
+    wrenches = wrench_regressor(robot, q, dq, ddq) @ links.ravel()
+    model = robot._with_inertias(links)
+    data = model.createData()
+    for k in range(5):
+        pin.rnea(model, data, q[k], dq[k], ddq[k])
+        reference = np.array([data.f[j + 1].vector for j in range(robot.n)])
+        assert np.abs(wrenches[k] - reference).max() < 1e-10
+
+
+def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(
+    two_link: Problem, real: np.ndarray
+) -> None:
+    base, _ = base_parameters(two_link.model("rigid_body"), two_link.independent)
+    q, dq, ddq = states(two_link, 50)
+    torque = two_link.robot.inverse_dynamics(real.ravel(), q, dq, ddq)
+    Y = wrench_regressor(two_link.robot, q, dq, ddq)
+    true = Y @ real.ravel()
+    worst = []
+    for links in unfeasible_retrievals(two_link, base @ real.ravel(), 5, boxed=False):
+        assert inertia.consistency_margin(links).min() < 0.0
+        theirs = two_link.robot.inverse_dynamics(links.ravel(), q, dq, ddq)
+        assert np.abs(theirs - torque).max() < 1e-6 * np.abs(torque).max()
+        wrenches = Y @ links.ravel()
+        worst.append(np.abs(wrenches - true).max() / np.abs(true).max())
+    assert len(worst) == 5
+    assert max(worst) > 1e3
+
+
+def test_interval_contains_the_truth_and_is_certified(
+    two_link: Problem, real: np.ndarray, intervals: WrenchIntervals
+) -> None:
+    true = wrench_regressor(two_link.robot, *states(two_link, 3)) @ real.ravel()
+    assert np.all(intervals.lower_bound <= true)
+    assert np.all(true <= intervals.upper_bound)
+    assert np.all(intervals.lower_bound <= intervals.lower)
+    assert np.all(intervals.upper <= intervals.upper_bound)
+    assert intervals.slack < 1e-6
+
+
+def test_a_slice_without_interior_is_refused(two_link: Problem, real: np.ndarray) -> None:
+    impossible = real.copy()
+    impossible[1, 9] = -5.0  # Izz2 is identifiable: no feasible parameters have these torques
+    with pytest.raises(InputError, match="strictly inside all constraints"):
+        links_slice(two_link, impossible)
