@@ -336,13 +336,3 @@ def test_another_pinocchio_is_told_from_ours(content, words, tmp_path):
     result = python(*command, path=f"{tmp_path}{os.pathsep}{HOME}")
     assert result.returncode == 2
     assert_one_sentence(result.stderr, *words)
-
-
-def test_torques_of_zero(run, runs, tmp_path):
-    lines = runs[0].read_text().splitlines()
-    dead = [lines[0], *(",".join([*line.split(",")[:-2], "0", "0"]) for line in lines[1:])]
-    file = tmp_path / "dead.csv"
-    file.write_text("\n".join(dead) + "\n")
-    for verb in (["identify", "two_link", "--data", file, "--out", tmp_path / "m.json"],
-                 ["check", file, "--problem", "two_link"]):  # fmt: skip
-        refused(run, verb, "zero")

@@ -1,13 +1,10 @@
-"""The example in every verb's --help does what it says."""
+"""Every verb, its help and its example are of one piece; the documentation runs the verbs."""
 
 import re
 import shlex
 from pathlib import Path
 
-import numpy as np
 import pytest
-from commands import run_cli
-from small_runs import small_run, write_bag, write_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import InputError
@@ -18,13 +15,6 @@ from sdp_vs_penalty.data.formats import formats
 ROOT = Path(sdp_vs_penalty.__file__).parent
 PARSERS = {verb: Parser(verb, named(verb)) for verbs in VERBS.values() for verb in verbs}
 EXAMPLES = {verb: re.findall(r"Example:\n  (.*)", parser.epilog) for verb, parser in PARSERS.items()}
-#: In the order in which one example makes what the next one reads.
-RUN = (
-    *("identify", "compare", "check", "list", "export", "check-urdf", "convert", "add", "report"),
-    *("diagnose", "simulate", "export-sdp", "cross-validate"),
-)
-#: Minutes, the network, a window or a proof: their own tests run them.
-NOT_RUN = {"demo", "tables", "figures", "excite", "shootout", "fetch", "page", "verify"}
 
 
 def test_every_file_of_verbs_is_in_the_programs_help(capsys):
@@ -69,31 +59,3 @@ def test_a_flag_is_given_by_its_name_and_taken_back_where_it_holds_by_itself():
     assert [export.given([*words, *more])["force"] for more in ([], ["--force"])] == [False, True]
     with pytest.raises(InputError, match="did you mean --force"):
         export.given([*words, "--no-force"])
-
-
-def test_every_verb_is_run_here_or_said_not_to_be():
-    left = set(EXAMPLES) - set(RUN) - NOT_RUN
-    assert not left, f"name {left} in RUN, where its example is run here, or in NOT_RUN"
-    assert not set(RUN) & NOT_RUN
-
-
-@pytest.mark.long
-def test_the_examples_run(tmp_path, panda, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    for seed, name in enumerate(("run.csv", "run1.csv", "run2.csv", "test.csv")):
-        write_run(tmp_path / name, panda, seed=seed)
-    joints = [joint.name for joint in panda.robot.joints]
-    bag = small_run(panda, seed=9)
-    write_bag(tmp_path / "rosbag2_folder", bag, names=np.roll(joints, 1).tolist())
-    for verb in RUN:
-        words = shlex.split(EXAMPLES[verb][0])[1:]
-        before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
-        code = run_cli(*words)
-        said = capsys.readouterr()
-        assert code == 0, f"{words}\n{said.err}"
-        if "--out" in words:
-            out = tmp_path / words[words.index("--out") + 1]
-            assert out.exists()
-            assert before.get(out) != out.stat().st_mtime_ns
-        else:
-            assert said.out

@@ -30,12 +30,6 @@ from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.regression import load_answers
 
-FUZZ = settings(
-    max_examples=50,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-
 
 def refusal(call: Callable[[], object], *words: str) -> str:
     """The one sentence with which a call is refused; it holds the words."""
@@ -204,12 +198,6 @@ def test_wrong_number_of_joints(two_link, panda, tmp_path):
     refusal(
         lambda: compare(identify(two_link, run, "ols"), small_run(panda)), "the robot has 2", "7 joints"
     )
-
-
-def test_a_robot_that_does_not_move(two_link):
-    run = small_run(two_link)
-    still = Measurements(run.t, np.zeros_like(run.q), run.tau)
-    refusal(lambda: identify(load_problem("two_link"), still), "no joint moves")
 
 
 # --- problems -------------------------------------------------------------------------------------
@@ -431,18 +419,8 @@ def test_an_archive_of_a_later_version_is_refused(tmp_path):
     refusal(lambda: load_measurements(path), "box.npz")
 
 
-@FUZZ
-@given(
-    text=st.one_of(
-        st.text(max_size=30),
-        st.lists(
-            st.sampled_from(
-                ["coulomb_friction", "rigid_body", ":", "1", "+", "@", "v_s=", "0.1", ",", "-"]
-            ),
-            max_size=8,
-        ).map("".join),
-    )
-)
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(text=st.text("coulomb_friction:1+@v_s=0.,-", max_size=30))
 def test_fuzz_effects(text, two_link):
     with contextlib.suppress(InputError):
         parse_effects(text, two_link.robot)

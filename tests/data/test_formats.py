@@ -211,18 +211,6 @@ def test_where_one_reader_of_numbers_stops_the_other_goes_on(tmp_path):
         load_measurements(path)
 
 
-def test_formats_without_their_extra(tmp_path, monkeypatch):
-    """Without the optional packages: a sentence with the command, not a traceback."""
-    import sys
-
-    for name in ("rosbags", "rosbags.highlevel", "rosbags.typesys"):
-        monkeypatch.setitem(sys.modules, name, None)
-    path = tmp_path / "run.mcap"
-    path.write_bytes(b"anything")
-    with pytest.raises(InputError, match=r"sdp-vs-penalty\[formats\].*in a checkout: .*\.\[formats\]"):
-        load_measurements(path)
-
-
 def test_hdf5_and_other_matlab_surprises(tmp_path):
     path = tmp_path / "new.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(500))

@@ -314,8 +314,3 @@ def test_what_would_hide_nothing_is_said(panda):
     """Joint 1 turns about the vertical: where its links stand makes no difference to gravity."""
     with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):
         hidden_runs(panda, [("joint_zero_error", [0])], "strong", seed=1, count=1)
-
-
-def test_wrong_robot_is_said(small_slope, stribeck):
-    with pytest.raises(InputError, match="7 joint"):
-        diagnose(small_slope[0], stribeck.runs[0])

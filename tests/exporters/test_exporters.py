@@ -452,22 +452,6 @@ def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
     assert json.loads((tmp_path / "c.json").read_text())["moving_links_without_inertial"] == ["bare"]
 
 
-def test_the_verb(tmp_path, capsys):
-    estimate = estimate_of(load_problem("two_link").robot, f"{FULL},torque_offset", 3)
-    model, out = tmp_path / "model.json", tmp_path / "out.urdf"
-    estimate.save(model)
-    assert run_cli("export", model, "--out", out) == 0
-    shown = capsys.readouterr()
-    assert "rotor_inertia" in shown.err
-    assert "torque_offset" in shown.err
-    assert "link1, link2" in shown.err
-    assert "--urdf" in shown.err
-    reloaded, links = load_urdf(out)
-    frames = [inertia.transform(j.link_frame) for j in estimate.robot.joints]
-    assert links == pytest.approx(np.einsum("kab,kb->ka", frames, estimate.links), abs=1e-12)
-    assert reloaded.n == 2
-
-
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans(), turned=st.booleans())
 @example(seed=190, joints=4, frames=False, turned=False)  # joints a thousand kilometres apart

@@ -88,7 +88,6 @@ PROGRAMS = {
         r"objValPrimal = (\S+)",
         1.0,
     ),
-    "dsdp5": (["dsdp5", "a.dat-s"], r"DSDP Solution:\s+(\S+)", -1.0),
 }
 
 

@@ -1,15 +1,11 @@
 """The workbench when things go wrong: cancelled work, closed tabs, bad files, other sites."""
 
 import http.client
-import os
-import pickle
 import re
 import shutil
 import time
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from commands import PROGRAM, python
 from page_driver import ARM, a_context, alert, busy, go, idle, key, open_page, pick, psutil, serving
@@ -53,47 +49,6 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server)
     go(again, "diagnose")
     again.click(key("diagnose"))  # and it goes on
     again.wait_for_selector(key("add-0"))
-
-
-def bad_runs(folder: Path) -> dict[str, tuple[Path, str]]:
-    """Files that nobody can use, with what must be said of them."""
-
-    class Evil:
-        def __reduce__(self) -> Any:
-            return os.mkdir, (str(folder / "unpickled"),)
-
-    (folder / "seven.csv").write_text("t,q1,tau1\n0,0,0\n1,0,0\n")
-    np.savez(folder / "pickle.npz", t=np.array([Evil()], dtype=object))
-    (folder / "run.pkl").write_bytes(pickle.dumps(Evil()))
-    return {
-        "seven.csv": (folder / "seven.csv", "the robot has 2"),
-        "pickle.npz": (folder / "pickle.npz", "pickle.npz: not a readable .npz"),
-        "run.pkl": (folder / "run.pkl", "files of this kind cannot be read"),
-    }
-
-
-@pytest.mark.long
-def test_bad_files_are_refused_in_a_sentence(context, server, files, tmp_path):
-    page = open_page(context, server)
-    pick(page, "two_link")
-    for name, (path, words) in bad_runs(tmp_path).items():
-        idle(page)
-        page.set_input_files(key("drop-runs"), str(path))
-        text = alert(page)
-        assert words in text, text
-        assert name in text
-        assert str(server.temporary) not in text
-        assert "Traceback" not in text
-        idle(page)
-        page.click(key("close-notice"))
-        page.wait_for_selector(".notice[role=alert] p", state="detached")
-    assert not (tmp_path / "unpickled").exists()
-    with (tmp_path / "huge.csv").open("wb") as huge:
-        huge.truncate(2**31)
-    page.set_input_files(key("drop-runs"), str(tmp_path / "huge.csv"))
-    assert "huge.csv: 2048 MB; the page takes files up to 1024 MB" in alert(page)
-    page.set_input_files(key("drop-runs"), str(files[1]))  # and it goes on
-    page.wait_for_selector("table.runs")
 
 
 @pytest.mark.long

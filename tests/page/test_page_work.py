@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import python
 from page_sessions import do, finish, opened, saved
 from starlette.requests import ClientDisconnect
 
@@ -611,14 +610,3 @@ def test_measured_curves_are_drawn_where_the_recording_lies():
     np.testing.assert_allclose(numbers(rows["y"]), 2.0 * q[:, 0], rtol=1e-4)
     assert len(missing_chart(replace(one, of=("temp1",)), units, read)["data"]) == 3
     assert json.dumps(missing_chart(pair, units, read))
-
-
-def test_without_the_extra_it_says_what_to_install():
-    code = (
-        "import sys; sys.modules['nicegui'] = None; "
-        "from sdp_vs_penalty.cli.main import main; main(['page'])"
-    )
-    done = python("-c", code)
-    assert done.returncode == 2
-    assert "pip install '.[page]'" in done.stderr
-    assert "Traceback" not in done.stderr

@@ -11,7 +11,7 @@ from commands import run_cli
 from sdp_readers import read_cbf, read_sdpa
 
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty.research.shootout import instances, library
+from sdp_vs_penalty.research.shootout import instances
 from sdp_vs_penalty.solvers import solver, verify_proof
 from sdp_vs_penalty.solvers.rewrite import reorder
 
@@ -100,12 +100,3 @@ def test_arrays_are_the_problem_of_the_text(written):
         with np.load(place / "problem.npz") as made:
             np.testing.assert_array_equal(np.sort(made["c"]), np.sort(sent.q))
             np.testing.assert_allclose(np.sort(made["A_value"]), np.sort(sent.A.data), rtol=1e-15)
-
-
-def test_the_same_bytes_come_again(written, tmp_path):
-    folder, _ = written
-    wanted = [i for i in instances.library() if i.name in NAMES][:2]
-    library.write_library(tmp_path, wanted, lambda *_: None)
-    for item in wanted:
-        for path in (tmp_path / item.folder).iterdir():
-            assert path.read_bytes() == (folder / item.folder / path.name).read_bytes(), path.name
