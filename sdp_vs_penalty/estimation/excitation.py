@@ -184,8 +184,8 @@ def excite(
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)
-    posed = Regressor.of(problem, effects), bounds, start
-    return optimised(*posed, objective, iterations, progress=progress)
+    regressor = Regressor.of(problem, effects)
+    return optimised(regressor, bounds, start, objective, iterations, progress=progress)
 
 
 def optimised(
@@ -203,69 +203,110 @@ def optimised(
     """
     joints = range(start.a.shape[0]) if moving is None else moving
     start = shrunk(start, limits)
-    # Instants at which the regressor is sampled, and twice as many at which limits are kept.
-    t = np.linspace(0.0, start.duration, 160)
-    kept = np.union1d(np.linspace(0.0, start.duration, 2 * len(t) - 1), _blend_instants(start))
-    maps, wide = _state_maps(start, t), _state_maps(start, kept)
-    units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
-    # (n, K, 2 L + 1) states over their limits, and the middle of the range.
-    rows = np.concatenate(wide) / np.repeat(units, len(kept), axis=1)[:, :, None]
-    offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(kept)) < len(kept))
-    x = np.column_stack([start.a, start.b, start.q_0])
-    # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
-    unit = np.column_stack([*[limits.velocity] * (x.shape[1] - 1), limits.half])
-
-    def trajectory(x: Array) -> FourierTrajectory:
-        a, b = np.split(x[:, :-1], 2, axis=1)
-        return replace(start, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
-
-    def at(x: Array) -> tuple[Array, float, Array]:
-        """States, the objective and its gradient with respect to W, in the shape of the regressor."""
-        states = np.stack([linear @ x.T for linear in maps])
-        whole = regressor.at(t, *states)
-        value, outer = _objective(whole.reshape(-1, whole.shape[2]), objective)
-        return states, value, outer.reshape(whole.shape)
-
-    def evaluated(x: Array) -> tuple[float, Array]:
-        """The objective and its gradient with respect to x."""
-        states, value, outer = at(x)
-        slope = np.zeros_like(x)
-        for (which, linear), j in product(enumerate(maps), joints):
-            step = np.zeros_like(states)
-            step[which, :, j] = _DIFFERENCE
-            above, below = (regressor.at(t, *(states + s * step)) for s in (1.0, -1.0))
-            rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * _DIFFERENCE)
-            slope[j] += rate @ linear
-        return value, slope
-
-    def best_of_linear_model(x: Array, slope: Array, radius: float) -> Array:
-        """Within the trust region; limits do not couple joints."""
-        out = x.copy()
-        for j in joints:
-            scaled, now = rows[j] * unit[j], x[j] / unit[j]
-            # A share is kept for what happens between the instants; what the start uses, it may.
-            room = np.maximum(0.998, np.abs(rows[j] @ x[j] + offset[j]))
-            both = np.vstack([scaled, -scaled]), np.concatenate([room - offset[j], room + offset[j]])
-            near = np.column_stack([now - radius, now + radius])
-            found = optimize.linprog(slope[j] * unit[j], *both, bounds=near, method="highs-ds")
-            if found.status == 0:
-                out[j] = found.x * unit[j]
-        return out
-
-    history, radius, (value, slope) = [regressor.condition(trajectory(x))], 0.2, evaluated(x)
+    search, x = _Search.of(regressor, limits, start, objective, joints)
+    history, radius = [regressor.condition(start)], 0.2
+    value, slope = search.evaluated(x)
     # A trust region smaller than this share of the limits ends the search.
     while len(history) <= iterations and radius > 1e-4:
-        candidate = best_of_linear_model(x, slope, radius)
-        predicted, new = float(np.sum(slope * (candidate - x))), at(candidate)[1]
+        candidate = search.best_of_linear_model(x, slope, radius)
+        predicted, new = float(np.sum(slope * (candidate - x))), search.at(candidate)[1]
         if not new < value + 0.05 * predicted < value:
             radius *= 0.4
             continue
         radius *= 2.0 if new < value + 0.5 * predicted else 1.0
-        x, (value, slope) = candidate, evaluated(candidate)
-        history.append(regressor.condition(trajectory(x)))
+        x = candidate
+        value, slope = search.evaluated(x)
+        history.append(regressor.condition(search.trajectory(x)))
         progress(f"excitation: iteration {len(history) - 1}, condition number {history[-1]:.2f}")
-    best = shrunk(trajectory(x), limits)
+    best = shrunk(search.trajectory(x), limits)
     return Excitation(best, regressor.condition(best), tuple(history))
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What the steps of a search have in common, over x (n, 2 L + 1) = (a, b, q_0).
+
+    start : gives frequency, blend and duration; joints : whose motion is free; t (K,) : where the
+    regressor is sampled; maps (3, K, 2 L + 1) : of a joint's x to its states there; rows
+    (n, M, 2 L + 1), offset (n, M) : rows x + offset are states over their limits, the position about
+    the middle; unit (n, 2 L + 1) : sizes of x.
+    """
+
+    regressor: Regressor
+    objective: str
+    start: FourierTrajectory
+    joints: Sequence[int]
+    t: Array
+    maps: Array
+    rows: Array
+    offset: Array
+    unit: Array
+
+    @classmethod
+    def of(
+        cls,
+        regressor: Regressor,
+        limits: Limits,
+        start: FourierTrajectory,
+        objective: str,
+        joints: Sequence[int],
+    ) -> tuple[_Search, Array]:
+        """A search from a start, and its x."""
+        # Instants at which the regressor is sampled, and twice as many at which limits are kept.
+        t = np.linspace(0.0, start.duration, 160)
+        kept = np.union1d(np.linspace(0.0, start.duration, 2 * len(t) - 1), _blend_instants(start))
+        units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
+        sizes = np.repeat(units, len(kept), axis=1)[:, :, None]
+        rows = np.concatenate(_state_maps(start, kept)) / sizes
+        offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(kept)) < len(kept))
+        x = np.column_stack([start.a, start.b, start.q_0])
+        # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
+        unit = np.column_stack([*[limits.velocity] * (x.shape[1] - 1), limits.half])
+        maps = np.array(_state_maps(start, t))
+        return cls(regressor, objective, start, joints, t, maps, rows, offset, unit), x
+
+    def trajectory(self, x: Array) -> FourierTrajectory:
+        """The motion of x."""
+        a, b = np.split(x[:, :-1], 2, axis=1)
+        return replace(self.start, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
+
+    def at(self, x: Array) -> tuple[Array, float, Array]:
+        """States, the objective and its gradient with respect to W, in the shape of the regressor."""
+        states = np.stack([linear @ x.T for linear in self.maps])
+        whole = self.regressor.at(self.t, *states)
+        value, outer = _objective(whole.reshape(-1, whole.shape[2]), self.objective)
+        return states, value, outer.reshape(whole.shape)
+
+    def evaluated(self, x: Array) -> tuple[float, Array]:
+        """The objective and its gradient with respect to x."""
+        states, value, outer = self.at(x)
+        slope = np.zeros_like(x)
+        for (which, linear), j in product(enumerate(self.maps), self.joints):
+            step = np.zeros_like(states)
+            step[which, :, j] = _DIFFERENCE
+            above, below = (self.regressor.at(self.t, *(states + s * step)) for s in (1.0, -1.0))
+            rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * _DIFFERENCE)
+            slope[j] += rate @ linear
+        return value, slope
+
+    def best_of_linear_model(self, x: Array, slope: Array, radius: float) -> Array:
+        """Within the trust region; limits do not couple joints."""
+        out = x.copy()
+        for j in self.joints:
+            rows, offset, unit = self.rows[j], self.offset[j], self.unit[j]
+            # A share is kept for what happens between the instants; what the start uses, it may.
+            room = np.maximum(0.998, np.abs(rows @ x[j] + offset))
+            scaled, now = rows * unit, x[j] / unit
+            found = optimize.linprog(
+                slope[j] * unit,
+                A_ub=np.vstack([scaled, -scaled]),
+                b_ub=np.concatenate([room - offset, room + offset]),
+                bounds=np.column_stack([now - radius, now + radius]),
+                method="highs-ds",
+            )
+            if found.status == 0:
+                out[j] = found.x * unit
+        return out
 
 
 def _objective(w: Array, objective: str) -> tuple[float, Array]:

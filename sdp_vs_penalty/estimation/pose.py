@@ -23,7 +23,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, unknown
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
-from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains
+from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains, with_scale
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_progress
@@ -158,14 +158,21 @@ def posed(
             std = gain * np.linalg.norm(errors, axis=1)
             details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
     else:
-        wanted = options.known, options.weighting, progress, options.instruments != "none"
-        chosen, loads = options.effects is not None, options.known_loads
-        given = problem, model.effects, data, settings, *wanted, chosen, loads
-        model, data, servo = servo_log(*given)
-        errors = np.column_stack([errors, np.full(problem.robot.n, servo["scale_error"])])
+        model, rows, servo = servo_log(
+            problem,
+            model.effects,
+            data,
+            settings,
+            options.weighting,
+            progress,
+            instruments=options.instruments != "none",
+            chosen=options.effects is not None,
+        )
+        model, scale = with_scale(model, data, settings, options.known, options.known_loads)
+        errors = np.column_stack([errors, np.full(problem.robot.n, scale["scale_error"])])
         # Loads are other runs: what they made of the scale is told instead.
-        scaled = replace(options, known=servo["known"]) if loads else options
-        details = {"servo": servo, "recipe": scaled.recipe()}
+        scaled = replace(options, known=scale["known"]) if options.known_loads else options
+        data, details = rows, {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
 
     def compressed(part: Model) -> Regression:
         return in_columns(data, part, settings, workers)

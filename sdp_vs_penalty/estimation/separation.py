@@ -230,9 +230,17 @@ def separate(
         raise InputError("no motion from point to point keeps the limits", remedy)
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
     default = float(np.median([told.distance(told.motion(s, duration)) for s in usual]))
-    right, seconds = ([of(x, duration) for x in (value, default)] for of in (told.right, told.needed))
-    told_of = right[0], right[1], seconds[0], seconds[1], told.scale, free is not None
-    return Separation(trajectory, value, default, *told_of)
+    return Separation(
+        trajectory,
+        delta2=value,
+        default_delta2=default,
+        right=told.right(value, duration),
+        default_right=told.right(default, duration),
+        seconds=told.needed(value, duration),
+        default_seconds=told.needed(default, duration),
+        sizes=told.scale,
+        collisions=free is not None,
+    )
 
 
 #: Points (W, n), slowness (W - 1,) of each move over the fastest, pauses (W,) [s].

@@ -11,14 +11,13 @@ least squares leave is in rad. The terms of all laws, and the command's derivati
 about the last T), are compressed together: each law at each delay is a small problem.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
@@ -27,9 +26,9 @@ from sdp_vs_penalty.effects.servo import LATEST
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
-from sdp_vs_penalty.estimation.known_load import balanced, with_scale
+from sdp_vs_penalty.estimation.known_load import balanced
 from sdp_vs_penalty.estimation.shape_constants import prior_deviation, with_sensitivities
-from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task
 from sdp_vs_penalty.problem.problem import Problem
@@ -201,38 +200,88 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     return settings.resolve(data, least)
 
 
+@dataclass(frozen=True)
+class _Loop:
+    """A log without torque and what its model is made of: the load's effects and the drives'."""
+
+    problem: Problem
+    data: Measurements
+    settings: Preprocessing
+    weighting: str
+    load: tuple[Effect, ...]
+    drives: Sequence[Effect]
+
+    def balanced(self, delay: float) -> Model:
+        """The model whose commands act late by ``delay`` [s], up to a factor, in which links weigh as
+        stated: its reference is what it fits best, its strongest position gain is given."""
+        robot = self.problem.robot
+        late = [e.with_shape(T=float(f"{delay:.6g}")) for e in self.drives]
+        began = {"servo_integral", "torque_offset"} & {e.name for e in (*self.load, *late)}
+        offset = [effect_types()["torque_offset"](robot)] * (began == {"servo_integral"})
+        model = Model(robot, (*self.load, *offset, *late), gains=self.problem.gains)
+        theta = balanced(self.problem, model, compress(self.data, model, self.settings))
+        strongest = max(model.error_gains, key=lambda k: float(theta[k]))
+        gain = {model.parameters[strongest].name: float(theta[strongest])}
+        return replace(model, known=gain, reference=theta)
+
+    def shapes(self, model: Model) -> list[ShapeEstimate]:
+        """The load's shape constants beside a balanced model, all of whose position gains are given:
+        errors stand for a torque then."""
+        theta = _reference_of(model)
+        gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
+        stated = replace(model, known=gains)
+        return estimate_shapes(stated, self.data, self.settings, self.weighting, widest=c.TURNS[-1])
+
+    def task(self, model: Model, rows: Measurements) -> Task:
+        """The problem of a balanced model; rows : the log, with instruments where there are some."""
+        return make_task(self.problem, model, compress(rows, model, self.settings), self.weighting)
+
+    def with_better_delay(self, model: Model, rows: Measurements) -> Model:
+        """A step of Gauss and Newton of the delay, in which joints share their links."""
+        wide = with_sensitivities(model, _reference_of(model), lambda e: bool(e.position_gains))
+        (drive,) = (e for e in model.effects if e.position_gains)
+        step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
+        return self.balanced(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))
+
+    def simulated(self, model: Model, rows: Measurements) -> tuple[Measurements, Array]:
+        """The log with the motion that the model fitted to ``rows`` makes of the command, and how far
+        (n,) that is from the measured one, root mean square [rad, m]."""
+        theta = model.with_known(make_estimator(DEFAULT_METHOD).fit(self.task(model, rows)).theta)
+        with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
+            found = with_simulated_motion(self.data, model, theta)
+            return found, np.sqrt(np.mean((found.commanded["qsim"] - self.data.q) ** 2, axis=0))
+
+
+def _reference_of(model: Model) -> Array:
+    """(p,) of a balanced model."""
+    assert model.reference is not None
+    return model.reference
+
+
 def servo_log(
     problem: Problem,
     effects: Sequence[Effect],
     data: Measurements,
     settings: Preprocessing,
-    known: Mapping[str, float],
     weighting: str,
     progress: Progress,
-    instruments: bool = True,
-    chosen: bool = True,
-    loads: Sequence[tuple[Source, float]] = (),
+    *,
+    instruments: bool,
+    chosen: bool,
 ) -> tuple[Model, Measurements, dict[str, Any]]:
-    """What stands for the torque in a log without one: the model with the law's effects and the given
-    parameters, the measurements with the motion that the law makes of the command (where instruments are
-    wanted), and plain JSON, scale_error in it the relative standard deviation of a scale by loads.
+    """What stands for the torque in a log without one: the model with the law's effects, up to a factor
+    (known_load.py sets the scale), the measurements with the motion that the law makes of the command
+    (where instruments are wanted), and plain JSON.
 
     effects : the model's; where servo effects are among them, the law is given, with its delay where
-    that is; settings : resolved; known : parameters by name, which set the scale; chosen : whether the
-    effects were asked for: if not, rotors turn with the joints as well; loads : further runs, each with
-    the mass [kg] that the last link carried, which set the scale.
-    Raises InputError for a log without commands, and for a scale that is none.
+    that is; settings : resolved; chosen : whether the effects were asked for: if not, rotors turn with
+    the joints as well. Raises InputError for a log without commands.
     """
     if "qcmd" not in data.groups:
         what = "this log holds neither torque nor commands"
         raise InputError(what, "log tau1..taun or qcmd1..qcmdn", data.names[0])
     drives = [e for e in effects if e.forward == "drive"]
-    load = tuple(e for e in effects if e.forward != "drive")
-    if not drives:  # kd and viscous friction have one column: kd is their sum
-        load = tuple(e for e in load if e.name != "viscous_friction")
-    if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
-        # A drive has a rotor. A single joint's cannot be told from what it moves.
-        load = (*load, effect_types()["rotor_inertia"](problem.robot))
+    load = _load_of(problem, effects, chosen)
     given = next((e.shape["T"] for e in drives if "T" in e.given), None)
     names = tuple(LAWS)
     if drives:
@@ -240,64 +289,56 @@ def servo_log(
         names = tuple(name for name, law in LAWS.items() if set(law) == own) or names[-1:]
     progress("choosing the servo law")
     law, delay, errors = find_law(load, data, settings, names, given)
-    own_drives = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
-
-    def balanced_at(delay: float) -> Model:
-        """The model whose commands act late by ``delay`` [s], up to a factor, in which links weigh as
-        stated: its reference is what it fits best, its strongest position gain is given."""
-        late = [e.with_shape(T=float(f"{delay:.6g}")) for e in own_drives]
-        began = {"servo_integral", "torque_offset"} & {e.name for e in (*load, *late)}
-        offset = [effect_types()["torque_offset"](problem.robot)] * (began == {"servo_integral"})
-        model = Model(problem.robot, (*load, *offset, *late), gains=problem.gains)
-        theta = balanced(problem, model, compress(data, model, settings))
-        strongest = max(model.error_gains, key=lambda k: float(theta[k]))
-        gain = {model.parameters[strongest].name: float(theta[strongest])}
-        return replace(model, known=gain, reference=theta)
-
-    def task_of(model: Model) -> Task:
-        return make_task(problem, model, compress(rows, model, settings), weighting)
-
     progress("balancing the gains")
-    model, least, rows, used, motion = balanced_at(delay), np.inf, data, data, np.zeros(0)
-    assert model.reference is not None
-    # Where all position gains are given, errors stand for a torque, of which shape constants are.
-    errors_of = zip(model.error_gains, model.reference[list(model.error_gains)].tolist(), strict=True)
-    stated = replace(model, known={model.parameters[k].name: x for k, x in errors_of})
-    shapes = estimate_shapes(stated, data, settings, weighting, widest=c.TURNS[-1])
-    load = tuple(with_shapes(load, shapes))
-    model = balanced_at(delay)
-    for k in count(1):  # each pass but the last has brought the simulation much nearer
-        better = model
-        if given is None and delay > 0.0:  # a step of Gauss-Newton, in which joints share their links
-            assert model.reference is not None
-            wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
-            (drive,) = (e for e in model.effects if e.position_gains)
-            step = float(task_of(wide).ols[-1]) * prior_deviation(drive, "T")
-            better = balanced_at(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))
-        if instruments:
-            progress(f"simulating the command, pass {k}")
-            theta = better.with_known(make_estimator(DEFAULT_METHOD).fit(task_of(better)).theta)
-            with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
-                simulated = with_simulated_motion(data, better, theta)
-                apart = np.sqrt(np.mean((simulated.commanded["qsim"] - data.q) ** 2, axis=0))
-            error = float(np.mean(np.log(or_least(apart))))
-            before, least = least, min(error, least)
-            if not error < before + np.log(c.FEWER_GAINS):
-                break
-            used, rows, motion = rows, simulated, apart
-        model = better
-        if not instruments or error > before - np.log(c.FEWER_GAINS):
-            break
-    model, scale = with_scale(model, data, settings, known, loads)
+    of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
+    loop = _Loop(problem, data, settings, weighting, load, of_law)
+    shapes = loop.shapes(loop.balanced(delay))
+    loop = replace(loop, load=with_shapes(load, shapes))
+    open_delay = given is None and delay > 0.0
+    model, rows, apart = _refined(loop, loop.balanced(delay), open_delay, instruments, progress)
     details = {
         "law": "as given" if drives else law,
         "delay": model.effects[-1].shape["T"],
         "held_out": errors,
         "shapes": [s.to_dict() for s in shapes],
-        "motion": motion.tolist(),
-        **scale,
+        "motion": apart.tolist(),
     }
-    return model, used, details
+    return model, rows, details
+
+
+def _load_of(problem: Problem, effects: Sequence[Effect], chosen: bool) -> tuple[Effect, ...]:
+    """The effects that drives work against; chosen : whether they were asked for."""
+    load = [e for e in effects if e.forward != "drive"]
+    if len(load) == len(effects):  # kd and viscous friction have one column: kd is their sum
+        load = [e for e in load if e.name != "viscous_friction"]
+    if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
+        # A drive has a rotor. A single joint's cannot be told from what it moves.
+        load.append(effect_types()["rotor_inertia"](problem.robot))
+    return tuple(load)
+
+
+def _refined(
+    loop: _Loop, model: Model, open_delay: bool, instruments: bool, progress: Progress
+) -> tuple[Model, Measurements, Array]:
+    """The model after as many passes as bring its simulation much nearer to the measured motion, the log
+    with the instruments that it was fitted with, and how far (n,) they are from the motion; without
+    instruments after one step of the delay, if that is open, and (0,)."""
+    if not instruments:
+        better = loop.with_better_delay(model, loop.data) if open_delay else model
+        return better, loop.data, np.zeros(0)
+    least, used, rows, motion = np.inf, loop.data, loop.data, np.zeros(0)
+    for k in count(1):
+        better = loop.with_better_delay(model, rows) if open_delay else model
+        progress(f"simulating the command, pass {k}")
+        simulated, apart = loop.simulated(better, rows)
+        error = float(np.mean(np.log(or_least(apart))))
+        if not error < least + np.log(c.FEWER_GAINS):
+            break
+        model, used, rows, motion = better, rows, simulated, apart
+        if error > least - np.log(c.FEWER_GAINS):
+            break
+        least = error
+    return model, used, motion
 
 
 def loop_beside_torque(

@@ -73,9 +73,16 @@ class FreeRun:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        given = {k: getattr(self, k) for k in ("rms", "largest", "spread", "loop", "torque")}
-        lists = {k: None if value is None else value.tolist() for k, value in given.items()}
-        return {"run": self.simulated.names[0], "seconds": self.seconds, "left": self.left} | lists
+        return {
+            "run": self.simulated.names[0],
+            "seconds": self.seconds,
+            "left": self.left,
+            "rms": self.rms.tolist(),
+            "largest": self.largest.tolist(),
+            "spread": None if self.spread is None else self.spread.tolist(),
+            "loop": None if self.loop is None else self.loop.tolist(),
+            "torque": self.torque.tolist(),
+        }
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,9 +162,15 @@ class Following(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        found: dict[str, Any] = {"verdict": self.verdict, "drive": self.drive, "units": list(self.units)}
-        found |= {"one_step_velocity": self.one_step.to_dict(), "ahead_position": self.ahead.to_dict()}
-        return found | {"free_run": [f.to_dict() for f in self.free], "left_out": list(self.left_out)}
+        return {
+            "verdict": self.verdict,
+            "drive": self.drive,
+            "units": list(self.units),
+            "one_step_velocity": self.one_step.to_dict(),
+            "ahead_position": self.ahead.to_dict(),
+            "free_run": [f.to_dict() for f in self.free],
+            "left_out": list(self.left_out),
+        }
 
 
 def said(value: float, unit: str) -> str:
@@ -220,8 +233,14 @@ def follow(
         progress(f"simulating {ride.course.name} freely")
         most = None if steps is None else 1 + steps // (len(courses) * ride.substeps)
         free.append(_free_run(estimate, drawn[:1] if servo else drawn, ride, most))
-    both = Ahead.of(courses[0].dt, one, naive_one), Ahead.of(horizon, far, naive_far)
-    return Following(drive, estimate.robot.position_units, *both, tuple(free), plant.left_out)
+    return Following(
+        drive,
+        estimate.robot.position_units,
+        one_step=Ahead.of(courses[0].dt, one, naive_one),
+        ahead=Ahead.of(horizon, far, naive_far),
+        free=tuple(free),
+        left_out=plant.left_out,
+    )
 
 
 @dataclass(frozen=True)
@@ -320,10 +339,18 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
     if size > 2:
         spread = NORMAL_95 * np.sqrt(np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1)))
     torque, t = course.torque[start:until], seen.t[start:until]
-    made = Measurements(t, motion[:, 0], torque, names=(course.name,))
-    errors = _rms(error), np.abs(error).max(axis=0), spread, _rms(np.array(added)) if added else None
-    cut = not left and bool(seen.t[-1] - seen.t[end] > 1.0)
-    return FreeRun(float(t[-1] - t[0]), left, *errors, _rms(torque), made, seen.q[start:until], cut)
+    return FreeRun(
+        seconds=float(t[-1] - t[0]),
+        left=left,
+        rms=_rms(error),
+        largest=np.abs(error).max(axis=0),
+        spread=spread,
+        loop=_rms(np.array(added)) if added else None,
+        torque=_rms(torque),
+        simulated=Measurements(t, motion[:, 0], torque, names=(course.name,)),
+        measured=seen.q[start:until],
+        cut=not left and bool(seen.t[-1] - seen.t[end] > 1.0),
+    )
 
 
 def _rms(error: Array) -> Array:
