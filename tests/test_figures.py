@@ -21,7 +21,7 @@ TESTED = re.compile(rf"{NUMBER}<!--(tests/[\w/]+\.py)-->")
 UNIT = re.compile(rf"(?<![\w@=.:-]){NUMBER}\s?(?:%|ms|s|MB|GB|mm|N m|kg|times|of \d+)(?![\w/^])")
 #: Numbers with a unit that are no results, page by page.
 #: security.md is left out: each row of its table names the test, or says that it was done by hand.
-#: Of benchmarks.md those of logs without torque are results, which `benchmarks/servo.py` prints.
+#: Of benchmarks.md those of logs without torque are results, which a benchmark that has left printed.
 UNMARKED = {
     "README.md": 1,
     "results/README.md": 17,

@@ -96,8 +96,6 @@ class Effect(ABC):
     needs_torque: bool = False
     #: True where the columns need Motion.current, the links of the current model.
     needs_links: ClassVar[bool] = False
-    #: True where what it is on one joint changes the torque of others.
-    spreads: ClassVar[bool] = False
     #: True where the columns need Motion.temperature.
     needs_temperature: bool = False
     #: True where the columns need Motion.command.

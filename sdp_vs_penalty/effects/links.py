@@ -183,7 +183,7 @@ class BaseTilt(Effect):
 class LinkDeviation(Effect):
     """Joint j's link is elsewhere than its encoder says: torque on every joint that depends on it."""
 
-    needs_links = spreads = True
+    needs_links = True
 
     def deviated(self, motion: Motion, joint: int) -> Array:
         """(N, n) torque on all joints from one unit of the deviation of ``joint``."""

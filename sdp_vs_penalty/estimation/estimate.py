@@ -311,10 +311,19 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         floor = NoiseFloor.from_dict(provenance["noise"]).floor
         if floor is not None and floor.shape != (robot.n,):
             raise ValueError("noise: not a number for each joint")
-    certificate = Certificate.from_dict(data["certificate"])
-    made = problem, model, theta, uncertainty, data["method"], certificate
-    filters = Preprocessing(**data["preprocessing"])
-    return Estimate(*made, filters, data["settings"], details, provenance, motion)
+    return Estimate(
+        problem,
+        model,
+        theta,
+        uncertainty,
+        data["method"],
+        Certificate.from_dict(data["certificate"]),
+        Preprocessing(**data["preprocessing"]),
+        data["settings"],
+        details,
+        provenance,
+        motion,
+    )
 
 
 #: One Estimate or the path of a model.json; a sequence of these; or a mapping from names to these.

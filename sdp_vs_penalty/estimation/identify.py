@@ -122,8 +122,9 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     if wide is not task.model and isinstance(measurements, Measurements):
         data = in_columns(measurements, wide, posed.preprocessing, workers)
     kept, errors = certificate.worst == 0.0, posed.gain_errors
-    own = task, posed.regression, base, theta
-    uncertainty = of_regression(*own, wide=data, constrained=kept, gain_errors=errors)
+    uncertainty = of_regression(
+        task, posed.regression, base, theta, wide=data, constrained=kept, gain_errors=errors
+    )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
     details = {**fit.details, "on_bounds": bounds, **record(task, theta, base, estimator.rest)}
@@ -137,8 +138,19 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         "samples": measurements.samples,
         "versions": versions(),
     }
-    found = problem, task.model, theta, uncertainty, estimator.name, certificate
-    return Estimate(*found, posed.preprocessing, settings, details, provenance, motion)
+    return Estimate(
+        problem,
+        task.model,
+        theta,
+        uncertainty,
+        estimator.name,
+        certificate,
+        posed.preprocessing,
+        settings,
+        details,
+        provenance,
+        motion,
+    )
 
 
 def proved(
@@ -152,8 +164,16 @@ def proved(
     if fit.multipliers is None:
         what = f"method {method} has no lower bound to prove"
         raise InputError(what, "choose one that solves the SDP, such as lmi-sdp, or penalty")
-    solved = fit.objective, fit.constraints, fit.multipliers, theta, task.bound, fit.entropy_slopes
-    return optimum_proof(*solved, [p.name for p in task.model.parameters], made_of)
+    return optimum_proof(
+        fit.objective,
+        fit.constraints,
+        fit.multipliers,
+        theta,
+        task.bound,
+        fit.entropy_slopes,
+        [p.name for p in task.model.parameters],
+        made_of,
+    )
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
@@ -299,8 +319,16 @@ def identify(
             raise InputError(what, "choose another method, or leave the proof out")
     if refined and isinstance(measurements, Measurements):
         measurements.require_torque(f"method {OUTPUT_ERROR}")
-    chosen = effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
-    options = PoseOptions(*chosen, known or {}, instruments)
+    options = PoseOptions(
+        effects,
+        preprocessing,
+        weighting,
+        gain_uncertainty,
+        known_loads,
+        seed,
+        known or {},
+        instruments,
+    )
     posed = pose.posed(problem, measurements, options, progress, workers)
     posed.task.progress(f"estimating by {estimator.name}")
     try:

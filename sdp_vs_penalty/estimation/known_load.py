@@ -119,7 +119,7 @@ def gains_from_loads(
         elif np.abs(moved).max() < 1e-9:
             break
     known = sandwich(_linearised(parts, p, x, log_gain), weights, scale)
-    std = known.half_widths(np.eye(len(scale))[-n:], c.LEVEL) / c.NORMAL_95
+    std = known.half_widths(np.eye(len(scale))[-n:]) / c.NORMAL_95
     return np.exp(log_gain), stretched(known.factor[-n:], std)
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.special import stdtrit
 
-from sdp_vs_penalty.estimation.constants import POOLED, WINDOW
+from sdp_vs_penalty.estimation.constants import LEVEL, POOLED, WINDOW
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
@@ -70,7 +70,7 @@ class Sandwich:
         """(p, r) orthonormal basis of the visible directions, columns at unit norm."""
         return np.asarray(np.linalg.qr(self.directions * self.norms[:, None])[0])
 
-    def half_widths(self, contrasts: Array, level: float) -> Array:
+    def half_widths(self, contrasts: Array) -> Array:
         """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its first parameters
         alone; NaN for unseen ones."""
         contrasts = np.pad(contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1])))
@@ -80,7 +80,7 @@ class Sandwich:
             w = contrasts[few] @ self.directions
             variance, freedom = self._variances(w)
             known = self.white * np.sum((w @ self.prior) * w, axis=1)
-            t, normal = stdtrit(freedom, 0.5 + 0.5 * level), stdtrit(np.inf, 0.5 + 0.5 * level)
+            t, normal = stdtrit(freedom, 0.5 + 0.5 * LEVEL), stdtrit(np.inf, 0.5 + 0.5 * LEVEL)
             half[few] = np.sqrt(t**2 * variance + normal**2 * known)
         return half
 

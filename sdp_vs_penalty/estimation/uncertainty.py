@@ -190,7 +190,7 @@ def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> San
 
     known, agrees = of(regression), np.array([q.effect == ON_A_GRID for q in regression.parameters])
     if agrees.any():
-        half = known.half_widths(np.eye(regression.p)[agrees], LEVEL)
+        half = known.half_widths(np.eye(regression.p)[agrees])
         agrees[agrees] = np.abs(known.solution[agrees]) <= half
     return of(regression.keeping(~agrees)) if agrees.any() else known
 
@@ -220,7 +220,7 @@ def _uncertainty(
     def told(base: BaseParameters) -> tuple[Interval, ...]:
         rows = base.rows
         ends = np.where(rows > 0.0, limits.T[:, None], limits.T[::-1, None])
-        noise = np.hypot(known.half_widths(rows, LEVEL) / NORMAL_95, rows @ apart)
+        noise = np.hypot(known.half_widths(rows) / NORMAL_95, rows @ apart)
         other = np.hstack([rows @ extra, rows @ gains @ gain_errors])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
         return intervals_of(

@@ -131,8 +131,14 @@ class Fit:
         """The certified lower bound on the optimum that follows from the multipliers: computed once."""
         assert self.multipliers is not None
         assert self.bound is not None
-        own = self.objective, self.constraints, self.multipliers, self.theta, self.bound
-        return lower_bound(*own, self.entropy_slopes)
+        return lower_bound(
+            self.objective,
+            self.constraints,
+            self.multipliers,
+            self.theta,
+            self.bound,
+            self.entropy_slopes,
+        )
 
     @cached_property
     def gap(self) -> float:
@@ -176,22 +182,33 @@ def make_task(
     masses = model.with_known(nominal)[links[:, :1]]  # a link of a known mass is scaled to it
     nominal[links] *= masses / nominal[links[:, :1]]
     nominal = model.with_known(nominal)
-    data = with_plausible(regression.least_squares(), model, regression.oversampling)
-    known = problem.constraints(model), bound, nominal, problem.box, problem.independent
-    pairs = enumerate(zip(links, problem.link_bodies, strict=False), start=1)
-    bodies = tuple(build.density_in_ellipsoid("body", f"link {k}", i, b.quadric) for k, (i, b) in pairs)
-    plain = Task(model, data, *known, seed, progress, bodies=bodies)
-    scale, weights = joint_scale(regression, model, plain.ols), np.ones(regression.joints)
-    plain = replace(plain, joint_scale=scale, weights=weights)
     if weighting not in ("noise", "none"):
         raise unknown("weighting", weighting, ("noise", "none"))
+    data = with_plausible(regression.least_squares(), model, regression.oversampling)
+    first, weights = nearest_least_squares(data, nominal, bound), np.ones(regression.joints)
     if weighting == "noise":
-        weights = joint_weights(regression, plain.ols)
+        weights = joint_weights(regression, first)
         data = with_plausible(regression.least_squares(weights), model, regression.oversampling)
-        plain = replace(plain, data=data, weights=weights)
+    pairs = enumerate(zip(links, problem.link_bodies, strict=False), start=1)
     guessed = problem.guessed_links
-    total = None if np.any(guessed) else float(nominal[plain.links[:, 0]].sum())
-    return replace(plain, prior=_scaled_prior(plain, guessed), total=total)
+    return Task(
+        model,
+        data,
+        problem.constraints(model),
+        bound,
+        nominal,
+        problem.box,
+        problem.independent,
+        seed,
+        progress,
+        joint_scale=joint_scale(regression, model, first),
+        bodies=tuple(
+            build.density_in_ellipsoid("body", f"link {k}", i, b.quadric) for k, (i, b) in pairs
+        ),
+        prior=_scaled_prior(data, nominal, links, guessed),
+        total=None if np.any(guessed) else float(nominal[links[:, 0]].sum()),
+        weights=weights,
+    )
 
 
 def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> LeastSquares:
@@ -203,22 +220,25 @@ def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> Lea
     return data.with_prior(model.plausible, oversampling * variance)
 
 
-def _scaled_prior(task: Task, guessed: np.ndarray) -> np.ndarray:
+def _scaled_prior(
+    data: LeastSquares, nominal: Array, places: NDArray[np.intp], guessed: NDArray[np.bool_]
+) -> Array:
     """(n, 10) nominal links, guessed masses times the one factor with which they fit the torque best:
     least squares in it and the joints' own parameters, the other links as stated.
 
+    places (n, 10) : of the links in nominal (p,); guessed (n,) : of which nobody states the mass.
     More torque than drawn proves more mass. Less does not prove less, which may lie nearer to the axes:
     a guess stands unless it is ``FAR_MASS`` times too heavy.
     """
-    links = task.nominal[task.links]
+    links = nominal[places]
     if not len(links) or not np.any(guessed):
         return links
-    R, own = task.data.R, np.setdiff1d(np.arange(task.data.R.shape[1]), task.links)
-    stated = R[:, task.links[~guessed].ravel()] @ links[~guessed].ravel()
-    guess = R[:, task.links[guessed].ravel()] @ links[guessed].ravel()
+    R, own = data.R, np.setdiff1d(np.arange(len(nominal)), places)
+    stated = R[:, places[~guessed].ravel()] @ links[~guessed].ravel()
+    guess = R[:, places[guessed].ravel()] @ links[guessed].ravel()
     columns = np.column_stack([guess, R[:, own]])
     size = or_one(np.linalg.norm(columns, axis=0))
-    factor = np.linalg.lstsq(columns / size, task.data.rho - stated, rcond=1e-9)[0][0] / size[0]
+    factor = np.linalg.lstsq(columns / size, data.rho - stated, rcond=1e-9)[0][0] / size[0]
     out = links.copy()
     out[guessed] *= factor if factor > 1.0 or 0.0 < factor < 1.0 / FAR_MASS else 1.0
     return out

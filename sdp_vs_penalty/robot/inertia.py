@@ -27,7 +27,7 @@ PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = tuple("kg" if p == "m" else "kg*m" if p.startswith("m") else "kg*m^2" for p in PARAMETERS)
 
 #: (row, column) of each of the six inertia entries, in the parameter order.
-_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+_ENTRIES = tuple(tuple(map("xyz".index, p.removeprefix("I"))) for p in PARAMETERS if p.startswith("I"))
 
 
 def _pseudo_inertia_basis() -> Array:

@@ -8,7 +8,7 @@ With harmonics l = 1..L of the base frequency w and the clock s = t - t_b of the
 (Swevers et al. 1997; Gaz et al. 2019, supplementary material, sec. II). A robot starts and ends at
 rest: over the first t_b seconds the velocity rises to dq(s = 0) as a raised cosine, and over the
 last t_b it falls to zero likewise. q_0 is the centre of the series (the last row of the paper's
-Table II), not where the robot starts: that is :attr:`FourierTrajectory.start`.
+Table II), not where the robot starts: that is q(s = 0) - dq(s = 0) t_b / 2.
 
 From point to point, with rests (:class:`PointTrajectory`): between two points all joints follow the
 smooth step s(x) = 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7, x = t / T, whose first three derivatives
@@ -49,12 +49,6 @@ class FourierTrajectory:
             each = f"blend {self.blend:g} s, duration {self.duration:g} s"
             what = f"trajectory: {each} and frequency {self.frequency:g} rad/s do not fit"
             raise InputError(what, "make all positive, and the duration above twice the blend")
-
-    @property
-    def start(self) -> Array:
-        """(n,) where the robot stands before it moves: q(s = 0) - dq(s = 0) t_b / 2."""
-        q, dq, _ = self._series(np.zeros(1))
-        return q[0] - 0.5 * self.blend * dq[0]
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """q, dq, ddq, each (N, n), at the instants t (N,) [s]; at rest outside [0, duration].

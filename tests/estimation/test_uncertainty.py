@@ -114,7 +114,7 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     information = (R * unit).T @ (R * unit) + found.white * np.diag((unit / scale) ** 2)
     expected = found.white * (rows * unit) @ np.linalg.pinv(information, 1e-9, hermitian=True)
     expected = NORMAL_95 * np.sqrt(np.sum(expected * (rows * unit), axis=1))
-    np.testing.assert_allclose(found.half_widths(rows, 0.95), expected, rtol=1e-5)
+    np.testing.assert_allclose(found.half_widths(rows), expected, rtol=1e-5)
 
 
 def test_what_cannot_be_seen_is_said(two_link):

@@ -97,7 +97,8 @@ def test_it_starts_and_ends_at_rest_and_stays_there(paper):
     q, dq, ddq = paper.states([-1.0, 0.0, 21.0, 30.0])
     assert np.all(dq == 0.0)
     assert np.all(ddq == 0.0)
-    np.testing.assert_allclose(q[:2], np.tile(paper.start, (2, 1)), atol=1e-15)
+    series, rate, _ = paper.states([paper.blend])  # where the blend ends
+    np.testing.assert_allclose(q[:2], np.tile(series - 0.5 * paper.blend * rate, (2, 1)), atol=1e-15)
     np.testing.assert_array_equal(q[2], q[3])
 
 

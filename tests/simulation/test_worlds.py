@@ -10,9 +10,9 @@ from challenge import worlds as challenged
 from challenge.worlds.conditions import (
     ARMS,
     NUISANCES,
+    Channel,
     Conditions,
     SensorNoise,
-    average,
     draw_conditions,
     fair,
 )
@@ -115,7 +115,8 @@ def test_channels_and_noise_are_what_they_say():
     assert late == pytest.approx(gain * np.sin(2 * np.pi * 2.0 * t[2000:] - phase), abs=5e-3)
     middle = slice(500, -500)
     sinc = np.sin(np.pi * 2.0 * 0.041) / (np.pi * 2.0 * 0.041)
-    assert average(wave, 40)[middle] == pytest.approx(sinc * wave[middle], abs=1e-4)
+    averaged = Channel(smooth=0.04).torque(t, wave)[middle]
+    assert averaged == pytest.approx(sinc * wave[middle], abs=1e-4)
     std = np.array([0.1, 2.0])
     for noise in (SensorNoise(), SensorNoise(3.0, 0.9), SensorNoise(0.5, 0.0, 5.0)):
         drawn = noise.draw(200_000, std, np.random.default_rng(0))

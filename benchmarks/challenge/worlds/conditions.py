@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.random import Generator
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from sdp_vs_penalty.simulation.worlds.hidden import first_order, log_uniform
@@ -38,7 +39,8 @@ class Channel:
         if self.lag:
             tau = first_order(tau, step, self.lag)
         if self.smooth:
-            tau = average(tau, round(self.smooth / step))
+            half = round(self.smooth / step) // 2
+            tau = uniform_filter1d(tau, 2 * half + 1, axis=0, mode="nearest")
         if self.delay:
             late = t - self.delay
             tau = np.column_stack([np.interp(late, t, column) for column in tau.T])
@@ -49,15 +51,6 @@ class Channel:
         if self.step is None:
             return q
         return np.asarray(np.round(q / (self.step * unit)) * (self.step * unit))
-
-
-def average(x: Array, length: int) -> Array:
-    """Mean over ``length`` samples around each, its ends repeated."""
-    half = max(length // 2, 1)
-    padded = np.concatenate([np.repeat(x[:1], half + 1, axis=0), x, np.repeat(x[-1:], half, axis=0)])
-    total = np.cumsum(padded - x.mean(axis=0), axis=0)
-    width = 2 * half + 1
-    return np.asarray((total[width:] - total[:-width]) / width + x.mean(axis=0))
 
 
 @dataclass(frozen=True)
