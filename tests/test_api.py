@@ -141,27 +141,6 @@ def test_models_are_estimates_or_files(files, estimate, tmp_path):
     assert (tmp_path / "robot.json").exists()
 
 
-@pytest.mark.long
-def test_the_story_in_names_and_paths(tmp_path):
-    """simulate, check, identify, diagnose, add, compare, report: strings all the way."""
-    made = simulate("two_link", "joint_spring:2", seed=7)
-    made.save(tmp_path)
-    train = [str(tmp_path / f"run{k}.csv") for k in (1, 2)]
-    test = str(tmp_path / "test.csv")
-    (checked,) = check("two_link", test)
-    assert not checked.meaningless
-    estimate = identify("two_link", train)
-    found = diagnose(estimate, train, test)
-    assert found.headline == "Missing: joint_spring on joint 2 (1 confident finding)."
-    better = add(estimate, "joint_spring:2", train)
-    before, after = compare([estimate, better], test)
-    assert after.rmse[1] < 0.75 * before.rmse[1]
-    report({"before": estimate, "after": better}, test, tmp_path / "report.html")
-    assert (tmp_path / "report.html").stat().st_size > 10**6
-    with pytest.raises(InputError, match=r"\.html"):
-        report(estimate, test, tmp_path / "report.pdf")
-
-
 def test_convert_and_excite_write_what_they_return(files, tmp_path):
     run = convert(files[0], tmp_path / "run.npz")
     assert load_measurements(tmp_path / "run.npz").data_hash == run.data_hash

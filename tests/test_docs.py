@@ -125,44 +125,21 @@ def test_how_to(tmp_path, monkeypatch, capsys):
     assert "mass" in Path("endeffector-config.json").read_text()
 
 
-@pytest.mark.slow
-def test_your_own_robot(tmp_path, monkeypatch, capsys):
-    """The rehearsal: the spring that was hidden is found, added, and the error falls."""
+@pytest.mark.parametrize(
+    ("page", "data"),
+    [
+        pytest.param("tutorial.md", "panda", marks=[pytest.mark.long, pytest.mark.real_data]),
+        pytest.param("coupled-wrist.md", "tx40", marks=[pytest.mark.slow, pytest.mark.real_data]),
+        pytest.param("your-robot.md", None, marks=pytest.mark.slow),
+    ],
+)
+def test_all_commands_of_a_page_print_what_it_shows(page, data, request, tmp_path, monkeypatch, capsys):
+    """The first finding, its joint and the fall of its error among it."""
+    if data is not None:
+        shutil.copytree(request.getfixturevalue("data_folder") / data, tmp_path / "data" / data)
     shutil.copy(DOCS / "my_arm.urdf", tmp_path)
     monkeypatch.chdir(tmp_path)
-    said = run_all(commands("your-robot.md"), capsys)
-    check_printed("your-robot.md", said[""])
-    assert "1. joint_spring on joint 2" in said["diagnose"]
-    (change,) = re.findall(r"^2 +N m .*?([+-][0-9.]+) %", said["add"], re.MULTILINE)
-    assert float(change) < -30.0
-    assert "flange" in (tmp_path / "identified.urdf").read_text()
-    assert (tmp_path / "report.html").stat().st_size > 10**6
-
-
-@pytest.mark.long
-@pytest.mark.real_data
-def test_the_tutorial(tmp_path, data_folder, monkeypatch, capsys):
-    """What the page says of the outputs: hysteresis first, on joint 7, whose error falls most."""
-    cached_panda(data_folder, tmp_path / "data" / "panda")
-    monkeypatch.chdir(tmp_path)
-    said = run_all(commands("tutorial.md"), capsys)
-    check_printed("tutorial.md", said[""])
-    assert ": 0 problems; " in said["check"]
-    assert "1. presliding_hysteresis on joint 7" in said["diagnose"]
-    rows = re.findall(r"^(\d) +N m .*?([+-][0-9.]+) %", said["add"], re.MULTILINE)
-    changes = {int(joint): float(change) for joint, change in rows}
-    assert min(changes, key=lambda j: changes[j]) == 7
-    assert changes[7] < -45.0
-
-
-@pytest.mark.slow
-@pytest.mark.real_data
-def test_the_coupled_wrist(tmp_path, data_folder, monkeypatch, capsys):
-    """What the page shows of all its commands."""
-    shutil.copytree(data_folder / "tx40", tmp_path / "data" / "tx40")
-    monkeypatch.chdir(tmp_path)
-    said = run_all(commands("coupled-wrist.md"), capsys)
-    check_printed("coupled-wrist.md", said[""])
+    check_printed(page, run_all(commands(page), capsys)[""])
 
 
 @pytest.mark.long
@@ -180,20 +157,6 @@ def test_the_hobby_arm(tmp_path, monkeypatch, capsys):
     check_printed("hobby-arm.md", said + followed)
     given, identified = ([float(x) for x in line.split()[1:-1]] for line in followed.splitlines())
     assert all(2.0 * better < worse for better, worse in zip(identified, given, strict=True))
-
-
-def test_the_notebook_is_kept_without_outputs_and_types_no_results():
-    nbformat = pytest.importorskip("nbformat")
-    book = nbformat.read(DOCS / "panda_hysteresis.ipynb", as_version=4)
-    nbformat.validate(book)
-    for cell in book.cells:
-        if cell.cell_type == "code":
-            assert not cell.outputs
-            assert cell.execution_count is None
-            assert len(cell.source.splitlines()) <= 16
-        else:
-            # Results are computed in cells: prose holds no decimal numbers.
-            assert not re.search(r"\d\.\d|\d ?%", cell.source), cell.source
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Long commands that are killed: what they had done stays, nothing wrong does, nor any process."""
 
-import json
 import os
 import signal
 import subprocess
@@ -11,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from challenge import cases
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import alone
@@ -116,30 +114,3 @@ def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
     for out, case in kills(tmp_path, write):
         assert {p.name: p.read_text() for p in out.glob("table_*")}.items() <= right.items(), case
         assert write(out) == right, case
-
-
-@pytest.mark.long
-def test_a_challenge_killed_at_any_step_repeats_only_what_was_not_kept(tmp_path, monkeypatch):
-    asked: list[str] = []
-
-    def spread(function: Any, some: Any, *_: Any) -> Iterator[tuple[str, dict[str, str]]]:
-        for case in some:
-            asked.append(case.key)
-            yield case.key, {"of": case.key}
-
-    monkeypatch.setattr(cases, "spread", spread)
-    monkeypatch.setattr(cases, "report_text", lambda *_: "")
-
-    def run(out: Path) -> dict[str, Any]:
-        store, _ = cases.run_challenge(3, 0, out, classes=["clean"], nuisances=["sign"])
-        return dict(json.loads(store.read_text())["cases"])
-
-    right = run(tmp_path / "right")
-    assert len(right) == 3
-    for out, how in kills(tmp_path, run):
-        store = out / "challenge.json"
-        kept = json.loads(store.read_text())["cases"] if store.exists() else {}
-        assert kept.items() <= right.items(), how
-        asked.clear()
-        assert run(out) == right
-        assert asked == [key for key in right if key not in kept]

@@ -270,6 +270,8 @@ def test_the_verb(tmp_path, two_link, capsys):
     assert report["meaningless"] is True
     assert report["findings"][0]["kind"] == "torque sign"
     assert report["findings"][0]["figures"]["joints"] == [2]
+    told = re.findall(r"falls from (\S+) % to (\S+) %", report["findings"][0]["certainty"])
+    assert [float(x) < 0.3 * float(y) for y, x in told] == [True]
     assert bad.read_bytes() == before
     assert load_measurements(mended).tau == pytest.approx(run.tau, abs=0)
     note = (tmp_path / "mended_changes.txt").read_text()

@@ -68,16 +68,6 @@ def test_every_dataset_belongs_to_a_problem_and_is_pinned():
 
 
 @pytest.mark.real_data
-def test_panda_is_the_log_itself(fetched, data_folder):
-    run = load_measurements(fetched["panda"] / "exciting.csv", joints=7)
-    log = load_measurements(data_folder / "panda")
-    assert run.data_hash == log.data_hash
-    assert run.dq is not None
-    assert log.dq is not None
-    assert np.array_equal(run.dq, log.dq)
-
-
-@pytest.mark.real_data
 def test_ur10e_says_what_it_cannot_use(fetched, data_folder):
     raw = np.loadtxt(data_folder / "ur10e" / "ur-20_02_19_14harm50sec.csv", delimiter=",")
     run = load_measurements(fetched["ur10e"] / "ur-20_02_19_14harm50sec.csv", joints=6)

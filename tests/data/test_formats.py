@@ -72,18 +72,6 @@ def test_a_sample_is_named_as_its_file_counts(tmp_path):
             load_measurements(path)
 
 
-def test_convert_from_each_to_each(tmp_path, capsys):
-    run = some_run()
-    for source in SUFFIXES:
-        first = tmp_path / f"a{source}"
-        save(run, first)
-        for target in SUFFIXES:
-            second = tmp_path / f"b{target}"
-            assert run_cli("convert", first, "--out", second) == 0
-            same(run, load_measurements(second))
-    assert "50 samples of 3 joints, velocities" in capsys.readouterr().out
-
-
 def test_matlab_variables_of_other_names_and_shapes(tmp_path):
     run = some_run(2)
     path, out = tmp_path / "data.mat", tmp_path / "run.csv"
@@ -365,13 +353,6 @@ def test_the_hash_is_of_the_numbers_and_of_nothing_else():
 def test_robots_of_different_size_do_not_mix():
     with pytest.raises(InputError, match=r"a has 3, b has 2"):
         concatenate([some_run(3, name="a"), some_run(2, name="b")])
-
-
-def test_windows_without_samples_are_refused(tmp_path):
-    save(some_run(), tmp_path / "run.csv")
-    said = r"run\.csv: no samples between 1e\+06 s and its end: the run lasts"
-    with pytest.raises(InputError, match=said):
-        load_measurements(tmp_path / "run.csv", start=1e6)
 
 
 def test_torque_may_be_missing(tmp_path):

@@ -21,20 +21,7 @@ from sdp_vs_penalty import InputError, Measurements, check, files, identify, loa
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.files import as_measurements, load_measurements
 from sdp_vs_penalty.page.sessions import receive
-from sdp_vs_penalty.signals.runs import sample_rate, stretches
-
-
-def bursts(run: Measurements) -> Measurements:
-    k = np.arange(len(run.t))
-    return replace(run, t=(k // 10) * 0.1 + (k % 10) * 1e-6)
-
-
-def test_burst_stamps_make_no_grid_finer_than_ten_points_a_sample(two_link):
-    run = bursts(small_run(two_link, seconds=20.0))
-    assert sum(part.count for part in stretches(run)) <= 20 * len(run.t)
-    (report,) = check(two_link, run)
-    assert "jittered time stamps" in [f.kind for f in report.problems]
-    assert np.ptp(np.diff(report.mended.t)) < 0.1 * np.median(np.diff(report.mended.t))
+from sdp_vs_penalty.signals.runs import sample_rate
 
 
 def test_pauses_do_not_coarsen_the_grid(two_link):

@@ -103,13 +103,6 @@ def test_json_has_the_promised_schema_and_null_for_what_is_undefined(two_link, e
     json.dumps(model, allow_nan=False)
 
 
-def test_a_model_of_another_robot_is_refused(panda, estimate):
-    with pytest.raises(InputError, match=r"7 joints, the robot has 2"):
-        compare(estimate, Measurements(np.arange(9.0), np.zeros((9, 7)), np.zeros((9, 7))))
-    with pytest.raises(InputError, match="No model"):
-        compare([], Measurements(np.arange(9.0), np.zeros((9, 2)), np.zeros((9, 2))))
-
-
 @pytest.mark.real_data
 def test_the_real_panda_repeats_and_has_a_floor_below_every_error(panda, panda_run):
     """Its motion repeats after 2 pi / 0.15 pi = 13.33 s; the floor is what no model can beat."""

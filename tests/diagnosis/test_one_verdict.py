@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import run_cli
 from random_robots import repeating_run as run_of
@@ -77,14 +76,3 @@ def test_one_grade_everywhere(folder, method, effects, judged, tmp_path, capsys)
     export(tmp_path / "page.json", tmp_path / "effects.json")
     exported = json.loads((tmp_path / "effects.json").read_text())["verdict"]
     assert f": {found.grade}. " in exported
-
-
-def test_the_grades_are_not_all_the_same(folder, two_link):
-    train, other = (load_measurements(folder / f"{name}.csv") for name in ("train", "other"))
-    good = identify(two_link, train)
-    assert compare(good, other)[0].verdict.grade == "good"
-    assert compare(good, train)[0].verdict.grade == "usable"  # not judged on unseen motion
-    friction = identify(two_link, train, effects="viscous_friction")
-    assert compare(friction, other)[0].verdict.grade == "do not use"
-    turned = other.__class__(other.t, other.q + np.array([0.0, np.pi / 2]), other.tau)
-    assert compare(good, turned)[0].verdict.grade == "do not use"

@@ -8,7 +8,7 @@ from effect_contract import robots, steady_motion, wide_columns
 from random_robots import sines
 
 from sdp_vs_penalty import InputError, Problem
-from sdp_vs_penalty.effects import CurrentModel, Model, Motion, Seen, parse_effects
+from sdp_vs_penalty.effects import CurrentModel, Model, Motion, Seen, effect_types, parse_effects
 from sdp_vs_penalty.effects.measured_curve import Variable
 
 
@@ -162,6 +162,18 @@ def test_models_without_effects_or_with_one_twice_are_refused():
         Model(robot, ())
     with pytest.raises(InputError, match="f_v1 appears twice"):
         Model(robot, parse_effects("viscous_friction,viscous_friction:1", robot))
+
+
+def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel():
+    """Neighbours half a wave apart from one whole wave on, the finest with a pitch of 5 mm."""
+    robot = robots()["slide"]
+    for travel in (0.2, 0.7):
+        slide = replace(robot, joints=(replace(robot.joints[0], lower=-0.1, upper=travel - 0.1),))
+        waves = np.array([e.shape["k"] for e in effect_types()["torque_ripple"].candidates(slide, 0)])
+        np.testing.assert_allclose(np.diff(waves), np.pi / travel, rtol=2e-3)
+        assert waves[0] == pytest.approx(2.0 * np.pi / travel, rel=1e-4)
+        assert waves[-1] <= 2.0001 * np.pi / 0.005
+        assert len(waves) == 200 or waves[-1] > 1.999 * np.pi / 0.005 - np.pi / travel
 
 
 def test_a_filter_that_looks_both_ways_may_be_joints_that_stick():

@@ -46,21 +46,6 @@ def test_three_times_the_noise_is_three_times_the_spread(scara_arm, run, estimat
     np.testing.assert_allclose(many, 3.0 * few, rtol=0.3)
 
 
-def test_exact_data_give_exact_widths(two_link):
-    """Between the values of the grid as well as at the declared one, which nothing then beats."""
-    for widths in ((0.02, 0.0031), (0.01, 0.01), (0.01, 0.005)):
-        coulomb = ",".join(f"coulomb_friction:{j + 1}@v_s={w}" for j, w in enumerate(widths))
-        model_of = f"rigid_body,viscous_friction,{coulomb},torque_offset"
-        model = two_link.model(model_of)
-        theta = two_link.nominal(model)
-        theta[len(model.rigid_indices) :] = 0.4
-        motion = sines(np.random.default_rng(5), 2, np.arange(0.0, 10.0, 4e-3), 0.1, 5)
-        tau = model.torque(theta, motion)
-        found = identify(two_link, Measurements(motion.t, motion.q, tau), "ols")
-        assert found.model.sign_width == pytest.approx(widths, rel=1e-5)
-        assert np.linalg.norm(found.torque(motion) - tau) < 1e-7 * np.linalg.norm(tau)
-
-
 def test_a_given_width_is_kept(scara_arm, run):
     fixed = (
         "rigid_body,viscous_friction,torque_offset,coulomb_friction:1+2@v_s=0.01,coulomb_friction:3+4"

@@ -1,4 +1,4 @@
-"""Random robots, links and motions for the tests, and an independent computation of their torques."""
+"""Random robots, links and motions for the tests."""
 
 from dataclasses import replace
 
@@ -83,58 +83,6 @@ def sines(
     s, c = np.sin(wt), np.cos(wt)
     q = s @ (a / w).T - c @ (b / w).T + rng.uniform(-1, 1, n)
     return Motion(t, q, c @ a.T + s @ b.T, -s @ (a * w).T + c @ (b * w).T)
-
-
-def uicker_torques(robot: Robot, theta: Array, q: Array, dq: Array, ddq: Array) -> Array:
-    """Joint torques (n,) at one state by virtual work over 4x4 matrices (Uicker 1965).
-
-    With T_l(q) the pose of link l's frame, P_l its pseudo-inertia and g e4^T the gravity field,
-
-        tau_j = sum_l tr( dT_l/dq_j  P_l  (d^2 T_l/dt^2 - g e4^T)^T ),
-
-    no cross products, no recursion over forces, nothing of Pinocchio.
-    """
-    n = robot.n
-    gravity = np.zeros((4, 4))
-    gravity[:3, 3] = robot.gravity
-    pose: list[Array] = []
-    velocity: list[Array] = []
-    acceleration: list[Array] = []
-    partial: list[list[Array]] = []  # partial[l][j] = d T_l / d q_j
-    for i, joint in enumerate(robot.joints):
-        twist = np.zeros((4, 4))
-        if joint.kind == "revolute":
-            x, y, z = joint.axis
-            twist[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-            k = twist[:3, :3]
-            move = np.eye(4)
-            move[:3, :3] += np.sin(q[i]) * k + (1 - np.cos(q[i])) * (k @ k)
-        else:
-            twist[:3, 3] = joint.axis
-            move = np.eye(4) + q[i] * twist
-        first = twist @ move
-        second = twist @ first
-        p = joint.parent
-        t0 = np.eye(4) if p < 0 else pose[p]
-        t1 = np.zeros((4, 4)) if p < 0 else velocity[p]
-        t2 = np.zeros((4, 4)) if p < 0 else acceleration[p]
-        here = joint.placement
-        m1 = first * dq[i]
-        m2 = second * dq[i] ** 2 + first * ddq[i]
-        pose.append(t0 @ here @ move)
-        velocity.append(t1 @ here @ move + t0 @ here @ m1)
-        acceleration.append(t2 @ here @ move + 2.0 * t1 @ here @ m1 + t0 @ here @ m2)
-        above = [np.zeros((4, 4))] * n if p < 0 else partial[p]
-        mine = [d @ here @ move for d in above]
-        mine[i] = t0 @ here @ first
-        partial.append(mine)
-    tau = np.zeros(n)
-    for i, joint in enumerate(robot.joints):
-        pseudo = inertia.pseudo_inertia(theta.reshape(n, 10)[i])
-        force = acceleration[i] @ joint.link_frame - gravity
-        for j in range(n):
-            tau[j] += np.trace(partial[i][j] @ joint.link_frame @ pseudo @ force.T)
-    return tau
 
 
 def open_problem(robot: Robot, nominal: Array) -> Problem:

@@ -354,6 +354,7 @@ def test_summary_of_known_runs(tmp_path):
     paths = summary.write_summary(tmp_path, rows, 10.0, *left_out, CONTESTANTS)
     text = paths[0].read_text()
     assert "**WRONG** 3e-01" in text
+    assert re.search(r"\| good \|.*\b100\b", text)
     assert "mosek: no licence.\n- x: not applicable to 1 problem(s): no cone." in text
     assert [path.name for path in paths] == ["summary.md", "summary.csv", "profile.svg"]
     assert pandas.read_csv(paths[1])["success_percent"].tolist() == [50.0, 100.0, 0.0]
@@ -469,8 +470,15 @@ def test_nobody_at_the_address(tmp_path, monkeypatch):
         runner.run(setup(tmp_path / "s", scheduler="tcp://127.0.0.1:9"))
 
 
-@pytest.mark.parametrize(("error", "violation"), [(np.nan, 0.0), (0.0, np.nan)])
-def test_what_is_no_number_is_not_right(error, violation):
+@pytest.mark.parametrize("asked", [1e-4, 1e-8])
+def test_right_is_what_was_asked_for_and_inaccurate_half_of_the_digits(asked):
+    """Of errors and of violations, the larger decides; what is no number is neither."""
     known = Reference("feasible", 0.0, 0.0, 1.0)
-    assert classified(known, "optimal", 0.0, 0.0, 1e-6)[0] == "right"
-    assert classified(known, "optimal", error, violation, 1e-6)[0] == "silently_wrong"
+    kinds = {
+        0.0: "right",
+        asked: "right",
+        0.5 * asked**0.5: "inaccurate",
+        2.0 * asked**0.5: "silently_wrong",
+    }
+    for x, kind in (kinds | {np.nan: "silently_wrong"}).items():
+        assert [classified(known, "optimal", *e, asked)[0] for e in ((x, 0.0), (0.0, x))] == [kind] * 2

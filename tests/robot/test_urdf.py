@@ -155,11 +155,12 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(case, tmp_path):
 
 def test_entities_and_missing_files_do_no_harm(tmp_path):
     secret = tmp_path / "secret.txt"
-    secret.write_text("<axis xyz='1 0 0'/>")
+    secret.write_text(
+        "<link name='b'/><joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint>"
+    )
     path = tmp_path / "x.urdf"
     path.write_text(
-        f'<!DOCTYPE robot [<!ENTITY e SYSTEM "{secret}">]>'
-        '<robot name="r"><link name="a">&e;</link></robot>'
+        f'<!DOCTYPE robot [<!ENTITY e SYSTEM "{secret}">]><robot name="r"><link name="a"/>&e;</robot>'
     )
     with pytest.raises(InputError, match="no moving joint"):
         load_urdf(path)

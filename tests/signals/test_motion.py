@@ -101,6 +101,9 @@ def test_every_instant_is_tested_once_and_the_guard_is_kept():
     cell = split.cell(0, run.t)
     tested = sum(np.isin(cell, split.tested(k)).astype(int) for k in range(4))
     assert np.all(tested == 1)
+    assert all(
+        np.array_equal(np.isin(cell, split.tested(k)), split.fold(0, run.t) == k) for k in range(4)
+    )
     for k in range(4):
         test, train = run.t[np.isin(cell, split.tested(k))], run.t[np.isin(cell, split.training(k))]
         assert np.all((train < test.min() - split.guard) | (train > test.max() + split.guard))

@@ -81,6 +81,18 @@ def test_bristles_follow_dahls_curve_over_travel_however_stiff(travel):
     assert np.abs(z[after] - exact).max() < 2e-3
 
 
+def test_viscous_friction_goes_as_gears_warm_up_and_dry_friction_stays():
+    world = replace(draw_world(Conditions("scara"), np.random.default_rng(1)), warming=0.4, warm_up=50.0)
+    t = np.array([0.0, 50.0, 5000.0])
+    m = TrueMotion(t, *np.ones((3, 3, world.arm.n)))
+    dry = world.coulomb + world.lopsided
+    viscous = (world.friction(m) - world.offset - dry * world.share(m)) / (
+        world.viscous + world.lopsided_viscous
+    )
+    expected = 1.0 - 0.4 * (1.0 - np.exp(-t / 50.0))
+    np.testing.assert_allclose(viscous, expected[:, None] * np.ones(world.arm.n), atol=1e-6)
+
+
 def test_lugre_slides_at_the_stribeck_level():
     t = np.arange(0.0, 3.0, 1e-3)
     one = np.ones(1)
