@@ -18,7 +18,7 @@ import stat
 import tempfile
 import tomllib
 import types
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import MISSING, fields
@@ -388,13 +388,6 @@ def alone(folder: Path) -> Iterator[None]:
 
 def write_text(path: str | Path, content: str) -> None:
     write_bytes(path, content.encode())
-
-
-def as_csv(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A CSV table with a row of headings."""
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([headings, *rows])
-    return out.getvalue()
 
 
 def problems_folder() -> Path:

@@ -247,10 +247,10 @@ def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, 
     return dict(zip(("train", "test"), rounded, strict=True))
 
 
-def placed(robot: Robot, t: Array, q: Array, frames: int = 160) -> tuple[Array, Array]:
+def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
     """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the poses there, between
     which the page interpolates."""
-    keep = np.unique(np.linspace(0, len(t) - 1, frames).astype(int))
+    keep = np.unique(np.linspace(0, len(t) - 1, 160).astype(int))
     return t[keep], robot.poses(robot.tree_state(q[keep])[0]).astype(np.float32)
 
 

@@ -435,10 +435,10 @@ class Session:
             self.changed()
 
     @background("Showing the whole job on a simulated arm")
-    async def show_me(self, seed: int = 7) -> None:
+    async def show_me(self) -> None:
         """The whole job in small, on simulated runs with something hidden: the verb ``demo``."""
         await Session.choose_robot.do(self, ARM)
-        await Session.simulate.do(self, HIDDEN, [self.robot["n"]], LEVEL, seed)
+        await Session.simulate.do(self, HIDDEN, [self.robot["n"]], LEVEL, 7)
         await Session.identify.do(self)
         await Session.diagnose.do(self)
         assert self.findings is not None

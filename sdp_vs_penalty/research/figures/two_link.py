@@ -46,8 +46,8 @@ def figure_8(study: Study) -> Any:
     return figure
 
 
-def radius_profile(problem: Problem, link: int, slices: int = 60) -> tuple[int, Array, Array]:
-    """Axis of a link's shape, positions along it (slices,) and its radius there (slices,) [m].
+def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
+    """Axis of a link's shape, positions along it (k,) and its radius there (k,) [m].
 
     Raises InputError for a shape without volume: no radius is positive anywhere in its range.
     """
@@ -59,7 +59,7 @@ def radius_profile(problem: Problem, link: int, slices: int = 60) -> tuple[int, 
         )
     along = "xyz".index(cones[0].axis)
     low, high = problem.box[link, 1 + along]
-    x = np.linspace(low, high, slices)
+    x = np.linspace(low, high, 60)
     radius = np.min([c.radius + c.slope * x for c in cones], axis=0)
     if not (np.all(np.isfinite(x)) and high > low and radius.max() > 0.0):
         raise InputError(

@@ -241,10 +241,10 @@ def _seeds(seed: int, n: int, draw: int) -> list[int]:
     return [seed, n] + ([draw] if draw else [])
 
 
-def chain_task(n: int, draw: int = 0, noise: float = 0.01) -> Task:
-    """Random states, torque of thin random links with friction and white noise.
+def chain_task(n: int, draw: int = 0) -> Task:
+    """Random states, torque of thin random links with friction and white noise, 1 % of each joint's.
 
-    noise : over each joint's torque; draw : another arm of the same size, with another motion.
+    draw : another arm of the same size, with another motion.
     """
     rng = np.random.default_rng(_seeds(_CHAIN_SEED + 1, n, draw))
     problem, samples = chain_problem(n, draw), 60
@@ -257,7 +257,7 @@ def chain_task(n: int, draw: int = 0, noise: float = 0.01) -> Task:
     torque = np.column_stack([c.columns @ theta[c.indices] for c in columns])
     stack = [np.column_stack([c.wide(len(theta)), t]) for c, t in zip(columns, torque.T, strict=True)]
     for wide in stack:
-        wide /= noise * float(np.sqrt(np.mean(wide[:, -1] ** 2)))
+        wide /= 0.01 * float(np.sqrt(np.mean(wide[:, -1] ** 2)))
         wide[:, -1] += rng.normal(size=samples)
     data, convex = LeastSquares.stacked(stack, n * samples), problem.constraints(model).convex
     known = problem.parameter_bound(model), problem.nominal(model), problem.box

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.sdp import export_sdp
-from sdp_vs_penalty.files import as_csv, write_bytes, write_text
+from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.research.shootout.instance import Instance
 from sdp_vs_penalty.research.shootout.instances import Entry
 from sdp_vs_penalty.research.shootout.judge import proved
@@ -45,8 +46,8 @@ def write_library(
         except InputError:
             if not item.measured:
                 raise
-    table = as_csv(list(rows[0]) if rows else ["name"], (list(row.values()) for row in rows))
-    write_text(folder / "index.csv", table)
+    table = pandas.DataFrame(rows or {"name": []})
+    write_text(folder / "index.csv", table.to_csv(index=False, lineterminator="\n"))
     proved = sum(r["status"] != "not proved" for r in rows)
     card = (_HERE / "card.md").read_text()
     write_text(folder / "README.md", card.format(count=len(rows), proved=proved))

@@ -15,13 +15,11 @@ from typing import Any
 from sdp_vs_penalty.parallel import end_with
 
 
-def in_child(
-    work: Callable[[], Any], limit: float, memory: float, patience: float = 4.0
-) -> tuple[str, Any, float]:
+def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str, Any, float]:
     """Fork and work: ("ended", result, seconds), or "failed", "timeout" or "crash" with words.
 
-    limit : seconds of processor time, and ``patience`` times as many by the clock, because machines are
-    shared; memory : GB beyond what the parent already has.
+    limit : seconds of processor time, and four times as many by the clock, because machines are shared;
+    memory : GB beyond what the parent already has.
     """
     reader, writer = Pipe(duplex=False)
     start, parent = time.monotonic(), os.getpid()
@@ -31,7 +29,7 @@ def in_child(
     writer.close()
     ended, status, told = 0, 0, None
     # Not by the pipe's end alone: a child of another thread may hold that open.
-    while not ended and not reader.poll(0.05) and time.monotonic() - start < patience * limit:
+    while not ended and not reader.poll(0.05) and time.monotonic() - start < 4.0 * limit:
         ended, status = os.waitpid(child, os.WNOHANG)
     seconds = time.monotonic() - start
     if reader.poll():

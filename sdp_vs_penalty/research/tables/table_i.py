@@ -91,18 +91,11 @@ def exact_rows(motion: Motion, torque: Array) -> RowsOf:
     return lambda model: Rows(motion, torque, model.columns(motion))
 
 
-def fit_sigmoid(
-    problem: Problem,
-    rows_of: RowsOf,
-    oversampling: float = 1.0,
-    slopes: tuple[float, float] = (0.1, 500.0),
-    shifts: tuple[float, float] = (-0.5, 0.5),
-) -> SigmoidFit:
+def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) -> SigmoidFit:
     """Fit pi and phi together; joints are weighted by the residuals of a first pass.
 
-    oversampling : rows per independent sample, for the intervals. slopes, shifts : bounds of phi_2
-    [s/rad] and phi_3 [rad/s]; beyond, the sigmoid is a line or a jump to any data. Raises InputError
-    where the rows are too few.
+    oversampling : rows per independent sample, for the intervals. Raises InputError where the rows are
+    too few.
     """
     data, n = _Data(problem, rows_of), problem.robot.n
     b, size = data.rigid.shape[2], float(np.abs(data.torque).max())
@@ -110,8 +103,11 @@ def fit_sigmoid(
         raise InputError("Too few samples to fit rigid model and sigmoid friction", "record longer")
     weights, empty = np.ones(n), np.zeros(b + n)
     free = np.full(b + n, np.inf)
-    low = np.concatenate([-free, np.full(n, np.log(slopes[0])), np.full(n, shifts[0])])
-    high = np.concatenate([free, np.full(n, np.log(slopes[1])), np.full(n, shifts[1])])
+    steepest = (
+        500.0  # phi_2 [s/rad]: beyond it a jump to any data, below .1 or |phi_3| > .5 rad/s a line
+    )
+    low = np.concatenate([-free, np.full(n, np.log(0.1)), np.full(n, -0.5)])
+    high = np.concatenate([free, np.full(n, np.log(steepest)), np.full(n, 0.5)])
     starts = (np.concatenate([empty, np.full(n, np.log(x)), np.zeros(n)]) for x in (4.0, 10.0, 25.0))
     solved = [data.solved(x, weights) for x in starts]
     x = min(solved, key=lambda x: float(np.sum(data.residual(x) ** 2)))
@@ -142,7 +138,7 @@ def fit_sigmoid(
     std[:, 1] *= phi[:, 1]  # of phi_2, from that of its logarithm
     half = stats.t.ppf(0.975, dof) * std
     rmse = np.sqrt(np.mean(data.residual(x) ** 2, axis=0))
-    step = phi[:, 1] > 0.99 * slopes[1]
+    step = phi[:, 1] > 0.99 * steepest
     return SigmoidFit(phi, std, phi - half, phi + half, x[:b], rmse, step)
 
 

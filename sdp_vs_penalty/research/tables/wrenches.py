@@ -92,22 +92,19 @@ def wrench_intervals(
     return WrenchIntervals(*ends)
 
 
-def unfeasible_retrievals(
-    problem: Problem, pi: Array, count: int, boxed: bool, wide: float = 1.0
-) -> Iterator[Array]:
+def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) -> Iterator[Array]:
     """Links (n, 10) of the first ``count`` relaxed retrievals that reproduce the base parameters pi (b,)
     to 1e-8 of the largest and are physically inconsistent.
 
     Non-linear least squares |pi(p) - pi|^2 in barycentric parameters p from random starts without
     triangle inequality or shape: what the paper's retrieval is without its conditional constraints.
     boxed : keep the box bounds of the problem's tables, which leave the 2R's c1x, c1z, c2y, c2z open;
-    otherwise nothing is bounded. wide : within so many kg, m or kg m^2 of zero the search for one
-    that is open starts.
+    otherwise nothing is bounded. What is open starts within 1 kg, m or kg m^2 of zero.
     """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
     box, size, found = problem.box.reshape(-1, 2), float(np.abs(pi).max()), 0
-    free = np.tile([-wide, wide], (len(box), 1))
-    free[::10, 0] = -wide if boxed else 0.0  # masses
+    free = np.tile([-1.0, 1.0], (len(box), 1))
+    free[::10, 0] = -1.0 if boxed else 0.0  # masses
     known = np.isfinite(box) & (boxed | (np.arange(len(box)) % 10 == 0))[:, None]
     low, high = np.where(known, box, free).T
 
