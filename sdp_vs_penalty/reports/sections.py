@@ -1,6 +1,6 @@
 """The sections of the report, but for those about the parameters."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 from typing import Any
@@ -11,7 +11,6 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
-from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
@@ -211,27 +210,10 @@ def findings(material: Material) -> str:
 
 
 def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
-    """What is certified of each: violations of every family of constraints, loss, objective, its bound
-    and their gap, mass matrices; the name first."""
-
-    def poses(c: Certificate) -> str:
-        if (share := c.positive_mass_matrices) is None:
-            return "-"
-        return "all (follows from the links)" if c.at_every_pose else f"{100.0 * share:.4g} %"
-
-    found = [e.certificate for e in estimates]
-    families = sorted({f for c in found for f in c.violations})
-    worst = {f: [number(c.violations.get(f), 2) for c in found] for f in families}
-    rows = [[f"worst violation: {family}", *cells] for family, cells in worst.items()]
-    objective = "objective (the loss and, where the method has one, its regulariser)"
-    figures: dict[str, Callable[[Certificate], str]] = {
-        "loss (sum of squared weighted errors)": lambda c: number(c.loss, 6),
-        objective: lambda c: number(c.upper, 6),
-        "certified lower bound of the objective": lambda c: number(c.lower, 6),
-        "objective above its bound, relative to the loss": lambda c: number(c.gap, 2),
-        "poses with positive definite M(q)": poses,
-    }
-    return rows + [[name, *map(said, found)] for name, said in figures.items()]
+    """What is certified of each, as the command line says it: a row a figure, its name first."""
+    told = [dict(e.certificate.summary()) for e in estimates]
+    names = dict.fromkeys(name for own in told for name in own)
+    return [[name, *(own.get(name, "-") for own in told)] for name in names]
 
 
 #: What the certificate says, and who computed it.
@@ -243,13 +225,8 @@ CERTIFICATE = (
 
 def certificate(material: Material) -> str:
     """Computed by this program, whoever solved the problem."""
-    body = text(CERTIFICATE)
-    body += table(["figure", *material.models], certificate_rows(list(material.models.values())))
-    for name, e in material.models.items():
-        if e.certificate.held:
-            held = ", ".join(e.certificate.held)
-            body += text(f"{name}: objective and gap are of the added effects, with {held} held fixed.")
-    return body
+    rows = certificate_rows(list(material.models.values()))
+    return text(CERTIFICATE) + table(["figure", *material.models], rows, numbers_from=len(rows[0]))
 
 
 def data(material: Material) -> str:

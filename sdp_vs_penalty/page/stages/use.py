@@ -160,7 +160,7 @@ def proof(view: View) -> None:
     """The certificate, and a proof of the optimum to make or to check."""
     session, model = view.session, view.session.current
     draw.note(CERTIFICATE)
-    draw.table(["figure", model.label], model.about["certificate"], "Certificate", "numbers wraps")
+    draw.table(["figure", model.label], model.about["certificate"], "Certificate", "wraps")
     proved, told = session.answer("prove"), session.answers.get("verify")
     draw.tag("h4", "Proof")
     draw.note(
