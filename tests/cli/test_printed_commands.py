@@ -200,26 +200,6 @@ def twelve_found(panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     return found
 
 
-@pytest.mark.slow
-def test_of_weak_findings_the_first_are_offered(twelve_found, run, monkeypatch):
-    """--only with their numbers; --confident takes what is sure."""
-    effects = tuple(
-        replace(f, confidence="confident" if k in (0, 2) else "weak")
-        for k, f in enumerate(twelve_found.effects)
-    )
-    found = replace(twelve_found, effects=effects)
-    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: found)
-    run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
-    *tell, command = printed(run(f"{PROGRAM} diagnose model.json --data run.csv --json findings.json"))
-    assert "--from findings.json --only 1,2,3,4,5 " in command
-    assert tell
-    assert all(f"{PROGRAM} excite model.json --separate" in c for c in tell)
-    assert len(load_estimate(Path("model2.json")).model.effects) == 3 + 7 + 5
-    run(f"{PROGRAM} add model.json --from findings.json --confident --data run.csv --out sure.json")
-    added = load_estimate(Path("sure.json")).model.effects[3 + 7 :]
-    assert [e.text for e in added] == [effects[0].text, effects[2].text]
-
-
 def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
     (Path("held.json")).write_text(_json(told(panda, TWELVE, frozen=True)))

@@ -83,6 +83,12 @@ def test_ur10e_says_what_it_cannot_use(fetched, data_folder):
 
 
 @pytest.mark.real_data
+def test_the_tx40_is_logged_five_thousand_times_a_second(fetched):
+    run = load_measurements(fetched["tx40"] / "exciting.csv")
+    np.testing.assert_allclose(np.diff(run.t), 2e-4, rtol=1e-9)
+
+
+@pytest.mark.real_data
 def test_emps_identification_gives_the_authors_values(fetched):
     """M, Fv, Fc and offset of Janot, Gautier, Brunot within 2 %, from the default settings."""
     problem = load_problem("emps")

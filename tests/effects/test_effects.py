@@ -65,11 +65,7 @@ def test_a_curve_reads_a_combination_of_joints():
     robot, motion = robots()["arm"], steady_motion(robots()["arm"])
     ends = "@xlow=-9@xhigh=9@v1=-9@v2=9"
     both, fast = parse_effects(
-        [
-            f"measured_curve:2@x=q@xj=2@xi=3@xc=-2{ends}",
-            f"measured_curve:2@x=dq@xj=1@xi=2{ends}",
-        ],
-        robot,
+        [f"measured_curve:2@x=q@xj=2@xi=3@xc=-2{ends}", f"measured_curve:2@x=dq@xj=1@xi=2{ends}"], robot
     )
     assert [e.of(1) for e in (both, fast)] == [("q2-2q3",), ("dq1+dq2",)]
     q, dq = motion.q, motion.dq
@@ -81,8 +77,7 @@ def test_a_curve_reads_a_combination_of_joints():
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["q4", "sign(dq1)", "abs(ddq2)", "t", "temp12", "tau3", "q5+q6", "dq5-0.5dq6"],
+    "name", ["q4", "sign(dq1)", "abs(ddq2)", "t", "temp12", "tau3", "q5+q6", "dq5-0.5dq6"]
 )
 def test_a_variable_reads_back_as_it_is_written(name):
     assert Variable.parse(name).name == name

@@ -41,6 +41,10 @@ def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(arm, tmp_pa
     gain, std = (np.array(estimate.details["gains"][key]) for key in ("gain", "std"))
     assert np.all(np.abs(gain - GAIN) < 4.0 * std)
     assert np.all(std < 0.1 * GAIN)
+    twice = identify(arm, bare, "ols", known_loads=[(loaded, 1.5), (measured(arm, 4, 2.0), 3.0)])
+    both, finer = (np.array(twice.details["gains"][key]) for key in ("gain", "std"))
+    assert np.all(np.abs(both - GAIN) < 4.0 * finer)
+    assert np.all(finer < 0.8 * std)
     truth = arm.nominal_links.ravel()
     for interval, true in zip(estimate.uncertainty.standard, truth, strict=False):
         if np.isfinite(interval.std):

@@ -179,6 +179,8 @@ def test_the_law_is_chosen_and_its_delay_found(arm):
     assert pid.details["servo"]["law"] == "PID"
     assert pid.details["servo"]["delay"] == pytest.approx(0.03, abs=2e-3)
     assert value(pid, "ki1") == pytest.approx(700.0, rel=0.05)
+    ahead = follow(pid, log(ki=700.0, delay=0.03, seed=3).window(0.0, 4.0), drive="servo")
+    assert float(ahead.free[0].rms[0]) < 3e-3
     loop = identify(arm, log(ki=1000.0, kh=80.0), effects=EFFECTS, known={"m1": MASS})
     assert loop.details["servo"]["law"] == "cascade"
     assert value(loop, "kh1") == pytest.approx(80.0, rel=0.05)

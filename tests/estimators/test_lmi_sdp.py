@@ -16,14 +16,7 @@ from sdp_vs_penalty import Measurements, Problem, identify, load_problem
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimation.pose import pose
-from sdp_vs_penalty.estimators import (
-    LmiSdp,
-    Task,
-    interior_point,
-    make_estimator,
-    make_task,
-    solve_sdp,
-)
+from sdp_vs_penalty.estimators import LmiSdp, Task, interior_point, make_estimator, make_task, solve_sdp
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep
 from sdp_vs_penalty.estimators.sdp_fit import essential
 from sdp_vs_penalty.problem import published_links

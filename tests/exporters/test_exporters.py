@@ -421,10 +421,7 @@ def test_check_urdf_names_the_link_and_mends_it(tmp_path, capsys):
     path.write_bytes(wide.replace('izz="0.01"', 'izz="160"').encode())
     assert run_cli("check-urdf", path) == 0
     assert "upper: consistent but implausible: radius of gyration 9.2" in capsys.readouterr().out
-    for moment, verdict in (
-        ("-0.01", "negative moment of inertia"),
-        ("0.05", "triangle inequality"),
-    ):
+    for moment, verdict in (("-0.01", "negative moment of inertia"), ("0.05", "triangle inequality")):
         path.write_bytes(TREE.replace('ixx="0.02"', f'ixx="{moment}"').encode())
         assert {c.link: c for c in check_urdf(path)}["upper"].verdict.startswith(verdict)
     path.write_bytes(TREE.replace("<mass value='2.0' />", "<mass value='-2.0' />").encode())

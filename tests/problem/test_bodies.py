@@ -212,11 +212,7 @@ def visual(radius: float) -> str:
         ('<mesh filename="noise.stl"/>', "", "inertial"),
         ('<sphere radius="0.001"/>', "", "inertial"),  # a marker
         ('<box size="400 100 80"/>', "", "inertial"),  # millimetres called metres
-        (
-            '<box size="8 0.1 0.08"/>',
-            "",
-            "inertial",
-        ),  # beyond thrice a metre
+        ('<box size="8 0.1 0.08"/>', "", "inertial"),  # beyond thrice a metre
         ('<box size="5 0.1 0.08"/>', "", "geometry"),
         ('<box size="0.4 x 0.08"/>', "", "inertial"),
         ('<cylinder radius="nan" length="1"/>', "", "inertial"),

@@ -4,7 +4,6 @@ import base64
 import gzip
 import re
 import shutil
-import subprocess
 import tempfile
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -204,29 +203,6 @@ def test_joints_are_zoomed_together_and_far_figures_wait(made, tmp_path):
         page.evaluate("document.querySelector('#friction').scrollIntoView()")
         page.wait_for_selector("#friction .js-plotly-plot")
         browser.close()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
-@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
-def test_on_paper_everything_is_open_and_no_figure_is_cut(made, tmp_path):
-    path, paper = tmp_path / "report.html", tmp_path / "report.pdf"
-    path.write_text(made[2])
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
-    options += [f"--user-data-dir={tmp_path / 'profile'}", "--no-pdf-header-footer"]
-    options.append("--virtual-time-budget=8000")
-    command = ["chromium", *options, f"--print-to-pdf={paper}", path.as_uri()]
-    subprocess.run(command, capture_output=True, timeout=120, check=True)
-    read = ["pdftotext", "-layout", str(paper), "-"]
-    pages = subprocess.run(read, capture_output=True, text=True, check=True).stdout.split("\f")
-    whole = "\n".join(pages)
-    assert len(pages) < 14
-    # The standard parameters, which are folded away on a screen.
-    assert re.search(r"\bm1 +not seen", whole)
-    # A heading, the axis of the figure below it and its caption are on one page.
-    (page,) = [p for p in pages if "Where and when" in p and "joint 1" in p]
-    for words in ("joint 1 [N m]", "joint 2 [N m]", "Click a name to"):
-        assert words in page
 
 
 def test_measured_curves_are_drawn_with_band_and_data(made):

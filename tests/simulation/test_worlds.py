@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from challenge import worlds as challenged
 from challenge.worlds.conditions import (
-    ARMS,
     NUISANCES,
     Channel,
     Conditions,
@@ -16,12 +15,12 @@ from challenge.worlds.conditions import (
     draw_conditions,
     fair,
 )
-from challenge.worlds.motion import KINDS, driven, plan
-from challenge.worlds.runs import draw_motion, draw_world, load_arm, log_run
+from challenge.worlds.motion import driven, plan
+from challenge.worlds.runs import draw_motion, draw_world, log_run
 
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.hidden import first_order
-from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, bristles, inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, bristles
 
 FOLDERS = [Path(home.__file__).parent for home in (worlds, challenged)]
 #: Of the package, what a world may know: how measurements look, where Pinocchio is, how errors are said.
@@ -40,33 +39,6 @@ def test_the_worlds_share_nothing_with_the_library_that_they_judge():
             ours = {x for x in names if x.startswith("sdp_vs_penalty")}
             own = {x for x in ours if x.startswith("sdp_vs_penalty.simulation.worlds")}
             assert ours - own <= ALLOWED, path
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_arms_are_bodies_that_move(name):
-    """Positive definite mass matrices, friction on all joints, energy kept by the dynamics."""
-    arm = load_arm(name)
-    assert (arm.coulomb > 0.0).all()
-    assert (arm.viscous > 0.0).all()
-    rng = np.random.default_rng(1)
-    q = rng.uniform(arm.lower, arm.upper, (5, arm.n))
-    zero = np.zeros((1, arm.n))
-    for row in q[:, None]:
-        weight = inverse_dynamics(arm.model, row, zero, zero)
-        unit = [inverse_dynamics(arm.model, row, zero, e[None]) - weight for e in np.eye(arm.n)]
-        assert np.linalg.eigvalsh(np.concatenate(unit))[0] > 0.0
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_motions_stay_inside_limits_and_their_rates_are_their_derivatives(kind):
-    arm = load_arm("scara")
-    t = np.arange(0.0, 12.0, 1e-3)
-    q, dq, ddq = plan(arm, kind, 12.0, np.random.default_rng(3))(t)
-    assert (q >= arm.lower).all()
-    assert (q <= arm.upper).all()
-    assert (np.abs(dq) <= arm.speed).all()
-    assert np.abs(np.gradient(q, t, axis=0) - dq)[1:-1].max() < 1e-3 * np.abs(dq).max()
-    assert np.abs(np.gradient(dq, t, axis=0) - ddq)[1:-1].max() < 1e-3 * np.abs(ddq).max()
 
 
 @pytest.mark.parametrize("travel", [1e-6, 0.005])
