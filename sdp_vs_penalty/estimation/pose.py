@@ -158,21 +158,8 @@ def posed(
             std = gain * np.linalg.norm(errors, axis=1)
             details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
     else:
-        model, rows, servo = servo_log(
-            problem,
-            model.effects,
-            data,
-            settings,
-            options.weighting,
-            progress,
-            instruments=options.instruments != "none",
-            chosen=options.effects is not None,
-        )
-        model, scale = with_scale(model, data, settings, options.known, options.known_loads)
-        errors = np.column_stack([errors, np.full(problem.robot.n, scale["scale_error"])])
-        # Loads are other runs: what they made of the scale is told instead.
-        scaled = replace(options, known=scale["known"]) if options.known_loads else options
-        data, details = rows, {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
+        model, data, scale_error, details = _of_servos(problem, model, data, settings, options, progress)
+        errors = np.column_stack([errors, np.full(problem.robot.n, scale_error)])
 
     def compressed(part: Model) -> Regression:
         return in_columns(data, part, settings, workers)
@@ -182,6 +169,33 @@ def posed(
     regression = compressed(model)
     task = make_task(problem, model, regression, options.weighting, options.seed, progress)
     return Posed(problem, data, settings, regression, task, options.weighting, errors, details)
+
+
+def _of_servos(
+    problem: Problem,
+    model: Model,
+    data: Measurements,
+    settings: Preprocessing,
+    options: PoseOptions,
+    progress: Progress,
+) -> tuple[Model, Measurements, float, dict[str, Any]]:
+    """Of a log without torque: the model with its servos' law in true units, where the scale is known;
+    the log with its instruments; the relative standard deviation of that scale; and plain JSON."""
+    model, rows, servo = servo_log(
+        problem,
+        model.effects,
+        data,
+        settings,
+        options.weighting,
+        progress,
+        instruments=options.instruments != "none",
+        chosen=options.effects is not None,
+    )
+    model, scale = with_scale(model, data, settings, options.known, options.known_loads)
+    # Loads are other runs: what they made of the scale is told instead.
+    scaled = replace(options, known=scale["known"]) if options.known_loads else options
+    details = {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
+    return model, rows, scale["scale_error"], details
 
 
 def in_columns(

@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import Self
 
 import numpy as np
 
@@ -156,76 +157,118 @@ def settled(
     compressed : the measurements in the columns of a model; weighting : of the joints' rows, "noise" or
     "none". Effects with a wanted constant act on one joint each.
     """
-    first, p, keys = compressed(model), len(model.parameters), frozenset(wanted)
-    data, weights = first.least_squares(), np.ones(model.robot.n)
-    white = max(white_variance(data, first.oversampling), 1e-24 * data.tau_squared / max(data.rows, 1))
-
-    def solved(wide: Regression) -> tuple[LeastSquares, Array]:
-        """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
-        data = wide.least_squares(weights)
-        if np.isfinite(model.plausible).any():
-            data = data.with_prior(np.append(model.plausible, np.full(wide.p - p, np.inf)), white)
-        return data, smallest(data.R[:, :p], data.rho)
-
-    theta = solved(first)[1]
-    if weighting == "noise":
-        weights = joint_weights(first, theta)
+    rows = _Rows.of(model, wanted, compressed, weighting)
     grids = {
         (k, key): effect.shapes[key].grid
         for k, effect in enumerate(model.effects)
-        for key in free_constants(effect)
-        if (effect.name, effect.joints[0], key) in keys and effect.shapes[key].bounds is None
+        for name, joint, key in rows.keys_of(effect)
+        if (name, joint, key) in rows.wanted and effect.shapes[key].bounds is None
     }
-
-    def names(effect: Effect) -> list[Key]:
-        """Of an effect with a wanted constant all."""
-        own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
-        return [] if keys.isdisjoint(own) else own
-
-    def descended(model: Model) -> Settled:
-        """From one choice of the constants on a grid."""
-        effects, latest, variances = model.effects, theta, dict[bytes, float]()
-        every = [(k, name) for k, e in enumerate(effects) for name in names(e)]
-        mine = np.array([x in keys and effects[k].shapes[x[2]].bounds is not None for k, x in every])
-        own = [x for (_, x), moves in zip(every, mine, strict=True) if moves]
-        free = [(k, x[2]) for (k, x), moves in zip(every, mine, strict=True) if moves]
-        unit = np.array([prior_deviation(effects[k], key) for k, key in free])
-
-        def at(steps: Array) -> Model:
-            out = list(effects)
-            for (k, key), step in zip(free, steps.tolist(), strict=True):
-                out[k] = moved(out[k], key, step)
-            return replace(model, effects=tuple(out))
-
-        def left(steps: Array) -> tuple[Array, Array]:
-            nonlocal latest
-            wide = compressed(with_sensitivities(at(steps), latest, lambda e: bool(names(e))))
-            data, latest = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
-            variances[steps.tobytes()] = white_variance(data, wide.oversampling)
-            columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
-            rest = np.append(data.rho - data.R[:, :p] @ latest, data.residual_norm)
-            return rest, np.vstack([columns, np.zeros((1, len(free)))])
-
-        start = np.zeros(len(free))
-        if not free:
-            return Settled(model, {}, float(np.sum(left(start)[0] ** 2)))
-        low, high = np.transpose([_room(effects[k], key) for k, key in free])
-        best, rest, slopes = least_squares(left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
-        spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
-        std = np.sqrt(variances[best.tobytes()] * spread)
-        # With as many digits of its constants as a written effect has.
-        digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in at(best).effects]
-        both = zip(effects, digits, strict=True)
-        found = replace(model, effects=tuple(e.with_shape(**own) for e, own in both))
-        return Settled(found, dict(zip(own, std.tolist(), strict=True)), float(rest @ rest))
-
     found = []
     for values in product(*grids.values()):  # every choice of the constants on a grid
         effects = list(model.effects)
         for (k, key), value in zip(grids, values, strict=True):
             effects[k] = effects[k].with_shape(**{key: value})
-        found.append(descended(replace(model, effects=tuple(effects))))
+        found.append(_Descent(replace(model, effects=tuple(effects)), rows).settled())
     return min(found, key=lambda s: s.error)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Measurements in the columns of a model whose shape constants vary.
+
+    compressed : they in the columns of any model; wanted : the constants that are looked for; weights
+    (n,) : of the joints' rows; white : variance of an independent row; theta (p,) : least squares of the
+    model as it was.
+    """
+
+    compressed: Callable[[Model], Regression]
+    wanted: frozenset[Key]
+    weights: Array
+    white: float
+    theta: Array
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        wanted: Collection[Key],
+        compressed: Callable[[Model], Regression],
+        weighting: str,
+    ) -> Self:
+        first, equal = compressed(model), np.ones(model.robot.n)
+        data = first.least_squares()
+        least = 1e-24 * data.tau_squared / max(data.rows, 1)
+        white = max(white_variance(data, first.oversampling), least)
+        rows = cls(compressed, frozenset(wanted), equal, white, np.zeros(len(model.parameters)))
+        theta = rows.solved(model, first)[1]
+        weights = joint_weights(first, theta) if weighting == "noise" else equal
+        return replace(rows, weights=weights, theta=theta)
+
+    def solved(self, model: Model, wide: Regression) -> tuple[LeastSquares, Array]:
+        """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
+        data, p = wide.least_squares(self.weights), len(model.parameters)
+        if np.isfinite(model.plausible).any():
+            data = data.with_prior(np.append(model.plausible, np.full(wide.p - p, np.inf)), self.white)
+        return data, smallest(data.R[:, :p], data.rho)
+
+    def keys_of(self, effect: Effect) -> list[Key]:
+        """All free constants of an effect of which one is wanted."""
+        own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
+        return [] if self.wanted.isdisjoint(own) else own
+
+
+class _Descent:
+    """Gauss-Newton steps (d,) of the wanted constants of a model that have a range, in their scales."""
+
+    def __init__(self, model: Model, rows: _Rows) -> None:
+        self.model, self.rows, self.theta = model, rows, rows.theta
+        effects = model.effects
+        every = [(k, key) for k, effect in enumerate(effects) for key in rows.keys_of(effect)]
+        moves = [key in rows.wanted and effects[k].shapes[key[2]].bounds is not None for k, key in every]
+        #: Which of the constants' columns behind the parameters' are of those that move: their places.
+        self.mine, self.free = (
+            np.array(moves),
+            [x for x, moving in zip(every, moves, strict=True) if moving],
+        )
+        self.unit = np.array([prior_deviation(effects[k], key[2]) for k, key in self.free])
+        #: Of an independent row, at each of the steps that were looked at.
+        self.variances: dict[bytes, float] = {}
+
+    def at(self, steps: Array) -> Model:
+        """The model that many steps away."""
+        out = list(self.model.effects)
+        for (k, key), step in zip(self.free, steps.tolist(), strict=True):
+            out[k] = moved(out[k], key[2], step)
+        return replace(self.model, effects=tuple(out))
+
+    def left(self, steps: Array) -> tuple[Array, Array]:
+        """What least squares leave (m,), and its slopes (m, d) with the parameters eliminated."""
+        there, p = self.at(steps), len(self.theta)
+        wanted = with_sensitivities(there, self.theta, lambda e: bool(self.rows.keys_of(e)))
+        wide = self.rows.compressed(wanted)
+        data, self.theta = self.rows.solved(
+            self.model, wide.keeping(np.append(np.ones(p, bool), self.mine))
+        )
+        self.variances[steps.tobytes()] = white_variance(data, wide.oversampling)
+        columns = -partialled(data.R[:, :p], data.R[:, p:]) / self.unit
+        rest = np.append(data.rho - data.R[:, :p] @ self.theta, data.residual_norm)
+        return rest, np.vstack([columns, np.zeros((1, len(self.free)))])
+
+    def settled(self) -> Settled:
+        """Where no step lowers the squared error any more."""
+        start, effects = np.zeros(len(self.free)), self.model.effects
+        if not self.free:
+            return Settled(self.model, {}, float(np.sum(self.left(start)[0] ** 2)))
+        low, high = np.transpose([_room(effects[k], key[2]) for k, key in self.free])
+        best, rest, slopes = least_squares(self.left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
+        spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
+        std = np.sqrt(self.variances[best.tobytes()] * spread)
+        # With as many digits of its constants as a written effect has.
+        digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in self.at(best).effects]
+        found = tuple(e.with_shape(**own) for e, own in zip(effects, digits, strict=True))
+        deviations = dict(zip((key for _, key in self.free), std.tolist(), strict=True))
+        return Settled(replace(self.model, effects=found), deviations, float(rest @ rest))
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:

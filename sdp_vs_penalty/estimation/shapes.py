@@ -392,18 +392,16 @@ class _Profile:
         if not len(free):
             return start
 
-        def all_of(x: Array) -> Array:
-            out = start.copy()
-            out[free] = x
-            return out
-
         def at(x: Array) -> tuple[Array, Array]:
-            left, slopes = self.at(all_of(x))
+            u = start.copy()
+            u[free] = x
+            left, slopes = self.at(u)
             return left, slopes[:, free]
 
-        ends = np.transpose([self.banks[k].ends for k in free])
+        out, ends = start.copy(), np.transpose([self.banks[k].ends for k in free])
         ftol = 1e-3 * self.variance / float(np.sum(self.at(start)[0] ** 2))  # of what noise decides
-        return all_of(least_squares(at, start[free], (ends[0], ends[1]), 1e-4, ftol, steps=50)[0])
+        out[free] = least_squares(at, start[free], (ends[0], ends[1]), 1e-4, ftol, steps=50)[0]
+        return out
 
     def estimates(self, u: Array) -> list[ShapeEstimate]:
         """What constants ln u (B,) are."""
