@@ -146,18 +146,17 @@ class Sandwich:
         return np.asarray(self.directions @ moved)
 
 
-def sandwich(regression: Regression, weights: Array, prior_scale: Array | None = None) -> Sandwich:
+def sandwich(regression: Regression, weights: Array, prior_scale: Array) -> Sandwich:
     """The sandwich of weighted least squares on compressed data.
 
     prior_scale : (p,) standard deviations of parameters that are known beforehand to be zero, infinite
     for all others.
     """
-    scale = np.full(regression.p, np.inf) if prior_scale is None else prior_scale
     data = regression.least_squares(weights)
     white = white_variance(data, regression.oversampling)
     # Where the torque is fitted to rounding, a prior weighs that much and no less.
     strength = max(white, 1e-24 * data.tau_squared / max(data.rows, 1))
-    whole = data.with_prior(scale, strength) if np.any(np.isfinite(scale)) else data
+    whole = data.with_prior(prior_scale, strength) if np.any(np.isfinite(prior_scale)) else data
     V = visible(whole.R)[1]
     z = V.T @ (whole.R.T @ whole.rho)
     B, r = len(regression.blocks), V.shape[1]
@@ -171,7 +170,7 @@ def sandwich(regression: Regression, weights: Array, prior_scale: Array | None =
     inflation = 1.0
     if excess > 1e-6 * r and white > 0.0:
         inflation = float(np.sum(scores**2)) / excess / white
-    prior = V.T * (strength / scale**2) @ V
+    prior = V.T * (strength / prior_scale**2) @ V
     kernel = _kernel(regression, inflation)
     return Sandwich(
         regression, weights, V, grams, scores, kernel, white, inflation, prior, whole.column_norms, V @ z

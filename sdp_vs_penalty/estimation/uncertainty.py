@@ -17,7 +17,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from sdp_vs_penalty.effects.model import JointColumns, Model
+from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, WIDTHS
 from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich, stretched
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
@@ -114,14 +114,6 @@ class Uncertainty(Plain):
     gain_response: Array
     torque_noise: Array
     gain_errors: Array
-
-    @classmethod
-    def unknown(cls, model: Model, theta: Array) -> Uncertainty:
-        """Of a model of which nothing but the parameters is known."""
-        pairs = zip(model.parameters, theta, strict=True)
-        standard = tuple(Interval(p.name, p.unit, float(x)) for p, x in pairs)
-        p, n = len(theta), model.robot.n
-        return cls(standard, (), np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0)))
 
     @cached_property
     def factor(self) -> Array:

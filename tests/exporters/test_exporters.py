@@ -22,7 +22,7 @@ from sdp_vs_penalty import Estimate, InputError, load_problem
 from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.uncertainty import Uncertainty
+from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
 from sdp_vs_penalty.exporters.export import export, formats
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
@@ -71,7 +71,10 @@ def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None 
     theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
     if model.needs_reference:
         model = Model(robot, model.effects, theta)
-    unknown, made = Uncertainty.unknown(model, theta), Certificate({}, 0.0)
+    p, n, pairs = len(theta), robot.n, zip(model.parameters, theta.tolist(), strict=True)
+    intervals = tuple(Interval(q.name, q.unit, x) for q, x in pairs)
+    nothing = np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0))
+    unknown, made = Uncertainty(intervals, (), *nothing), Certificate({}, 0.0)
     settings = (Preprocessing(), {}, {}, {})
     return Estimate(random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings)
 
