@@ -48,8 +48,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.research.shootout.instance import chain_task
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
-from sdp_vs_penalty.signals.preprocessing import filtered_torque
 from sdp_vs_penalty.solvers.objective import Objective
 
 #: Measured once, by scripts that left (the commit that had them): they stay in the table.
@@ -88,7 +88,7 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     estimate, run = ours(), load_measurements(folder, joints=7)
     settings = problem.preprocessing.resolve(run)
     split = phase_folds(run, settings, 5)
-    judged = filtered_torque(run, estimate.model, settings)
+    judged = FilteredRun(run, settings).all_rows(estimate.model)
     at, cells = judged.motion, split.cell(0, judged.motion.t)
     t, q, tau = decimated.read(folder, 7)
     rows, torque = decimated.rows(model, q, tau)
@@ -148,7 +148,7 @@ def fits(problem: Problem, run: Measurements) -> list[Row]:
 def renewed(problem: Problem, run: Measurements) -> list[Row]:
     """A fit to similar data, blocks of time drawn anew, from the last one's central path."""
     model = problem.model()
-    regression = compress(run, model, problem.preprocessing.resolve(run))
+    regression = compress(FilteredRuns.of(run, problem.preprocessing.resolve(run)), model)
     task = make_task(problem, model, regression)
     weights = joint_weights(regression, make_task(problem, model, regression, "none").ols)
     objective, constraints = LmiSdp().posed(task)

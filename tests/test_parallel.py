@@ -17,6 +17,7 @@ from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +31,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
 def test_processes_give_the_same_and_a_killed_one_is_replaced(runs, tmp_path):
     problem = load_problem("two_link")
     settings = problem.preprocessing.resolve(runs)
-    here = compress(runs, problem.model(), settings)
-    there = compress(runs, problem.model(), settings, workers=Workers(2))
+    here = compress(FilteredRuns.of(runs, settings), problem.model())
+    there = compress(FilteredRuns.of(runs, settings), problem.model(), workers=Workers(2))
     for a, b in zip(here.factors, there.factors, strict=True):
         np.testing.assert_array_equal(a.triangle, b.triangle)
     assert here.blocks == there.blocks

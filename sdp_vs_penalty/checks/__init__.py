@@ -29,6 +29,7 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
@@ -187,13 +188,18 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
     if not glance.moving.any():
         return replace(report, issues=tuple(rules.idle(glance)))
     settings = settings.resolve(run)
-    told = [*rules.idle(glance), *rules.quantised(glance, settings), *rules.sample_rate(glance)]
+    told = [*rules.idle(glance), *rules.sample_rate(glance)]
+    cutoff = settings.state_cutoff
+    assert cutoff is not None
     if not run.torque_logged:  # rows, clock and positions are all there is
+        motion, _ = FilteredRun(run, settings).low_passed()
+        told += rules.quantised(glance, motion, cutoff)
         return replace(report, issues=(*told, *rules.beside(glance)))
     first = [*rules.dead(glance), *rules.magnitude(glance)]
     if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
         return replace(report, issues=tuple(first))
     log = Likelihood(problem, data := RegressionData.of(problem, run, settings))
+    told += rules.quantised(glance, data.motion, cutoff)
     net = (search := Search(log)).run()
     if apart := list(residual.two_arms(log, net)):  # another arm, or load, makes steps of its own
         net = replace(net, events=())
@@ -212,7 +218,9 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
         if issue.repair is not None:
             work, fixed = issue.repair(work), issue.repair(fixed) if issue.mends else fixed
     if thorough:
-        issues += residual.not_excited(problem.with_gravity(net.gravity), work, settings)
+        issues += residual.not_excited(
+            problem.with_gravity(net.gravity), FilteredRuns.of(work, settings)
+        )
         issues += residual.hidden_errors(log, net)
     # A report holds the rows, not what was worked out of them.
     arm = (Likelihood(problem, data), net) if log.spare > 0.0 else None

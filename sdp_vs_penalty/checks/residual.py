@@ -22,14 +22,13 @@ from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, Score, jackk
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformation import choices
 from sdp_vs_penalty.checks.transformations.torque import UNITS
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: A one-off event lasts at most so long [s].
 _WIDTH = 1.0
@@ -170,10 +169,10 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         )  # fmt: skip
 
 
-def not_excited(problem: Problem, run: Measurements, settings: Preprocessing) -> Iterator[Issue]:
+def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     """Base parameters that the data do not determine; those of idle joints are named elsewhere."""
     model = problem.model()
-    data = compress(run, model, settings)
+    data = compress(rows, model)
     known = of_regression(make_task(problem, model, data), data, base_rows(problem, model), white=True)
     dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
     if not dark:

@@ -16,10 +16,10 @@ from sdp_vs_penalty.checks.issue import Issue, joints_text, rows_text
 from sdp_vs_penalty.data.formats.recognition import UNITS
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, low_passed
-from sdp_vs_penalty.signals.runs import Movement, movement, moving_joints, spans
+from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 Rows = NDArray[np.bool_]
@@ -57,7 +57,7 @@ class Glance:
 
     @cached_property
     def movement(self) -> Movement:
-        return movement(self.run, self.standstill)
+        return Movement(self.run, self.standstill)
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
@@ -559,11 +559,10 @@ def clipped(g: Glance) -> Iterator[Issue]:
             )  # fmt: skip
 
 
-def quantised(g: Glance, settings: Preprocessing) -> Iterator[Issue]:
-    """Rounding errors of positions, beside the acceleration in the band that identification uses."""
-    cutoff = settings.state_cutoff
-    assert cutoff is not None
-    sizes = low_passed(g.run, settings)[0].ddq.std(axis=0)
+def quantised(g: Glance, motion: Motion, cutoff: float) -> Iterator[Issue]:
+    """Rounding errors of positions, beside the acceleration in the band that identification uses: of a
+    motion behind the filter of that cut-off [Hz]."""
+    sizes = motion.ddq.std(axis=0)
     for j, x in enumerate(g.run.q.T):
         # They renew themselves when the level changes; the part below the cut-off stays. A second
         # derivative weighs its power with (2 pi f)^4.

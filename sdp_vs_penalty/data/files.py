@@ -4,7 +4,6 @@ import glob
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -84,13 +83,13 @@ def _one(
     if isinstance(part, Measurements):
         part = without_traces(part)
         for run in part.runs() if usable else ():
-            run.once("usable", partial(check_usable, run.names[0], run))
+            check_usable(run.names[0], run)
         return part
     if isinstance(part, str | Path):
         run = read_run(part, joints, names)
         if usable:
             counted = getattr(format_of(Path(part)) or csv, "SAMPLE", ("sample", 1))
-            run.once("usable", partial(check_usable, part, run, *counted))
+            check_usable(part, run, *counted)
         return run
     columns = _columns(part)
     if columns is None:

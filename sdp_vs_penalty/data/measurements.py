@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,6 @@ from sdp_vs_penalty.data.store import PART, Growing, digest, joined, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,7 +38,6 @@ class Measurements(Shown):
     temperature: Array | None = None
     commanded: Mapping[str, Array] = field(default_factory=dict)
     torque_logged: bool = True
-    _known: dict[Hashable, Any] = field(default_factory=dict, init=False, compare=False)
 
     @classmethod
     def of(
@@ -89,17 +85,6 @@ class Measurements(Shown):
         tau = self.tau if self.torque_logged else None
         blocks = {"q": self.q, "dq": self.dq, "tau": tau, "temp": self.temperature, **self.commanded}
         return {name: block for name, block in blocks.items() if block is not None}
-
-    def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """What is worked out of these samples and needed again, under a key of its own."""
-        if key not in self._known:
-            self._known[key] = make()
-        found: T = self._known[key]
-        return found
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what has been worked out: another process works it out again, where it needs it."""
-        return {**self.__dict__, "_known": {}}
 
     def runs(self) -> list[Measurements]:
         """The single runs, in order; the same ones each time."""
@@ -196,7 +181,7 @@ def without_traces(measured: Measurements) -> Measurements:
 
     found = {"t": measured.t, **measured.groups}
     each = ((name, any(np.any(traces(x)) for _, x in parts(block))) for name, block in found.items())
-    odd = measured.once("traces", lambda: [name for name, some in each if some])
+    odd = [name for name, some in each if some]
     for name in odd:
         found[name] = joined(np.where(traces(x), 0.0, x) for _, x in parts(found[name]))
     return Measurements.of(found.pop("t"), found, measured.names, measured.run) if odd else measured

@@ -37,6 +37,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 
 #: An effect with the names of those of its shape constants that are given.
@@ -106,13 +107,14 @@ def add(
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
 
+    filtered = FilteredRuns.of(measurements, estimate.preprocessing)
+
     def identified(effects: Sequence[Effect]) -> Estimate:
         return identify(
             estimate.problem,
-            measurements,
+            filtered,
             estimate.estimator,
             effects=effects,
-            preprocessing=estimate.preprocessing,
             weighting=estimate.weighting,
             seed=seed,
             progress=progress,
@@ -124,9 +126,9 @@ def add(
     # Refuses constants that are there already.
     Model(estimate.robot, (*estimate.model.effects, *new))
     if frozen:
-        return _add_frozen(estimate, new, measurements, seed, progress, gain_errors)
+        return _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
     found = identified([*_own(estimate, retuned), *new])
-    together = found_together(found, [w for w in added if not all_given(*w)], measurements)
+    together = found_together(found, [w for w in added if not all_given(*w)], filtered)
     if together is None:
         return found
     model, shapes = together
@@ -194,7 +196,7 @@ def _given_shapes(text: str) -> list[frozenset[str]]:
 def _add_frozen(
     estimate: Estimate,
     new: Sequence[Effect],
-    measurements: Measurements,
+    runs: FilteredRuns,
     seed: int,
     progress: Progress,
     gain_errors: Array,
@@ -207,9 +209,8 @@ def _add_frozen(
         known = estimate.theta if estimate.model.reference is None else estimate.model.reference
         every = np.append(known, np.zeros(len(model.parameters) - len(known)))
         model = replace(model, reference=every)
-    settings = estimate.preprocessing.resolve(measurements)
     progress("compressing the measurements")
-    left = compress(measurements, model, settings).beside(estimate.theta)
+    left = compress(runs, model).beside(estimate.theta)
     task = task_beside(estimate, own, left, seed, progress)
     progress("estimating the new effects")
     estimator = estimator_beside(estimate)
@@ -224,10 +225,10 @@ def _add_frozen(
         reference = np.append(reference, np.zeros(sum(len(e.parameters) for e in constants)))
     wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
     held = (estimate.theta, estimate.uncertainty), base_rows(problem, estimate.model)
-    data = compress(measurements, wide, settings)
+    data = compress(runs, wide)
     uncertainty = beside_held(task, data, *held, part, base, gain_errors)
     old, new_record = estimate.details, record(task, part, base, estimator.rest)
-    before, new_motion = estimate.training_motion, record_motion(measurements, settings)
+    before, new_motion = estimate.training_motion, record_motion(runs)
     return replace(
         estimate,
         model=model,
@@ -242,9 +243,9 @@ def _add_frozen(
         provenance={
             **estimate.provenance,
             "seed": seed,
-            "data_hash": measurements.data_hash,
-            "runs": list(measurements.names),
-            "samples": len(measurements.t),
+            "data_hash": runs.measurements.data_hash,
+            "runs": list(runs.measurements.names),
+            "samples": runs.measurements.samples,
             "versions": versions(),
             "verdict": None,  # that of the smaller model is not this one's
         },
@@ -300,7 +301,7 @@ def _shaped(search: Search, effect: Effect, joint: int | None, fixed: frozenset[
 
 
 def found_together(
-    found: Estimate, added: Sequence[Wanted], measurements: Measurements
+    found: Estimate, added: Sequence[Wanted], runs: FilteredRuns
 ) -> tuple[Model, list[ShapeEstimate]] | None:
     """The model with its own estimated constants and those of what was ``added`` on the same joints at
     their joint optimum, and its own as `identify` states them; None where none of these moves."""
@@ -318,8 +319,7 @@ def found_together(
     wanted = {key for key in new if key[1] in {j for _, j, _ in own}}.union(own)
     if not wanted:
         return None
-    settings, weighting = found.preprocessing, found.weighting
-    best = settled(found.model, wanted, lambda model: compress(measurements, model, settings), weighting)
+    best = settled(found.model, wanted, lambda model: compress(runs, model), found.weighting)
     effects, std = best.model.effects, best.std
     values = {(e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints}
     if not any(abs(np.log(values[k] / s.after)) > FAR * std[k] for k, s in own.items()):

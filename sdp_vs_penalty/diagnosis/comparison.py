@@ -20,14 +20,15 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.identify import identify as _identify
-from sdp_vs_penalty.estimation.pose import readable
+from sdp_vs_penalty.estimation.pose import logged, readable
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict, judge, noise_level
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
+from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 
 if TYPE_CHECKING:
@@ -229,7 +230,7 @@ class Comparisons(list[Comparison]):
 
 def compare(
     models: Models,
-    measurements: Source,
+    measurements: Source | FilteredRuns,
     preprocessing: Preprocessing | None = None,
     *,
     noise_from: Source | None = None,
@@ -238,7 +239,7 @@ def compare(
 
     models : an Estimate or a model.json, a sequence of them, or a mapping from names to them.
     measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
-        a DataFrame, Measurements, or a list of runs.
+        a DataFrame, Measurements, or a list of runs; or FilteredRuns, whose filters hold.
     All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
     beside the same noise floor, that of the measurements. noise_from : the runs whose repetition
     shows it (default: the measurements); name all that was recorded where these are a window of it.
@@ -247,11 +248,14 @@ def compare(
     """
     models = as_estimates(models, "compare(models=...)")
     first = next(iter(models.values()))
-    measurements = as_measurements(
-        measurements, names=first.robot.joint_names, what="compare(measurements=...)"
-    )
-    settings = preprocessing or first.preprocessing
-    settings = settings.resolve(measurements)
+    known = measurements if isinstance(measurements, FilteredRuns) else None
+    if known is None:
+        measurements = as_measurements(
+            measurements, names=first.robot.joint_names, what="compare(measurements=...)"
+        )
+        settings = (preprocessing or first.preprocessing).resolve(measurements)
+    else:
+        measurements, settings = known.measurements, known.settings
     _, measurements = driven(first, measurements)
     models = {name: plant(m) if m.model.drives.any() else m for name, m in models.items()}
     for name, model in models.items():
@@ -261,13 +265,15 @@ def compare(
     given = measurements
     if noise_from is not None:
         _, given = driven(first, as_measurements(noise_from))
-    floor = _kept_noise(first, given, settings) or noise_level(first.problem, given, settings)
+    runs = known or FilteredRuns.of(measurements, settings)
+    shown = runs if given is measurements else FilteredRuns.of(given, settings)
+    floor = _kept_noise(first, given, settings) or noise_level(first.problem, shown)
     said = subsample_sentence(
         window_subsample(given, settings),
         given,
         "errors are those of all samples, noise and dependences of",
     )
-    judged = [_judged(name, model, measurements, settings, floor) for name, model in models.items()]
+    judged = [_judged(name, model, runs, floor) for name, model in models.items()]
     return Comparisons(replace(one, judged_on=said) for one in judged)
 
 
@@ -284,14 +290,13 @@ def _kept_noise(
 def _judged(
     name: str,
     model: Estimate,
-    measurements: Measurements,
-    settings: Preprocessing,
+    runs: FilteredRuns,
     floor: tuple[Array | None, str],
 ) -> Comparison:
     series = {name: Growing() for name in ("t", "q", "dq", "measured", "modelled")}
     outside: dict[str, float] = {}  # rows
-    for run in measurements.runs():
-        for rows in filtered_rows(run, model.model, settings):
+    for run in runs.runs:
+        for rows in run.rows(model.model):
             modelled, motion = predicted(rows, model.theta), rows.motion
             found = (motion.t, motion.q, motion.dq, rows.torque, modelled)
             for kept, x in zip(series.values(), found, strict=True):
@@ -309,7 +314,7 @@ def _judged(
     with np.errstate(divide="ignore", invalid="ignore"):
         r2 = np.where(variance > 0.0, 1.0 - mse / variance, np.nan)
         relative = 100.0 * np.sqrt(np.sum(mse) / np.sum(variance + mean**2))
-    band, record = settings.torque_cutoff, model.training_motion
+    band, record = runs.settings.torque_cutoff, model.training_motion
     assert band is not None
     return Comparison(
         name,
@@ -321,7 +326,7 @@ def _judged(
         float(relative),
         band,
         signals,
-        tuple(measurements.names),
+        runs.measurements.names,
         None if record is None else record.new_share(signals.q, signals.dq),
         None if record is None else record.distance,
         {name: rows / count for name, rows in outside.items() if rows > 0.0},
@@ -359,13 +364,15 @@ def identified(
     box's answers, which are no torque along a motion. noise_from : as in :func:`~.comparison.compare`.
     """
     problem = as_problem(problem, "identify(problem=...)")
-    measurements = readable(problem, measurements, "identify(measurements=...)")
-    estimate = _identify(problem, measurements, *settings, **named)
-    if not isinstance(measurements, Measurements):
+    data = readable(problem, measurements, "identify(measurements=...)")
+    if isinstance(data, Measurements) and data.torque_logged:  # filtered once, for both
+        data = FilteredRuns.of(data, named.pop("preprocessing", None) or problem.preprocessing)
+    estimate = _identify(problem, data, *settings, **named)
+    if isinstance(data, BlackBox):
         return estimate, None
-    fit = compare({estimate.method: estimate}, measurements, noise_from=noise_from)[0]
+    fit = compare({estimate.method: estimate}, data, noise_from=noise_from)[0]
     estimate.provenance["verdict"] = fit.verdict.to_dict()
-    noise = NoiseFloor(*fit.noise, (noise_from or measurements).data_hash)
+    noise = NoiseFloor(*fit.noise, (noise_from or logged(data)).data_hash)
     estimate.provenance["noise"] = noise.to_dict()
     return estimate, fit
 

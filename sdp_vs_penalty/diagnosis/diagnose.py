@@ -30,6 +30,7 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.segments import (
@@ -98,11 +99,13 @@ def diagnose(
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-    record = None if test is None else record_motion(measurements, settings)
+    record = None if test is None else record_motion(FilteredRuns.of(measurements, settings))
     if frozen and record is not None:  # a frozen model has seen what it was identified from, too
         seen = estimate.training_motion
         record = None if seen is None else record.joined(seen)
-    share = None if record is None or test is None else record.new_share_of(test, settings)
+    share = (
+        None if record is None or test is None else record.new_share_of(FilteredRuns.of(test, settings))
+    )
     done = conclude(found, gain_errors, share, seed)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
@@ -182,7 +185,7 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Foun
 def adopted(estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: Measurements) -> Estimate:
     """The model with other shape constants, refitted by least squares."""
     model = replace(estimate.model, effects=with_shapes(estimate.model.effects, shapes))
-    regression = compress(measurements, model, estimate.preprocessing)
+    regression = compress(FilteredRuns.of(measurements, estimate.preprocessing), model)
     theta = make_task(estimate.problem, model, regression, estimate.weighting).ols
     return replace(estimate, model=model, theta=theta)
 

@@ -30,6 +30,7 @@ from sdp_vs_penalty.estimation.verdict import noise_level
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, plain_unit, words
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented, window_subsample
@@ -174,7 +175,7 @@ def where_it_fails(
     if given is not measurements:
         whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
     residual, folds = rows.residual, folds_of(rows, whole)
-    floors, source = noise or noise_level(estimate.problem, given, settings)
+    floors, source = noise or noise_level(estimate.problem, FilteredRuns.of(given, settings))
     known, runs = states(rows), searched.runs()
     keep = np.asarray(rows.keep.all(axis=1), bool)
     out = Failures(units=estimate.robot.torque_units)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -31,6 +30,7 @@ from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -205,8 +205,7 @@ class Split:
 
     problem: Problem
     model: Model
-    runs: Measurements
-    settings: Preprocessing
+    runs: FilteredRuns
     phases: PhaseFolds
     common: Regression
     weighting: str
@@ -224,7 +223,7 @@ class Split:
         own = self.model if self.raw else self._trained(number)
         rows = self.common
         if own is not self.model:
-            rows = compress_cells(self.runs, own, self.settings, self.phases)
+            rows = compress_cells(self.runs, own, self.phases)
         train = rows.select(self.phases.training(number))
         test = (self.raw or rows).select(self.phases.tested(number))
         task = make_task(self.problem, own, train, self.weighting, self.seed)
@@ -237,8 +236,9 @@ class Split:
         """What folds add up to."""
         texts = tuple(e.text for e in self.model.effects)
         periodic = any(clock.periodic for clock in self.phases.clocks)
-        assert self.settings.torque_cutoff is not None
-        split_by = periodic, self.phases.guard, self.settings.torque_cutoff
+        band = self.runs.settings.torque_cutoff
+        assert band is not None
+        split_by = periodic, self.phases.guard, band
         return CrossValidation(self.problem.name, estimator.name, texts, tuple(judged), *split_by)
 
     def _trained(self, fold: int) -> Model:
@@ -251,9 +251,9 @@ class Split:
             return np.isin(self.phases.cell(run, t), cells)
 
         def compressed(m: Model) -> Regression:
-            return compress_cells(self.runs, m, self.settings, self.phases).select(cells)
+            return compress_cells(self.runs, m, self.phases).select(cells)
 
-        shapes = estimate_shapes(model, self.runs, self.settings, self.weighting, training)
+        shapes = estimate_shapes(model, self.runs, self.weighting, training)
         if any(shape.after != shape.before for shape in shapes):
             model = replace(model, effects=with_shapes(model.effects, shapes))
         return with_reference(self.problem, model, compressed, self.weighting)
@@ -269,30 +269,30 @@ def split_by_phase(
     """The data of :func:`cross_validate`, whatever the method. Raises InputError as it does."""
     problem = as_problem(problem, "cross_validate(problem=...)")
     names = problem.robot.joint_names
-    runs = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
+    data = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
     if folds < 2:
         raise InputError(f"cross_validate(folds={folds}) is no number of folds", "give 2 or more")
-    check_plausible(problem.robot, runs)
-    if runs.torque_logged:
-        settings = (options.preprocessing or problem.preprocessing).resolve(runs)
+    check_plausible(problem.robot, data)
+    if data.torque_logged:
+        runs = FilteredRuns.of(data, options.preprocessing or problem.preprocessing)
         model = problem.model(options.effects).without_drives
-        phases, raw = phase_folds(runs, settings, folds), None
-        common = compress_cells(runs, model.reference_free, settings, phases)
+        phases, raw = phase_folds(data, runs.settings, folds), None
+        common = compress_cells(runs, model.reference_free, phases)
     else:
-        posed = pose(problem, runs, options, progress)
-        assert isinstance(posed.measurements, Measurements)
-        settings, model = posed.preprocessing, posed.task.model
-        phases = phase_folds(runs, settings, folds)
-        common = compress_cells(posed.measurements, model, settings, phases)
-        raw = compress_cells(runs, replace(model, reference=None), settings, phases)
+        posed = pose(problem, data, options, progress)
+        assert isinstance(posed.data, FilteredRuns)
+        runs, model = FilteredRuns.of(data, posed.preprocessing), posed.task.model
+        phases = phase_folds(data, runs.settings, folds)
+        common = compress_cells(posed.data, model, phases)
+        raw = compress_cells(runs, replace(model, reference=None), phases)
     method = options.weighting, options.seed
-    split = Split(problem, model, runs, settings, phases, common, *method, raw)
+    split = Split(problem, model, runs, phases, common, *method, raw)
     trained = all(common.select(phases.training(k)).factors for k in range(folds))
     if not (trained and split.numbers):
         raise InputError(
             f"{formatting.count(folds, 'fold')} with {phases.guard:.3g} s kept clear on either side "
             "leave nothing to train on or to judge",
             "choose fewer folds, or record longer",
-            runs.names[0],
+            data.names[0],
         )
     return split

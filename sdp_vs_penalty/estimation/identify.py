@@ -19,7 +19,6 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -27,7 +26,7 @@ from sdp_vs_penalty.estimation import pose
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, readable
+from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, logged, readable
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -49,6 +48,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.certificate import repair
@@ -119,8 +119,8 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
     wide, data = with_sensitivities(task.model, theta), None
-    if wide is not task.model and isinstance(measurements, Measurements):
-        data = in_columns(measurements, wide, posed.preprocessing, workers)
+    if wide is not task.model and isinstance(posed.data, FilteredRuns):
+        data = in_columns(posed.data, wide, workers)
     kept, errors = certificate.worst == 0.0, posed.gain_errors
     uncertainty = of_regression(
         task, posed.regression, base, theta, wide=data, constrained=kept, gain_errors=errors
@@ -128,9 +128,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
     details = {**fit.details, "on_bounds": bounds, **record(task, theta, base, estimator.rest)}
-    motion = None
-    if isinstance(measurements, Measurements):
-        motion = record_motion(measurements, posed.preprocessing)
+    motion = record_motion(posed.data) if isinstance(posed.data, FilteredRuns) else None
     provenance = {
         "seed": task.seed,
         "data_hash": measurements.data_hash,
@@ -261,7 +259,7 @@ def versions() -> dict[str, str]:
 
 def identify(
     problem: str | Path | Problem,
-    measurements: Source | BlackBox,
+    measurements: Source | FilteredRuns | BlackBox,
     method: str | Estimator = DEFAULT_METHOD,
     *,
     effects: str | Sequence[str] | Sequence[Effect] | None = None,
@@ -280,7 +278,8 @@ def identify(
 
     problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
     measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
-        a DataFrame, Measurements, a list of runs; or a BlackBox, or the path of its .npz file.
+        a DataFrame, Measurements, a list of runs; FilteredRuns, whose filters hold; or a BlackBox, or
+        the path of its .npz file.
     method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings; "output-error"
         refines the default method's estimate by simulation (:mod:`~estimation.output_error`).
     effects : names or Effects (default: the problem's); the velocity over which Coulomb friction turns
@@ -306,8 +305,8 @@ def identify(
     """
     problem, refined = as_problem(problem, "identify(problem=...)"), method == OUTPUT_ERROR
     estimator = make_estimator(DEFAULT_METHOD if refined else method)
-    measurements = readable(problem, measurements, "identify(measurements=...)")
-    black_box = isinstance(measurements, BlackBox)
+    data = readable(problem, measurements, "identify(measurements=...)")
+    black_box = isinstance(data, BlackBox)
     needs = f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix"
     for wrong, what in (
         (estimator.needs_black_box and not black_box, needs),
@@ -317,8 +316,8 @@ def identify(
     ):
         if wrong:
             raise InputError(what, "choose another method, or leave the proof out")
-    if refined and isinstance(measurements, Measurements):
-        measurements.require_torque(f"method {OUTPUT_ERROR}")
+    if refined and not isinstance(data, BlackBox):
+        logged(data).require_torque(f"method {OUTPUT_ERROR}")
     options = PoseOptions(
         effects,
         preprocessing,
@@ -329,7 +328,7 @@ def identify(
         known or {},
         instruments,
     )
-    posed = pose.posed(problem, measurements, options, progress, workers)
+    posed = pose.posed(problem, data, options, progress, workers)
     posed.task.progress(f"estimating by {estimator.name}")
     try:
         fit = estimator.fit(posed.task)

@@ -43,7 +43,8 @@ from sdp_vs_penalty.regression.partial import least_squares, partialled, smalles
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_torque
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
 def parsed_known_load(text: str) -> tuple[Path, float]:
@@ -83,23 +84,23 @@ def _loaded(loads: Sequence[tuple[Source, float]], robot: Robot) -> Iterator[tup
 
 def gains_from_loads(
     model: Model,
-    measurements: Measurements,
+    runs: FilteredRuns,
     loads: Sequence[tuple[Source, float]],
-    settings: Preprocessing,
     prior: float,
 ) -> tuple[Array, Array]:
     """The gains (n,) that make the loads weigh what they weigh, what each torque channel reads over the
     true torque; a factor (n, r) of the covariance of their relative errors.
 
     model : of the robot without load; loads : further runs, each with the mass [kg] of a body on the
-    last link; settings : resolved; prior : standard deviation of the gains' relative errors before the
+    last link; prior : standard deviation of the gains' relative errors before the
     loads are known, 0 for the usual one. Raises InputError for a mass that is none.
     """
     payload = Payload(model.robot)
     bare = replace(model.reference_free, gains=None)
     with_load = replace(bare, effects=(*bare.effects, payload))
-    parts = [(compress(measurements, bare, settings), 0.0)]
-    parts += [(compress(x, with_load, settings), mass) for x, mass in _loaded(loads, model.robot)]
+    loaded = _loaded(loads, model.robot)
+    parts = [(compress(runs, bare), 0.0)]
+    parts += [(compress(FilteredRuns.of(x, runs.settings), with_load), mass) for x, mass in loaded]
     p, n = len(bare.parameters), model.robot.n
     load = [
         mass * reach for _, mass in parts[1:] for reach in (*[c.LOAD_REACH] * 3, *[c.LOAD_REACH**2] * 6)
@@ -214,8 +215,7 @@ def parsed_known(text: str) -> dict[str, float]:
 
 def with_scale(
     model: Model,
-    data: Measurements,
-    settings: Preprocessing,
+    runs: FilteredRuns,
     known: Mapping[str, float],
     loads: Sequence[tuple[Source, float]],
 ) -> tuple[Model, dict[str, Any]]:
@@ -231,11 +231,11 @@ def with_scale(
     columns, n = {"kt": "current", "ku": "voltage"}, model.robot.n
     names = {f"{key}{j + 1}": (name, j) for key, name in columns.items() for j in range(n)}
     if motors := {names[name]: value for name, value in known.items() if name in names}:
-        factor = _factor_of_motors(model, theta, data, motors, settings)
+        factor = _factor_of_motors(model, theta, runs, motors)
     elif known:
-        factor = _factor_of_known(model, compress(data, model, settings), theta, known)
+        factor = _factor_of_known(model, compress(runs, model), theta, known)
     if loads:
-        factor, error = _factor_of_loads(model, theta, loads, settings)
+        factor, error = _factor_of_loads(model, theta, loads, runs.settings)
     if loads or motors:
         given = {name: factor * x for name, x in model.known.items()}
     said = [f"a load of {mass:g} kg" for _, mass in loads]
@@ -269,20 +269,19 @@ def _factor_of_known(
 def _factor_of_motors(
     model: Model,
     theta: Array,
-    data: Measurements,
+    runs: FilteredRuns,
     motors: Mapping[tuple[str, int], float],
-    settings: Preprocessing,
 ) -> float:
     """The factor on theta (p,) with which the drives' torque is the constants times what was logged.
 
     Least squares, both filtered, beside a constant (an integral may begin anywhere in each run) and the
     velocity: kd holds viscous friction, which is no torque of the drive.
     """
-    bare, shares = replace(model, known={}), []
+    data, bare, shares = runs.measurements, replace(model, known={}), []
 
     def filtered(whole: Measurements, joint: int) -> Array:
         out = []
-        for rows in (filtered_torque(run, bare, settings) for run in whole.runs()):
+        for rows in (FilteredRun(run, runs.settings).all_rows(bare) for run in whole.runs()):
             others = np.stack([np.ones(len(rows.torque)), rows.motion.dq[:, joint]], axis=1)
             out.append(partialled(others, rows.torque[:, joint]))
         return np.concatenate(out)
@@ -310,7 +309,7 @@ def _factor_of_loads(
     wide = Model(robot, (*model.effects, *own), gains=model.gains, changes=True)
     found, information = list[float](), list[float]()
     for runs, mass in _loaded(loads, robot):
-        left = compress(runs, wide, settings).beside(theta)
+        left = compress(FilteredRuns.of(runs, settings), wide).beside(theta)
         data = left.least_squares()
         data = left.least_squares(joint_weights(left, smallest(data.R, data.rho)))
         x = smallest(data.R, data.rho)

@@ -51,7 +51,7 @@ def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: fl
 
     Raises InputError where there is none, or an effect needs temperatures that were not logged.
     """
-    filters = RunFilter(run, estimate.preprocessing.resolve(run), every_sample=True)
+    filters = RunFilter(run, estimate.preprocessing.resolve(run)).every_sample
     half, out = filters.state.half, []
     stride = max(1, int(STEP / filters.dt + 1e-9))
     every, weights = slice(None, None, stride), np.convolve(np.ones(stride), np.ones(stride)) / stride**2

@@ -35,6 +35,7 @@ from sdp_vs_penalty.regression.instruments import commanded_motion
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
@@ -79,21 +80,31 @@ class PoseOptions:
 class Posed:
     """An optimisation problem, and what made it.
 
-    problem : with the gains that known loads determined; measurements : as they were read; regression :
-    they in the columns of task.model; task : what every estimator minimises; gain_errors (n, e) : factor
-    of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
-    the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
-    problem follows, with the scale that known loads gave a log without torque.
+    problem : with the gains that known loads determined; data : behind their filters, as the columns of
+    task.model are made of them; regression : they in these columns; task : what every estimator
+    minimises; gain_errors (n, e) : factor of the covariance of the gains' relative errors; details :
+    shapes and gains, plain JSON, and where the rows are made with a servo's law, "recipe"
+    (:meth:`PoseOptions.recipe`), from which the same problem follows, with the scale that known loads
+    gave a log without torque.
     """
 
     problem: Problem
-    measurements: Measurements | BlackBox
-    preprocessing: Preprocessing
+    data: FilteredRuns | BlackBox
     regression: Regression
     task: Task
     weighting: str
     gain_errors: Array | None = None
     details: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def measurements(self) -> Measurements | BlackBox:
+        """What the problem is posed from."""
+        return self.data if isinstance(self.data, BlackBox) else self.data.measurements
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """The filters; those of the problem for a black box, which needs none."""
+        return self.problem.preprocessing if isinstance(self.data, BlackBox) else self.data.settings
 
 
 def pose(
@@ -116,7 +127,7 @@ def pose(
 
 def posed(
     problem: Problem,
-    data: Measurements | BlackBox,
+    data: Measurements | FilteredRuns | BlackBox,
     options: PoseOptions,
     progress: Progress = no_progress,
     workers: Workers = ALONE,
@@ -129,9 +140,12 @@ def posed(
         progress("compressing the black box's answers")
         regression = compress_black_box(data, model)
         task = make_task(problem, model, regression, "none", options.seed, progress)
-        return Posed(problem, data, problem.preprocessing, regression, task, "none")
-    settings = options.preprocessing or problem.preprocessing
-    settings = settings.resolve(data) if data.torque_logged else servo_filters(settings, data)
+        return Posed(problem, data, regression, task, "none")
+    if isinstance(data, FilteredRuns):
+        runs, data = data, data.measurements
+    else:
+        settings = options.preprocessing or problem.preprocessing
+        runs = FilteredRuns.of(data, settings if data.torque_logged else servo_filters(settings, data))
     model = problem.model(options.effects)
     if options.effects is not None:
         options = replace(options, effects=model.effects)
@@ -139,78 +153,83 @@ def posed(
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     if data.torque_logged:
         if drives := [e for e in model.effects if e.forward == "drive"]:
-            details["loop"] = loop_beside_torque(drives, data, settings)
+            details["loop"] = loop_beside_torque(drives, data, runs.settings)
             model = model.without_drives
         progress("estimating shape constants")
-        shapes = estimate_shapes(model, data, settings, options.weighting, workers=workers)
+        shapes = estimate_shapes(model, runs, options.weighting, workers=workers)
         model = replace(model, effects=with_shapes(model.effects, shapes))
         details |= {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
         if options.instruments == "command":
-            data = commanded_motion(data)
+            runs = FilteredRuns.of(commanded_motion(data), runs.settings)
             if not options.known_loads:
                 details["recipe"] = options.recipe()
         if options.known_loads:
             progress("determining the gains from the known loads")
             spread = float(np.max(options.gain_uncertainty))
-            gain, errors = gains_from_loads(model, data, options.known_loads, settings, spread)
+            gain, errors = gains_from_loads(model, runs, options.known_loads, spread)
             problem = replace(problem, gains=tuple(gain.tolist()))
             model = replace(model, gains=problem.gains)
             std = gain * np.linalg.norm(errors, axis=1)
             details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
     else:
-        model, data, scale_error, details = _of_servos(problem, model, data, settings, options, progress)
+        model, runs, scale_error, details = _of_servos(problem, model, runs, options, progress)
         errors = np.column_stack([errors, np.full(problem.robot.n, scale_error)])
 
     def compressed(part: Model) -> Regression:
-        return in_columns(data, part, settings, workers)
+        return in_columns(runs, part, workers)
 
     model = with_reference(problem, model, compressed, options.weighting, progress)
     progress("compressing the measurements")
     regression = compressed(model)
     task = make_task(problem, model, regression, options.weighting, options.seed, progress)
-    return Posed(problem, data, settings, regression, task, options.weighting, errors, details)
+    return Posed(problem, runs, regression, task, options.weighting, errors, details)
 
 
 def _of_servos(
     problem: Problem,
     model: Model,
-    data: Measurements,
-    settings: Preprocessing,
+    runs: FilteredRuns,
     options: PoseOptions,
     progress: Progress,
-) -> tuple[Model, Measurements, float, dict[str, Any]]:
+) -> tuple[Model, FilteredRuns, float, dict[str, Any]]:
     """Of a log without torque: the model with its servos' law in true units, where the scale is known;
     the log with its instruments; the relative standard deviation of that scale; and plain JSON."""
     model, rows, servo = servo_log(
         problem,
         model.effects,
-        data,
-        settings,
+        runs,
         options.weighting,
         progress,
         instruments=options.instruments != "none",
         chosen=options.effects is not None,
     )
-    model, scale = with_scale(model, data, settings, options.known, options.known_loads)
+    model, scale = with_scale(model, runs, options.known, options.known_loads)
     # Loads are other runs: what they made of the scale is told instead.
     scaled = replace(options, known=scale["known"]) if options.known_loads else options
     details = {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
     return model, rows, scale["scale_error"], details
 
 
-def in_columns(
-    data: Measurements, model: Model, settings: Preprocessing, workers: Workers = ALONE
-) -> Regression:
+def in_columns(runs: FilteredRuns, model: Model, workers: Workers = ALONE) -> Regression:
     """Measurements in the columns of a model. Without torque the model's own errors are what is left,
     and periods repeat them: blocks are stretches of the motion then, in all its periods."""
-    if data.torque_logged:
-        return compress(data, model, settings, workers=workers)
-    return compress_cells(data, model, settings, phase_folds(data, settings, SHAPE_FOLDS))
+    if runs.measurements.torque_logged:
+        return compress(runs, model, workers=workers)
+    return compress_cells(runs, model, phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS))
 
 
-def readable(problem: Problem, measurements: Source | BlackBox, what: str) -> Measurements | BlackBox:
+def logged(data: Measurements | FilteredRuns) -> Measurements:
+    """The log itself."""
+    return data.measurements if isinstance(data, FilteredRuns) else data
+
+
+def readable(
+    problem: Problem, measurements: Source | FilteredRuns | BlackBox, what: str
+) -> Measurements | FilteredRuns | BlackBox:
     """What was given as measurements, read; InputError where it cannot be this robot's."""
     n, names = problem.robot.n, problem.robot.joint_names
+    if isinstance(measurements, FilteredRuns):
+        return measurements
     if not isinstance(measurements, BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(measurements, n, names, what)
     if measurements.n != n:

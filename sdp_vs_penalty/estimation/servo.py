@@ -36,6 +36,7 @@ from sdp_vs_penalty.regression.partial import deviations, smallest, visible
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array, or_least
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
@@ -97,8 +98,7 @@ _Joint = tuple[Array, list[tuple[Array, Array]]]
 
 def find_law(
     load: Sequence[Effect],
-    data: Measurements,
-    settings: Preprocessing,
+    runs: FilteredRuns,
     names: Sequence[str] = tuple(LAWS),
     delay: float | None = None,
 ) -> tuple[str, float, dict[str, float]]:
@@ -115,7 +115,7 @@ def find_law(
     if not any(e.name == "torque_offset" for e in load):
         wide.append(effect_types()["torque_offset"](load[0].robot))
     about = delay or 0.0
-    first = joints = _joints(wide, data, settings, about)
+    first = joints = _joints(wide, runs, about)
     while True:
         late = {name: 0.0 if delay is not None else _later(joints, name, about) for name in names}
         scores = {name: _score(joints, name, late[name]) for name in names}
@@ -131,17 +131,15 @@ def find_law(
             ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
             return name, found, ratios
         about = found
-        joints = _joints(wide, data, settings, about)
+        joints = _joints(wide, runs, about)
 
 
-def _joints(
-    load: Sequence[Effect], data: Measurements, settings: Preprocessing, T: float
-) -> list[_Joint]:
+def _joints(load: Sequence[Effect], runs: FilteredRuns, T: float) -> list[_Joint]:
     """Of each joint, about a delay T."""
     robot = load[0].robot
     model = Model(robot, (*load, _Terms(robot, T)), changes=True)
-    split = phase_folds(data, settings, c.SHAPE_FOLDS)
-    cells = compress_cells(data, model, settings, split)
+    split = phase_folds(runs.measurements, runs.settings, c.SHAPE_FOLDS)
+    cells = compress_cells(runs, model, split)
     out = []
     for joint in range(robot.n):
         every = {f.block: f.triangle[:, :-1] for f in cells.factors if f.joint == joint}
@@ -205,8 +203,7 @@ class _Loop:
     """A log without torque and what its model is made of: the load's effects and the drives'."""
 
     problem: Problem
-    data: Measurements
-    settings: Preprocessing
+    runs: FilteredRuns
     weighting: str
     load: tuple[Effect, ...]
     drives: Sequence[Effect]
@@ -219,7 +216,7 @@ class _Loop:
         began = {"servo_integral", "torque_offset"} & {e.name for e in (*self.load, *late)}
         offset = [effect_types()["torque_offset"](robot)] * (began == {"servo_integral"})
         model = Model(robot, (*self.load, *offset, *late), gains=self.problem.gains)
-        theta = balanced(self.problem, model, compress(self.data, model, self.settings))
+        theta = balanced(self.problem, model, compress(self.runs, model))
         strongest = max(model.error_gains, key=lambda k: float(theta[k]))
         gain = {model.parameters[strongest].name: float(theta[strongest])}
         return replace(model, known=gain, reference=theta)
@@ -230,26 +227,27 @@ class _Loop:
         theta = _reference_of(model)
         gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
         stated = replace(model, known=gains)
-        return estimate_shapes(stated, self.data, self.settings, self.weighting, widest=c.TURNS[-1])
+        return estimate_shapes(stated, self.runs, self.weighting, widest=c.TURNS[-1])
 
-    def task(self, model: Model, rows: Measurements) -> Task:
+    def task(self, model: Model, rows: FilteredRuns) -> Task:
         """The problem of a balanced model; rows : the log, with instruments where there are some."""
-        return make_task(self.problem, model, compress(rows, model, self.settings), self.weighting)
+        return make_task(self.problem, model, compress(rows, model), self.weighting)
 
-    def with_better_delay(self, model: Model, rows: Measurements) -> Model:
+    def with_better_delay(self, model: Model, rows: FilteredRuns) -> Model:
         """A step of Gauss and Newton of the delay, in which joints share their links."""
         wide = with_sensitivities(model, _reference_of(model), lambda e: bool(e.position_gains))
         (drive,) = (e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
         return self.balanced(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))
 
-    def simulated(self, model: Model, rows: Measurements) -> tuple[Measurements, Array]:
+    def simulated(self, model: Model, rows: FilteredRuns) -> tuple[FilteredRuns, Array]:
         """The log with the motion that the model fitted to ``rows`` makes of the command, and how far
         (n,) that is from the measured one, root mean square [rad, m]."""
         theta = model.with_known(make_estimator(DEFAULT_METHOD).fit(self.task(model, rows)).theta)
         with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
-            found = with_simulated_motion(self.data, model, theta)
-            return found, np.sqrt(np.mean((found.commanded["qsim"] - self.data.q) ** 2, axis=0))
+            found = with_simulated_motion(self.runs.measurements, model, theta)
+            apart = np.sqrt(np.mean((found.commanded["qsim"] - found.q) ** 2, axis=0))
+        return FilteredRuns.of(found, self.runs.settings), apart
 
 
 def _reference_of(model: Model) -> Array:
@@ -261,25 +259,24 @@ def _reference_of(model: Model) -> Array:
 def servo_log(
     problem: Problem,
     effects: Sequence[Effect],
-    data: Measurements,
-    settings: Preprocessing,
+    runs: FilteredRuns,
     weighting: str,
     progress: Progress,
     *,
     instruments: bool,
     chosen: bool,
-) -> tuple[Model, Measurements, dict[str, Any]]:
+) -> tuple[Model, FilteredRuns, dict[str, Any]]:
     """What stands for the torque in a log without one: the model with the law's effects, up to a factor
     (known_load.py sets the scale), the measurements with the motion that the law makes of the command
     (where instruments are wanted), and plain JSON.
 
     effects : the model's; where servo effects are among them, the law is given, with its delay where
-    that is; settings : resolved; chosen : whether the effects were asked for: if not, rotors turn with
-    the joints as well. Raises InputError for a log without commands.
+    that is; chosen : whether the effects were asked for: if not, rotors turn with the joints as well.
+    Raises InputError for a log without commands.
     """
-    if "qcmd" not in data.groups:
+    if "qcmd" not in runs.measurements.groups:
         what = "this log holds neither torque nor commands"
-        raise InputError(what, "log tau1..taun or qcmd1..qcmdn", data.names[0])
+        raise InputError(what, "log tau1..taun or qcmd1..qcmdn", runs.measurements.names[0])
     drives = [e for e in effects if e.forward == "drive"]
     load = _load_of(problem, effects, chosen)
     given = next((e.shape["T"] for e in drives if "T" in e.given), None)
@@ -288,10 +285,10 @@ def servo_log(
         own = {e.name for e in drives}
         names = tuple(name for name, law in LAWS.items() if set(law) == own) or names[-1:]
     progress("choosing the servo law")
-    law, delay, errors = find_law(load, data, settings, names, given)
+    law, delay, errors = find_law(load, runs, names, given)
     progress("balancing the gains")
     of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
-    loop = _Loop(problem, data, settings, weighting, load, of_law)
+    loop = _Loop(problem, runs, weighting, load, of_law)
     shapes = loop.shapes(loop.balanced(delay))
     loop = replace(loop, load=with_shapes(load, shapes))
     open_delay = given is None and delay > 0.0
@@ -319,14 +316,14 @@ def _load_of(problem: Problem, effects: Sequence[Effect], chosen: bool) -> tuple
 
 def _refined(
     loop: _Loop, model: Model, open_delay: bool, instruments: bool, progress: Progress
-) -> tuple[Model, Measurements, Array]:
+) -> tuple[Model, FilteredRuns, Array]:
     """The model after as many passes as bring its simulation much nearer to the measured motion, the log
     with the instruments that it was fitted with, and how far (n,) they are from the motion; without
     instruments after one step of the delay, if that is open, and (0,)."""
     if not instruments:
-        better = loop.with_better_delay(model, loop.data) if open_delay else model
-        return better, loop.data, np.zeros(0)
-    least, used, rows, motion = np.inf, loop.data, loop.data, np.zeros(0)
+        better = loop.with_better_delay(model, loop.runs) if open_delay else model
+        return better, loop.runs, np.zeros(0)
+    least, used, rows, motion = np.inf, loop.runs, loop.runs, np.zeros(0)
     for k in count(1):
         better = loop.with_better_delay(model, rows) if open_delay else model
         progress(f"simulating the command, pass {k}")
@@ -354,11 +351,11 @@ def loop_beside_torque(
     if "qcmd" not in data.groups:
         raise InputError("a servo's law needs the command", "log qcmd1..qcmdn", data.names[0])
     robot, turned = drives[0].robot, replace(data, tau=-data.tau)  # a drive's torque counts negative
-    offset = effect_types()["torque_offset"](robot)
+    offset, runs = effect_types()["torque_offset"](robot), FilteredRuns.of(turned, settings)
 
     def fitted(delay: float) -> tuple[Model, Regression, Array]:
         model = Model(robot, (*(e.with_shape(T=delay) for e in drives), offset))
-        rows = compress(turned, model, settings)
+        rows = compress(runs, model)
         both = rows.least_squares()
         return model, rows, smallest(both.R, both.rho)
 

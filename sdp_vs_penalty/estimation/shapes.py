@@ -26,7 +26,6 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, TOLD_FINELY
@@ -37,8 +36,8 @@ from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.partial import UNSEEN, deviations, least_squares, partialled, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
@@ -77,8 +76,7 @@ def at_end(u: float, low: float, high: float) -> bool:
 
 def estimate_shapes(
     model: Model,
-    measurements: Measurements,
-    settings: Preprocessing,
+    runs: FilteredRuns,
     weighting: str,
     chosen: Chosen | None = None,
     workers: Workers = ALONE,
@@ -87,7 +85,7 @@ def estimate_shapes(
     """The open shape constants of a model, each at its best value if that explains significantly more
     than the one the model has, of motion left out as well, else at that.
 
-    settings : resolved; weighting : of the joints' rows, "noise" or "none"; chosen : the rows that take
+    weighting : of the joints' rows, "noise" or "none"; chosen : the rows that take
     part, default all; workers : who compresses the runs; widest : up to which value the grids go on
     beyond their own, each twice the last one.
     """
@@ -106,10 +104,10 @@ def estimate_shapes(
     def compressed(part: Model, count: int = 1) -> Regression:
         """The chosen rows in the columns of a model, a block a fold of the motion that has some."""
         cells = _Cells(PhaseFolds(clocks if count > 1 else (), count), chosen)
-        found = compress_cells(measurements, part, settings, cells, workers)
+        found = compress_cells(runs, part, cells, workers)
         return found.select(sorted({f.block for f in found.factors if f.block < count}))
 
-    clocks = motion_clocks(tracks_of(measurements))
+    clocks = motion_clocks(tracks_of(runs.measurements))
     wide, base, banks = _with_banks(model, wanted, widest)
     folds = compressed(wide, SHAPE_FOLDS)
     weights = np.ones(model.robot.n)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import CurrentModel, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.certificate import Certificate
@@ -25,8 +24,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM, SPECTRUM_KNOWN, noise_of
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented, window_subsample
 
 Grade = Literal["good", "usable", "do not use"]
@@ -250,23 +249,22 @@ class NoiseFloor(Plain):
     data_hash: str
 
 
-def noise_level(
-    problem: Problem, measurements: Measurements, settings: Preprocessing
-) -> tuple[Array | None, str]:
+def noise_level(problem: Problem, given: FilteredRuns) -> tuple[Array | None, str]:
     """Standard deviation (n,) of the torque noise below the cut-off [N m or N], and its source.
 
     From repetition: r(t) - r(t + T) of a residual r. The residual is that of unconstrained least squares
     of the problem's own effects on these measurements, so that the floor does not depend on which models
     are judged beside it. Where nothing repeats, from the torque's spectrum above the motion's band
     (:mod:`~signals.noise`), at most that residual; None and "" where the logs hold nothing
-    there. settings : resolved; of long recordings windows are looked at.
+    there. Of long recordings windows are looked at.
     """
-    shown = window_subsample(measurements, settings)
+    settings, shown = given.settings, window_subsample(given.measurements, given.settings)
+    filtered = given if shown is given.measurements else FilteredRuns.of(shown, settings)
     runs = segmented(shown, settings)
     if not runs.segments:
         return None, ""
     model = problem.model().reference_free
-    theta = make_task(problem, model, compress(shown, model, settings), "none").ols
+    theta = make_task(problem, model, compress(filtered, model), "none").ols
     runs = with_parameters(runs, model, theta)
     noise = noise_of(runs)
     return (None, "") if noise.source == RESIDUAL else (noise.floor, noise.source)

@@ -50,7 +50,7 @@ from sdp_vs_penalty.reports.sections import JUDGED_HEADS, certificate_rows, judg
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_hulls
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.preprocessing import filtered_torque
+from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.follow import follow
 
 
@@ -332,7 +332,7 @@ def summary(asked: Asked, estimate: Estimate, begin: float) -> Answer:
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
     runs = [*train.runs(), *(judge.runs() if given.test is not None else ())]
     for k, run in enumerate(runs):
-        rows = filtered_torque(run, arm.model, settings)
+        rows = FilteredRun(run, settings).all_rows(arm.model)
         motion = rows.motion
         found = {"torque": rows.torque, "modelled": predicted(rows, arm.theta)}
         found |= {name: getattr(motion, name) for name in ("q", "dq", "ddq")}

@@ -30,8 +30,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import JointColumns, Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, filtered_rows
-from sdp_vs_penalty.signals.runs import movement
+from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 
 #: Directions of theta in which the instruments' columns, of unit norm, are shorter than this share of
 #: the longest are not told: noise of X alone would decide them.
@@ -60,19 +59,14 @@ def commanded_motion(measured: Measurements) -> Measurements:
     return replace(measured, commanded=told)
 
 
-def instrumented_rows(run: Measurements, model: Model, settings: Preprocessing) -> Iterator[Rows]:
+def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
     """The rows of a run. Where it holds a simulated motion (positions "qsim") with the same columns on
     that motion before them: [Z, tau_Z, X], those of Z counted behind the model's."""
-    if "qsim" not in run.commanded:
-        yield from filtered_rows(run, model, settings)
+    if "qsim" not in run.run.commanded:
+        yield from run.rows(model)
         return
-    p, moving = len(model.parameters), movement(run, settings.standstill)
-    told = dict(run.commanded)
-    if "isim" in told:
-        told["isum"] = told["isim"]
-    simulated = replace(run, q=run.commanded["qsim"], commanded=told)
-    beside = filtered_rows(simulated, model, settings, moving)
-    for rows, other in zip(filtered_rows(run, model, settings, moving), beside, strict=True):
+    p = len(model.parameters)
+    for rows, other in zip(run.rows(model), run.simulated.rows(model), strict=True):
         both = [
             JointColumns(
                 np.concatenate([z.indices + p, [2 * p], x.indices]),

@@ -28,7 +28,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
 from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, Rows, rows_per_sample
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
 
 @dataclass(frozen=True)
@@ -312,19 +312,18 @@ def _padded(parts: Sequence[Array]) -> Array:
 
 
 def compress(
-    measurements: Measurements,
+    runs: FilteredRuns,
     model: Model,
-    settings: Preprocessing,
     blocks_per_run: int = 20,
     workers: Workers = ALONE,
 ) -> Regression:
-    """Filter the runs and reduce them to factors; memory does not grow with their length.
+    """Reduce the runs to factors; memory does not grow with their length.
 
     blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5 s each);
     workers : who does it, a run each; the factors come back and are merged in the order of the runs.
     """
-    blocks = _TimeBlocks.of(measurements.runs(), blocks_per_run)
-    found = compress_cells(measurements, model, settings.resolve(measurements), blocks, workers)
+    blocks = _TimeBlocks.of(runs.measurements.runs(), blocks_per_run)
+    found = compress_cells(runs, model, blocks, workers)
     return found.select(sorted({f.block for f in found.factors}))
 
 
@@ -361,15 +360,14 @@ class Cells(Protocol):
 
 
 def compress_cells(
-    measurements: Measurements,
+    runs: FilteredRuns,
     model: Model,
-    settings: Preprocessing,
     folds: Cells,
     workers: Workers = ALONE,
 ) -> Regression:
     """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
-    one = partial(_cells_of_run, model=model, settings=settings, folds=folds)
-    found = workers.map(one, list(enumerate(measurements.runs())))
+    one = partial(_cells_of_run, model=model, folds=folds)
+    found = workers.map(one, list(enumerate(runs.runs)))
     blocks = [TimeBlock(*place) for place in folds.places]
     factors = [factor for own, _ in found for factor in own]
     rows, p = sum(f.rows for f in factors if f.joint == 0), len(model.parameters)
@@ -385,15 +383,15 @@ def compress_cells(
 
 
 def _cells_of_run(
-    numbered: tuple[int, Measurements], model: Model, settings: Preprocessing, folds: Cells
+    numbered: tuple[int, FilteredRun], model: Model, folds: Cells
 ) -> tuple[list[Factor], float]:
     """One run's factors by cell, and its independent samples."""
     (index, run), count, found = numbered, 0, dict[tuple[int, int], Factor]()
-    for rows in instrumented_rows(run, model, settings):
+    for rows in instrumented_rows(run, model):
         count += len(rows.torque)
         _take(found, rows, folds.cell(index, rows.motion.t))
     factors = [factor for _, factor in sorted(found.items(), key=lambda item: item[0])]
-    return factors, count / rows_per_sample(run, settings)
+    return factors, count / run.rows_per_sample
 
 
 def _take(found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]) -> None:

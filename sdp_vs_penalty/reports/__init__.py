@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.reports import parameters, sections
 from sdp_vs_penalty.reports.markup import Material, page
-from sdp_vs_penalty.signals.preprocessing import filtered_torque
+from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
 _SECTIONS = {
@@ -96,7 +96,7 @@ def _material(
     settings = next(iter(models.values())).preprocessing.resolve(runs)
     judged = {}
     for name, (plant, driving) in moved.items():
-        rows = (filtered_torque(run, plant.model, settings) for run in driving.runs())
+        rows = (FilteredRun(run, settings).all_rows(plant.model) for run in driving.runs())
         judged[name] = [(row, predicted(row, plant.theta)) for row in rows]
     steps = None if forward else 100  # of the free runs together: a fifth of a second of processor time
     try:

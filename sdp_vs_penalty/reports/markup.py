@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.reports.plots import Figure, styled
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Rows
+from sdp_vs_penalty.signals.filtered import Rows
 from sdp_vs_penalty.simulation.follow import Following
 
 #: How bars and legends look.

@@ -7,7 +7,7 @@ __getattr__ = surface(
     {
         "Kernel": "kernels",
         "Preprocessing": "preprocessing",
-        "filtered_torque": "preprocessing",
+        "FilteredRuns": "filtered",
         "noise_of": "noise",
         "repeat_period": "repetition",
         "segmented": "segments",

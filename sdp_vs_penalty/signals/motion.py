@@ -17,12 +17,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import Preprocessing, filtered_pieces
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 
 #: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
 #: kept more coarsely, with a distance that grows alike; beyond the last distance, not at all.
@@ -59,9 +58,9 @@ class MotionRecord(Plain):
         rows = ((x - self.centre) / self.scale for x in both)
         return 1.0 - float(np.mean(np.concatenate([_near(self._path, x, self.distance) for x in rows])))
 
-    def new_share_of(self, measurements: Measurements, settings: Preprocessing) -> float | None:
-        """The same of runs' filtered rows; ``settings`` must be resolved. None where none are left."""
-        paths = [path for run in measurements.runs() for path in _paths(run, settings)]
+    def new_share_of(self, runs: FilteredRuns) -> float | None:
+        """The same of runs' filtered rows. None where none are left."""
+        paths = [path for run in runs.runs for path in _paths(run)]
         if not paths:
             return None
         q, dq = np.split(np.concatenate(paths), 2, axis=1)
@@ -89,16 +88,16 @@ class MotionRecord(Plain):
         return found
 
 
-def record_motion(measurements: Measurements, settings: Preprocessing) -> MotionRecord | None:
-    """The record of the runs' rows; ``settings`` must be resolved.
+def record_motion(runs: FilteredRuns) -> MotionRecord | None:
+    """The record of the runs' rows.
 
     None where the filters leave no row, or where there is more motion than a record can keep.
     """
-    paths = [path for run in measurements.runs() for path in _paths(run, settings)]
+    paths = [path for run in runs.runs for path in _paths(run)]
     if not paths:
         return None
     rows = np.concatenate(paths)
-    n = measurements.n
+    n = runs.measurements.n
     spread = rows.std(axis=0).reshape(2, n)
     # A coordinate that stays within that distance of the largest one's is measured in it instead: the
     # noise of a joint that hardly moves is no motion.
@@ -109,13 +108,13 @@ def record_motion(measurements: Measurements, settings: Preprocessing) -> Motion
     return _record(centre, scale, [(path - centre) / scale for path in paths], DISTANCE)
 
 
-def _paths(run: Measurements, settings: Preprocessing) -> list[Array]:
+def _paths(run: FilteredRun) -> list[Array]:
     """Uninterrupted paths (M, 2 n) of a run's filtered rows."""
     try:
-        pieces = [(p.rows.t, np.hstack([p.rows.q, p.rows.dq])) for p in filtered_pieces(run, settings)]
+        motion, _ = run.low_passed()
     except InputError:  # none
         return []
-    t, states = map(np.concatenate, zip(*pieces, strict=True))
+    t, states = motion.t, np.hstack([motion.q, motion.dq])
     apart = np.diff(t)
     return np.split(states, np.flatnonzero(apart > 1.5 * apart.min(initial=np.inf)) + 1)
 

@@ -20,26 +20,24 @@ of the ends of a run would need samples from outside it, and are dropped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import PART, Shelf
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Sampling
-from sdp_vs_penalty.effects.model import JointColumns, Model, depends
+from sdp_vs_penalty.effects.effect import Motion, Sampling
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import Decimator, Kernel
+from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.runs import (
     FINEST,
     Movement,
     Stretch,
-    movement,
     moving_joints,
     no_motion,
     sample_rate,
@@ -55,9 +53,6 @@ _COLUMN_RATE = 30.0
 #: Smooth columns hold products of so many states: up to so many state cut-offs. Kernels stop at
 #: ``_STOPS`` cut-offs.
 _PRODUCTS, _STOPS = 4.0, 1.4
-#: Filtered pieces of runs of at most so many positions are kept in memory, for the next model's columns,
-#: with the low-passed columns of the last one.
-_MOST_KEPT = 150_000
 #: Longest delay of a command that columns can look back over [s].
 _LATEST = 0.12
 
@@ -115,10 +110,10 @@ class RunFilter:
 
     Positions become states on the column grid, every ``stride``-th sample of the log, where columns
     are computed and pass the low-pass ``coarse``; torque passes ``column``, the same low-pass at the
-    log's rate. every_sample : columns at the log's rate, for effects that remember sample by sample.
+    log's rate.
     """
 
-    def __init__(self, run: Measurements, settings: Preprocessing, every_sample: bool = False) -> None:
+    def __init__(self, run: Measurements, settings: Preprocessing) -> None:
         assert settings.state_cutoff is not None
         assert settings.torque_cutoff is not None
         self.run, self.dt = run, 1.0 / sample_rate(run)
@@ -128,9 +123,10 @@ class RunFilter:
         longest = min(float(run.t[-1] - run.t[0]) + self.dt, 2.0 * FINEST * len(run.t) * self.dt)
         if not reach < longest:
             raise no_rows(run, 2.0 * reach)
-        self.state, self.column = map(self._kernel, (settings.state_cutoff, settings.torque_cutoff))
+        self.state = Kernel(settings.state_cutoff, self.dt)
+        self.column = Kernel(settings.torque_cutoff, self.dt)
         self.grid_stride = max(1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt)))
-        self.stride = 1 if every_sample else self.grid_stride
+        self.stride = self.grid_stride
         self.coarse = self.column.sampled(self.stride)
         # Of the samples between two rows, so that rows lie on the grid of smooth columns too.
         step, highest = (
@@ -144,13 +140,17 @@ class RunFilter:
         self.smooth = self.column.sampled(self.smooth_stride)
         self.standstill = settings.standstill
 
-    def _kernel(self, cutoff: float) -> Kernel:
-        return self.run.once(("kernel", cutoff), lambda: Kernel(cutoff, self.dt))
-
     @property
+    def every_sample(self) -> RunFilter:
+        """The same with columns at the log's rate, for effects that remember sample by sample."""
+        fine = copy(self)
+        fine.stride, fine.coarse = 1, self.column
+        return fine
+
+    @cached_property
     def movement(self) -> Movement:
         """Which instants count: those at which the robot moves."""
-        return movement(self.run, self.standstill)
+        return Movement(self.run, self.standstill)
 
     def moving(self, margin: int) -> list[tuple[Stretch, NDArray[np.int64]]]:
         """Of each stretch the samples, ``margin`` off its ends, in which the robot moves."""
@@ -221,181 +221,6 @@ class RunFilter:
         """Low-passed torque (len(at), n) at samples of the log, in order."""
         begin, end = at[0] - self.column.half, at[-1] + self.column.half + 1
         return self.column.decimator(at - begin) @ part.resampled(part.tau, begin, end)
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Filtered, decimated rows of one run: motion (M, n), torque (M, n), columns joint by joint."""
-
-    motion: Motion
-    torque: Array
-    columns: list[JointColumns]
-
-
-def filtered_rows(
-    run: Measurements, model: Model, settings: Preprocessing, moving: Movement | None = None
-) -> Iterator[Rows]:
-    """The regression rows of one run, piece by piece; ``settings`` must be resolved; moving : which
-    instants count (default: at which the run moves).
-
-    Raises InputError where a run is shorter than the filters need.
-    """
-    # What an effect with memory remembers has to be followed sample by sample, from the start.
-    whole = any(effect.has_memory for effect in model.effects)
-    for piece in filtered_pieces(run, settings, whole, moving):
-        reads = piece.known(model)
-        known = {k: read() for k, read in reads.items()}
-        smooth = None if model.needs_reference else piece.smooth
-        for k, own in model.blocks(piece.around, known, smooth).items():
-            known[k] = piece.low_passed(own, smooth is not None and model.effects[k].smooth)
-        piece.keep(model, known, reads)
-        columns = model.joined(known, len(piece.torque))
-        columns, torque = model.explaining(columns, piece.torque)
-        yield Rows(piece.rows, torque, columns)
-
-
-#: How to read an effect's low-passed columns; that of effects, and over which velocities signs turned.
-Read = Callable[[], list[Block]]
-Kept = list[tuple[Effect, tuple[float, ...], Read]]
-
-
-@dataclass(frozen=True)
-class Piece:
-    """Consecutive rows of a run before they have columns: the motion on the column grid around them,
-    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows.
-
-    kept : of the last model; shelf : of a long run, where columns of smooth effects are put, which take
-    the longest.
-    """
-
-    around: Motion
-    low_pass: Decimator
-    smooth: Motion
-    smooth_low_pass: Decimator
-    rows: Motion
-    torque: Array
-    kept: Kept = field(default_factory=list)
-    shelf: Shelf | None = None
-
-    def known(self, model: Model) -> dict[int, Read]:
-        """The low-passed columns of a model's effects that are known, by their places in it."""
-        return {
-            k: read
-            for k, effect in enumerate(model.effects)
-            for one, width, read in self.kept
-            if one.same_columns(effect) and (effect.signless or width == model.sign_width)
-        }
-
-    def keep(self, model: Model, known: Mapping[int, list[Block]], reads: Mapping[int, Read]) -> None:
-        """The columns of a model's effects, for the next model; reads : of those that were kept."""
-        found = dict[int, Read]()
-        for k, effect in enumerate(model.effects):
-            if self.shelf is None and not depends(effect):
-                found[k] = partial(list, known[k])
-            elif self.shelf is not None and effect.smooth and not depends(effect):
-                found[k] = reads.get(k) or self.shelf.put(known[k])
-        self.kept[:] = [(model.effects[k], model.sign_width, read) for k, read in found.items()]
-
-    def low_passed(self, blocks: list[Block], smooth: bool) -> list[Block]:
-        """An effect's columns at the rows."""
-        low_pass = self.smooth_low_pass if smooth else self.low_pass
-        if not blocks:
-            return []
-        few = low_pass @ np.hstack([b.columns for b in blocks])
-        ends = np.cumsum([b.columns.shape[1] for b in blocks])
-        return [
-            replace(b, columns=c) for b, c in zip(blocks, np.split(few, ends[:-1], axis=1), strict=True)
-        ]
-
-
-def filtered_pieces(
-    run: Measurements, settings: Preprocessing, whole: bool = False, moving: Movement | None = None
-) -> Iterable[Piece]:
-    """A run's rows piece by piece, as :func:`_cut` makes them, kept: those of a long run in a file."""
-    made = partial(_cut, run, settings, whole, moving)
-    if moving is not None:
-        return made()
-    few = run.q.size <= _MOST_KEPT
-    key = "filtered", settings, whole, few
-    if few:
-        return run.once(key, lambda: list(made()))
-
-    def shelved() -> list[Callable[[], Piece]]:
-        shelf = Shelf()
-        return [partial(_read, shelf.put(piece), Kept(), shelf) for piece in made()]
-
-    return (read() for read in run.once(key, shelved))
-
-
-def _read(piece: Callable[[], Piece], kept: Kept, shelf: Shelf) -> Piece:
-    return replace(piece(), kept=kept, shelf=shelf)
-
-
-def _cut(
-    run: Measurements, settings: Preprocessing, whole: bool, moving: Movement | None
-) -> Iterator[Piece]:
-    """A run's rows piece by piece; where effects remember, each ``whole`` stretch sample by sample."""
-    filters = RunFilter(run, settings, whole)
-    counts = moving or filters.movement
-    step = filters.step(OVERSAMPLING)
-    margin = filters.state.half + filters.column.half
-    found = False
-    for part in stretches(run):
-        outputs = np.arange(margin, part.count - margin, step)
-        per_chunk = len(outputs) if whole or run.q.size <= _MOST_KEPT else max(1, PART // step)
-        for number in range(0, len(outputs), max(per_chunk, 1)):
-            at = outputs[number : number + per_chunk]
-            keep = counts.at(part.clock(at))
-            if not keep.any():
-                continue
-            found = True
-            motion, smooth = filters.around(part, at)
-            local = (at[keep] - at[0]) // filters.stride + filters.coarse.half
-            coarse = (at[keep] - at[0]) // filters.smooth_stride + filters.smooth.half
-            yield Piece(
-                motion,
-                filters.coarse.decimator(local),
-                smooth,
-                filters.smooth.decimator(coarse),
-                Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
-                filters.torque(part, at[keep]),
-            )
-    if not found:
-        raise no_rows(run, 2 * margin * filters.dt)
-
-
-def rows_per_sample(run: Measurements, settings: Preprocessing) -> float:
-    """How many rows of one run hold as much of white torque noise as one independent sample.
-
-    A row has the variance sigma^2 sum h^2 of noise low-passed by h; within the pass band, where the
-    columns are, the noise keeps its density, which at one row in ``step`` samples is that of
-    independent rows of variance sigma^2 / step.
-    """
-    filters = RunFilter(run, settings)
-    kernel = filters.column.value
-    return float(1.0 / (filters.step(OVERSAMPLING) * (kernel @ kernel)))
-
-
-def filtered_torque(run: Measurements, model: Model, settings: Preprocessing) -> Rows:
-    """All rows of a run at once."""
-    pieces = list(filtered_rows(run, model, settings))
-    columns = [
-        JointColumns(parts[0].indices, np.concatenate([p.columns for p in parts]))
-        for parts in zip(*(p.columns for p in pieces), strict=True)
-    ]
-    return Rows(*_joined([(p.motion, p.torque) for p in pieces]), columns)
-
-
-def low_passed(run: Measurements, settings: Preprocessing) -> tuple[Motion, Array]:
-    """States and torque (M, n) at the rows of one run, without columns: enough to judge data. Raises
-    InputError for short runs."""
-    return _joined([(p.rows, p.torque) for p in filtered_pieces(run, settings)])
-
-
-def _joined(pieces: Sequence[tuple[Motion, Array]]) -> tuple[Motion, Array]:
-    every = ((m.t, m.q, m.dq, m.ddq, torque) for m, torque in pieces)
-    t, q, dq, ddq, torque = (np.concatenate(parts) for parts in zip(*every, strict=True))
-    return Motion(t, q, dq, ddq), torque
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:

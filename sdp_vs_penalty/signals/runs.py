@@ -26,11 +26,7 @@ def sample_rate(run: Measurements) -> float:
     Stamps that come in bursts have a median step of nothing: the grid on which a run is resampled never
     has more than ten points a sample, pauses apart.
     """
-    return run.once("rate", lambda: _rate(run.t))
-
-
-def _rate(t: Array) -> float:
-    steps = _steps(t)
+    steps = _steps(run.t)
     middle = float(np.median(steps))
     longest = max(_PAUSE, 20.0 * middle)
     mean = float(np.mean(np.minimum(steps, longest)))
@@ -51,10 +47,6 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     From row to row a noisy position changes as much as it ever does (the ratio is 0.7 for white
     noise, up to 1.5 for the idle joints of a real arm), a smooth motion far less (over 100).
     """
-    return run.once("moving", lambda: _moving(run))
-
-
-def _moving(run: Measurements) -> NDArray[np.bool_]:
     total = square = steps = np.zeros(run.n)
     for _, part in parts(run.q, overlap=1):
         q = np.ascontiguousarray(part.T)  # several times as fast as row by row
@@ -95,11 +87,6 @@ class Movement:
     def at(self, t: Array) -> NDArray[np.bool_]:
         """The same at instants t [s]."""
         return self.moves[np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)]
-
-
-def movement(run: Measurements, share: float) -> Movement:
-    """The movement of a run, worked out once."""
-    return run.once(("movement", share), lambda: Movement(run, share))
 
 
 def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -14,7 +14,8 @@ from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import REVERSAL
-from sdp_vs_penalty.signals import Preprocessing, filtered_torque
+from sdp_vs_penalty.signals import Preprocessing
+from sdp_vs_penalty.signals.filtered import FilteredRun
 
 FIELDS = {"judged_on", "model", "verdict", "rmse", "mse", "r2", "noise_floor", "band_hz"}
 FIELDS |= {"relative_error_percent", "new_motion_share", "outside"}
@@ -28,7 +29,7 @@ def estimate(two_link: Problem) -> Estimate:
 def test_figures_are_those_of_their_definitions(two_link, estimate):
     run = run_of(two_link, 1)
     (found,) = compare(estimate, run)
-    rows = filtered_torque(run, estimate.model, estimate.preprocessing)
+    rows = FilteredRun(run, estimate.preprocessing).all_rows(estimate.model)
     model = np.column_stack([c.columns @ estimate.theta[c.indices] for c in rows.columns])
     error = rows.torque - model
     np.testing.assert_allclose(found.mse, np.mean(error**2, axis=0), rtol=1e-12)
@@ -46,7 +47,7 @@ def test_the_loss_that_was_minimised_is_the_error_that_is_shown(two_link):
     run = run_of(two_link, 0)
     plain = identify(two_link, run, weighting="none")
     (found,) = compare(plain, run)
-    rows = len(filtered_torque(run, plain.model, plain.preprocessing).torque)
+    rows = len(FilteredRun(run, plain.preprocessing).all_rows(plain.model).torque)
     assert rows * found.mse.sum() == pytest.approx(plain.certificate.loss, rel=1e-9)
 
 

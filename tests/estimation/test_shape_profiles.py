@@ -16,6 +16,7 @@ from sdp_vs_penalty.estimation.shape_constants import ShapeSensitivity, settled
 from sdp_vs_penalty.problem import as_problem
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import random_trajectory
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: Truth, in the units of each joint; the third axis slides.
 WIDTHS = (0.02, 0.003, 0.001, 0.008)
@@ -95,7 +96,7 @@ def test_exact_data_give_exact_constants(two_link, truth, start):
     data = Measurements(motion.t, motion.q, model.torque(theta, motion))
     begin = two_link.model(texts(*start))
     settings = two_link.preprocessing.resolve(data)
-    found = settled(begin, WANTED, lambda m: compress(data, m, settings))
+    found = settled(begin, WANTED, lambda m: compress(FilteredRuns.of(data, settings), m))
     shapes = [effect.shape for effect in found.model.effects[-2:]]
     assert (shapes[0]["v_s"], shapes[1]["vs"]) == pytest.approx(truth[:2], rel=1e-4)
     assert shapes[1]["delta"] == truth[2]

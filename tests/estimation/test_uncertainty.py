@@ -16,6 +16,7 @@ from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia, random_trajectory
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
 from sdp_vs_penalty.solvers.certificate import TIGHT
@@ -43,7 +44,7 @@ def measured(
 
 
 def told(problem: Problem, model: Model, run: Measurements) -> Uncertainty:
-    data = compress(run, model, problem.preprocessing)
+    data = compress(FilteredRuns.of(run, problem.preprocessing), model)
     return of_regression(make_task(problem, model, data), data, base_rows(problem, model))
 
 
@@ -100,7 +101,7 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     """Of white noise and of friction that is known beforehand to 0.02, each in its unit."""
     model = two_link.model(EFFECTS)
     run = measured(two_link, truth_of(two_link, model), model, 1, 20.0)
-    data = compress(run, model, two_link.preprocessing)
+    data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
     weights = make_task(two_link, model, data).weights
     scale = np.where(np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02)
     found = replace(sandwich(data, weights, scale), taken_white=True)

@@ -24,6 +24,7 @@ from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.research.shootout.instance import Instance, in_units
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.signals import Preprocessing
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.solvers import ConicProblem, Objective, Solution
 from sdp_vs_penalty.solvers.clarabel import Clarabel
 
@@ -156,7 +157,7 @@ def test_a_joint_that_never_reverses_keeps_its_certificate(two_link):
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
     tau = model.torque(truth, replace(motion, q=q, dq=dq, ddq=ddq))
     run = Measurements(t, q, tau + 0.3 * np.random.default_rng(1).normal(size=q.shape))
-    task = make_task(two_link, model, compress(run, model, Preprocessing(5.0, 8.0)))
+    task = make_task(two_link, model, compress(FilteredRuns.of(run, Preprocessing(5.0, 8.0)), model))
     own = task.data.own_torque[-6:]
     assert own[2] < 1e-6 * task.data.column_norms[-4], "joint 1 reverses"
     objective = Objective(task.data)

@@ -11,6 +11,7 @@ from sdp_vs_penalty.estimators import Task, make_task
 from sdp_vs_penalty.problem import open_box, plausible_links
 from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import Joint, Robot, inertia
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 Array = NDArray[np.float64]
 
@@ -113,7 +114,12 @@ def task_of(problem: Problem) -> Task:
 def posed_task(problem: Problem, run: Measurements, effects: str | None = None, seed: int = 0) -> Task:
     """What estimators are given of a run, under the problem's own filters."""
     model = problem.model(effects)
-    return make_task(problem, model, compress(run, model, problem.preprocessing.resolve(run)), seed=seed)
+    return make_task(
+        problem,
+        model,
+        compress(FilteredRuns.of(run, problem.preprocessing.resolve(run)), model),
+        seed=seed,
+    )
 
 
 def repeating_run(

@@ -19,7 +19,8 @@ from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows
 from sdp_vs_penalty.regression.black_box import compress_black_box
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock
 from sdp_vs_penalty.robot import Robot
-from sdp_vs_penalty.signals import Preprocessing, filtered_torque
+from sdp_vs_penalty.signals import Preprocessing
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.simulation import experiment
 
 seeds = st.integers(0, 2**32 - 1)
@@ -41,7 +42,7 @@ def case(
 
 def rows_of(model: Model, run: Measurements) -> tuple[list[np.ndarray], np.ndarray]:
     """Each joint's full rows (M, p), and the torque (M, n)."""
-    rows = filtered_torque(run, model, FILTERS)
+    rows = FilteredRun(run, FILTERS).all_rows(model)
     wide = []
     for columns in rows.columns:
         full = np.zeros((len(rows.torque), len(model.parameters)))
@@ -62,7 +63,7 @@ def assert_same_loss(a: LeastSquares, b: LeastSquares, rng: np.random.Generator)
 @given(seeds)
 def test_factors_answer_what_all_rows_would(seed):
     model, _, run = case(seed)
-    regression = compress(run, model, FILTERS)
+    regression = compress(FilteredRuns.of(run, FILTERS), model)
     wide, torque = rows_of(model, run)
     rng = np.random.default_rng(seed)
     weights = rng.uniform(0.1, 3.0, model.robot.n)
@@ -90,8 +91,8 @@ def test_factors_answer_what_all_rows_would(seed):
 def test_merging_blocks_equals_one_pass(seed):
     model, _, run = case(seed)
     rng = np.random.default_rng(seed)
-    whole = compress(run, model, FILTERS, blocks_per_run=1)
-    many = compress(run, model, FILTERS, blocks_per_run=20)
+    whole = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=1)
+    many = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=20)
     # Of 20 blocks of 0.6 s the first and the last lie in what the filters need.
     assert (len(whole.blocks), len(many.blocks)) == (1, 18)
     assert_same_loss(whole.least_squares(), many.least_squares(), rng)
@@ -104,9 +105,9 @@ def test_files_merge_like_one_measurement(seed):
     rng = np.random.default_rng(seed + 1)
     motion = sines(rng, 3, np.arange(100.0, 108.0, 4e-3))
     second = Measurements(motion.t, motion.q, rng.normal(size=motion.q.shape), None, None, ("b",))
-    together = compress(concatenate([first, second]), model, FILTERS)
+    together = compress(FilteredRuns.of(concatenate([first, second]), FILTERS), model)
     for k, run in enumerate((first, second)):
-        apart = compress(run, model, FILTERS)
+        apart = compress(FilteredRuns.of(run, FILTERS), model)
         own = together.select([i for i, b in enumerate(together.blocks) if b.run == k])
         assert [b.start for b in own.blocks] == [b.start for b in apart.blocks]
         assert_same_loss(own.least_squares(), apart.least_squares(), rng)
@@ -199,7 +200,7 @@ def test_memory_beyond_the_samples_does_not_grow_with_their_number():
         both = np.tile(q, (times, 1)), np.tile(tau, (times, 1))
         run = Measurements(2e-3 * np.arange(times * len(t)), *both)
         tracemalloc.start()
-        compress(run, model, FILTERS)
+        compress(FilteredRuns.of(run, FILTERS), model)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     samples, columns = 3 * 8 * (1 + 4 + 4) * len(t), 3 * 8 * 44 * 4 * len(t)

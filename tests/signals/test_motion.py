@@ -9,6 +9,7 @@ from periodic_runs import JOINTS, SETTINGS, run_of
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.signals import motion, repeat_period
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 from sdp_vs_penalty.signals.phases import (
     MotionClock,
@@ -22,9 +23,9 @@ from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 
 
 def share(train: Measurements, judged: Measurements) -> float:
-    record = record_motion(train, SETTINGS)
+    record = record_motion(FilteredRuns.of(train, SETTINGS))
     kept = MotionRecord.from_dict(json.loads(json.dumps(record.to_dict())))
-    found = kept.new_share_of(judged, SETTINGS)
+    found = kept.new_share_of(FilteredRuns.of(judged, SETTINGS))
     assert found is not None
     return found
 
@@ -58,19 +59,19 @@ def test_other_motion_is_new():
 
 def test_the_record_is_bounded(monkeypatch):
     """Periods add nothing; much motion is kept more coarsely, and stays known, or not at all."""
-    one, ten = (record_motion(run_of(10, s), SETTINGS) for s in (11.0, 96.0))
+    one, ten = (record_motion(FilteredRuns.of(run_of(10, s), SETTINGS)) for s in (11.0, 96.0))
     assert ten.points < 1.5 * one.points
     rng = np.random.default_rng(3)
     wild = run_of(10, 120.0)
     smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
     wild.q[:, 0] = smooth / smooth.std()
     monkeypatch.setattr(motion, "_MOST", 14_000)
-    record = record_motion(wild, SETTINGS)
+    record = record_motion(FilteredRuns.of(wild, SETTINGS))
     assert 2 * JOINTS * record.points <= 14_000
     assert record.distance > motion.DISTANCE
-    assert record.new_share_of(wild, SETTINGS) == 0.0
+    assert record.new_share_of(FilteredRuns.of(wild, SETTINGS)) == 0.0
     monkeypatch.setattr(motion, "_MOST", 100)
-    assert record_motion(wild, SETTINGS) is None
+    assert record_motion(FilteredRuns.of(wild, SETTINGS)) is None
 
 
 def folds_of(*runs: Measurements, count: int = 5) -> PhaseFolds:

@@ -10,8 +10,8 @@ from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty import InputError, Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
-from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered_torque, preprocessing
-from sdp_vs_penalty.signals.preprocessing import filtered_rows
+from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered, preprocessing
+from sdp_vs_penalty.signals.filtered import FilteredRun
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
@@ -64,7 +64,7 @@ def model_and_run(
 
 def test_rows_obey_the_model_where_the_measurements_do():
     model, theta, run = model_and_run()
-    rows = filtered_torque(run, model, Preprocessing().resolve(run))
+    rows = FilteredRun(run, Preprocessing().resolve(run)).all_rows(model)
     modelled = np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
     error = np.linalg.norm(modelled - rows.torque) / np.linalg.norm(rows.torque)
     assert error < 1e-6
@@ -74,17 +74,18 @@ def test_rows_obey_the_model_where_the_measurements_do():
 def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
     model, _, run = model_and_run()
     settings = Preprocessing(4.0, 6.0).resolve(run)
-    whole = filtered_torque(run, model, settings)
-    monkeypatch.setattr(preprocessing, "PART", chunk)
-    monkeypatch.setattr(preprocessing, "_MOST_KEPT", 0)  # what is kept is kept in one piece
-    pieces = list(filtered_rows(run, model, settings))
+    whole = FilteredRun(run, settings).all_rows(model)
+    monkeypatch.setattr(filtered, "PART", chunk)
+    monkeypatch.setattr(filtered, "_MOST_KEPT", 0)  # what is kept is kept in one piece
+    cut = FilteredRun(run, settings)
+    pieces = list(cut.rows(model))
     assert len(pieces) > 1
     # Once more, of what waits in a file; another process is not sent it.
-    for rows, again in zip(pieces, filtered_rows(run, model, settings), strict=True):
+    for rows, again in zip(pieces, cut.rows(model), strict=True):
         np.testing.assert_array_equal(rows.torque, again.torque)
         for one, same in zip(rows.columns, again.columns, strict=True):
             np.testing.assert_array_equal(one.columns, same.columns)
-    assert pickle.loads(pickle.dumps(run)).data_hash == run.data_hash
+    assert len(list(pickle.loads(pickle.dumps(cut)).rows(model))) == len(pieces)
     np.testing.assert_array_equal(np.concatenate([p.motion.t for p in pieces]), whole.motion.t)
     for name in ("q", "dq", "ddq"):
         joined = np.concatenate([getattr(p.motion, name) for p in pieces])
@@ -104,7 +105,7 @@ def test_jittered_time_stamps_are_resampled():
         np.column_stack([np.interp(t, run.t, q) for q in run.q.T]),
         np.column_stack([np.interp(t, run.t, x) for x in run.tau.T]),
     )
-    rows = filtered_torque(jittered, model, Preprocessing(5.0, 8.0))
+    rows = FilteredRun(jittered, Preprocessing(5.0, 8.0)).all_rows(model)
     modelled = np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
     error = np.linalg.norm(modelled - rows.torque) / np.linalg.norm(rows.torque)
     assert error < 2e-4
@@ -115,7 +116,7 @@ def test_a_gap_in_the_clock_is_not_bridged():
     keep = (run.t < 8.0) | (run.t > 9.5)
     broken = Measurements(run.t[keep], run.q[keep], run.tau[keep])
     settings = Preprocessing(5.0, 8.0)
-    rows = filtered_torque(broken, model, settings)
+    rows = FilteredRun(broken, settings).all_rows(model)
     margin = 2.0 / 5.0 + 2.0 / 8.0
     near = (rows.motion.t > 8.0 - margin) & (rows.motion.t < 9.5 + margin)
     assert not near.any()
@@ -132,9 +133,9 @@ def test_standstill_is_dropped_and_motion_is_kept():
     noise = 1e-6 * np.random.default_rng(1).normal(size=(len(t), 3))
     stopped = Measurements(t, np.vstack([run.q, tail]) + noise, np.vstack([run.tau, 0 * tail]))
     settings = Preprocessing(5.0, 8.0)
-    kept = filtered_torque(stopped, model, settings).motion.t
+    kept = FilteredRun(stopped, settings).all_rows(model).motion.t
     assert kept.max() < run.t[-1] + 0.3
-    everything = filtered_torque(stopped, model, replace(settings, standstill=0.0)).motion.t
+    everything = FilteredRun(stopped, replace(settings, standstill=0.0)).all_rows(model).motion.t
     np.testing.assert_array_equal(everything[everything < 9.5], kept[kept < 9.5])
     assert everything.max() > 14.0
 
@@ -151,7 +152,7 @@ def test_idle_joints_do_not_set_the_filters():
     assert settings.state_cutoff is not None
     assert 4.8 <= settings.torque_cutoff < 12.8
     robot = tree(rng, 3)
-    rows = filtered_torque(run, Model(robot, parse_effects("torque_offset", robot)), settings)
+    rows = FilteredRun(run, settings).all_rows(Model(robot, parse_effects("torque_offset", robot)))
     assert rows.motion.t.max() < 30.5
 
 
@@ -203,7 +204,7 @@ def test_cutoffs_stay_below_what_the_rate_allows():
 def test_what_cannot_be_filtered_is_refused():
     model, _, run = model_and_run(seconds=0.5)
     with pytest.raises(InputError, match=r"filters need more than.*record longer"):
-        filtered_torque(run, model, Preprocessing(2.0, 4.0))
+        FilteredRun(run, Preprocessing(2.0, 4.0)).all_rows(model)
     broken = Measurements(run.t + np.arange(len(run.t)) // 10, run.q, run.tau)
     with pytest.raises(InputError, match="no 16 consecutive ones without a gap"):
         Preprocessing().resolve(broken)
@@ -219,7 +220,7 @@ def test_what_cannot_be_filtered_is_refused():
 def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
     model, _, run = model_and_run(seconds=8.0, dt=1e-3, effects="rigid_body")
     settings = Preprocessing(*cutoffs)
-    found, filters = filtered_torque(run, model, settings), preprocessing.RunFilter(run, settings)
+    found, filters = FilteredRun(run, settings).all_rows(model), preprocessing.RunFilter(run, settings)
     half = filters.state.half
     assert filters.smooth_stride > 4
     dense = preprocessing.Motion(run.t[half:-half], *filters.state.states(run.q))

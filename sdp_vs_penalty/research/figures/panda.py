@@ -13,7 +13,7 @@ from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_be
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table_v import EngineResult, measured_runs, sinusoidal_runs
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import filtered_torque
+from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.engines.comparison import EngineRun
 
 PROBLEM = "panda"
@@ -24,7 +24,7 @@ def _torques(
 ) -> dict[str, float]:
     """Torque of each joint on the left axes (n, 2), errors of all methods on the right, behind the same
     filters; each method's 100 |tau - tau_hat| / |tau| over all joints [%]."""
-    rows = filtered_torque(run, data.model, data.preprocessing)
+    rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
     t, measured, errors = rows.motion.t - run.t[0], rows.torque, {}
     for (left, _), torque in zip(axes, measured.T, strict=True):
         left.plot(t, torque, label=name, **LOOKS["measured"])

@@ -14,6 +14,7 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.research.tables.study import FOLDS, Study, torque_errors
 from sdp_vs_penalty.research.tables.table import Row, Table, makes
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: What the simulation is refined with: of the effects tried on halves of the tracking run alone, the one
 #: whose free run on the other half improved most for one parameter more.
@@ -87,7 +88,7 @@ def _row(
     row: Row = {"estimate": estimate, **dict(zip(names, constants, strict=True))}
     runs = {"tracking": tracking, "pulses": pulses}
     for name, run in runs.items():
-        force = torque_errors(compress(run, model, settings), theta)[1]
+        force = torque_errors(compress(FilteredRuns.of(run, settings), model), theta)[1]
         row[f"force_error_{name}_percent"] = force
     for name, run in runs.items():
         error = simulated(run, constants) - run.q[:, 0]

@@ -29,6 +29,7 @@ from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.solvers.objective import Objective
@@ -87,12 +88,12 @@ class Data:
 
     @cached_property
     def regression(self) -> Regression:
-        return compress(self.train, self.model, self.preprocessing)
+        return compress(FilteredRuns.of(self.train, self.preprocessing), self.model)
 
     @cached_property
     def test_regression(self) -> Regression:
         assert self.test is not None
-        return compress(self.test, self.model, self.preprocessing, blocks_per_run=1)
+        return compress(FilteredRuns.of(self.test, self.preprocessing), self.model, blocks_per_run=1)
 
     def errors(self, theta: Array) -> tuple[Array, float]:
         """Held-out mean squared torque error (n,) [(N m)^2] and relative error over all joints [%]."""

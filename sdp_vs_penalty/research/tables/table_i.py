@@ -26,7 +26,7 @@ from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.preprocessing import Rows, filtered_torque, rows_per_sample
+from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 
 #: The rows of a data set in the columns of any model: filtered, or exact where states are known.
 RowsOf = Callable[[Model], Rows]
@@ -263,12 +263,12 @@ def _steps(what: str, fit: SigmoidFit) -> list[str]:
 
 
 def _rows_in(data: Data, run: Measurements) -> RowsOf:
-    return lambda model: filtered_torque(run, model, data.preprocessing)
+    return lambda model: FilteredRun(run, data.preprocessing).all_rows(model)
 
 
 def _fit(study: Study, data: Data, run: Measurements) -> SigmoidFit:
     """The sigmoid and the base parameters from one run behind the filters of a data set."""
-    repeats = rows_per_sample(run, data.preprocessing)
+    repeats = FilteredRun(run, data.preprocessing).rows_per_sample
     return fit_sigmoid(study.problem, _rows_in(data, run), repeats)
 
 

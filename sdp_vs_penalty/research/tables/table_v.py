@@ -9,7 +9,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.preprocessing import filtered_torque
+from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.engines import comparison, engine_types
 from sdp_vs_penalty.simulation.engines.comparison import Course, EngineRun
 
@@ -48,7 +48,7 @@ def measured_runs(study: Study) -> list[EngineResult]:
     if data is None:
         return []
     # Decimated: dense enough for splines through the positions.
-    rows = filtered_torque(data.train, data.model, data.preprocessing)
+    rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
     theta = study.theta(METHOD, data).copy()
     theta[data.model.rigid_indices] = 0.0
     reference = rows.torque - predicted(rows, theta)

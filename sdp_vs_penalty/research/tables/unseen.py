@@ -18,6 +18,7 @@ from sdp_vs_penalty.regression.regression import Regression, compress, compress_
 from sdp_vs_penalty.research.tables import study as shared
 from sdp_vs_penalty.research.tables.study import FOLDS, TEST_START, TRAIN_STOP, Data, Study
 from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 
 #: With a joint prior: the observations that `lmi-sdp` adds, so that each optimiser stands in the table
@@ -86,7 +87,7 @@ def _phase_windows(real: Data, windows: int) -> Callable[[int], list[_Window]]:
     whole, cell = phase_folds(real.train, real.preprocessing, 1), 0.5  # s of the motion's clock
     count, clear = round(whole.clocks[0].length / cell), math.ceil(whole.guard / cell)
     split = PhaseFolds(whole.clocks, count)
-    cells = compress_cells(real.train, real.model, real.preprocessing, split)
+    cells = compress_cells(FilteredRuns.of(real.train, real.preprocessing), real.model, split)
     starts = np.linspace(0, count, windows, endpoint=False).round().astype(int)
 
     def chosen(length: int) -> list[_Window]:
@@ -100,7 +101,7 @@ def _phase_windows(real: Data, windows: int) -> Callable[[int], list[_Window]]:
 def _time_windows(data: Data, windows: int) -> Callable[[int], list[_Window]]:
     """Consecutive one-second blocks of the training run, evenly spread; those cut short are left out."""
     seconds = round(float(data.train.t[-1] - data.train.t[0]))
-    blocks = compress(data.train, data.model, data.preprocessing, blocks_per_run=seconds)
+    blocks = compress(FilteredRuns.of(data.train, data.preprocessing), data.model, seconds)
     rows = np.zeros(len(blocks.blocks))
     for factor in blocks.factors:
         rows[factor.block] += factor.rows

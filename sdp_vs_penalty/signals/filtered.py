@@ -1,0 +1,237 @@
+"""Runs behind their filters: the rows on which models are fitted and judged, and where they are kept.
+
+A run's rows are cut when a model first asks for them. The next model finds them again, and with them
+the low-passed columns of those effects that it shares with the last one: nothing is filtered twice by
+what is given the same :class:`FilteredRuns`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import PART, Shelf
+from sdp_vs_penalty.effects.effect import Block, Effect, Motion
+from sdp_vs_penalty.effects.model import JointColumns, Model, depends
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.kernels import Decimator
+from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter, no_rows
+from sdp_vs_penalty.signals.runs import Movement, stretches
+
+#: Rows of runs of at most so many positions are kept in memory, with the low-passed columns of the last
+#: model; those of longer ones in a file.
+_MOST_KEPT = 150_000
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Filtered, decimated rows of one run: motion (M, n), torque (M, n), columns joint by joint."""
+
+    motion: Motion
+    torque: Array
+    columns: list[JointColumns]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Consecutive rows of a run before they have columns: the motion on the column grid around them,
+    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows."""
+
+    around: Motion
+    low_pass: Decimator
+    smooth: Motion
+    smooth_low_pass: Decimator
+    rows: Motion
+    torque: Array
+
+    def low_passed(self, blocks: list[Block], smooth: bool) -> list[Block]:
+        """An effect's columns at the rows."""
+        low_pass = self.smooth_low_pass if smooth else self.low_pass
+        if not blocks:
+            return []
+        few = low_pass @ np.hstack([b.columns for b in blocks])
+        ends = np.cumsum([b.columns.shape[1] for b in blocks])
+        return [
+            replace(b, columns=c) for b, c in zip(blocks, np.split(few, ends[:-1], axis=1), strict=True)
+        ]
+
+
+#: How to read an effect's low-passed columns.
+Read = Callable[[], list[Block]]
+
+
+class _Kept:
+    """A piece, and the columns of the last model's effects on it: of each effect those over which
+    velocities signs turned. shelf : of a long run, the file in which the piece lies, and the columns of
+    smooth effects, which take the longest."""
+
+    def __init__(self, read: Callable[[], Piece], shelf: Shelf | None = None) -> None:
+        self.read, self._shelf = read, shelf
+        self._columns = list[tuple[Effect, tuple[float, ...], Read]]()
+
+    def rows(self, model: Model) -> Rows:
+        """The piece in the columns of a model."""
+        piece, reads = self.read(), self._known(model)
+        known = {k: read() for k, read in reads.items()}
+        smooth = None if model.needs_reference else piece.smooth
+        for k, own in model.blocks(piece.around, known, smooth).items():
+            known[k] = piece.low_passed(own, smooth is not None and model.effects[k].smooth)
+        self._keep(model, known, reads)
+        columns = model.joined(known, len(piece.torque))
+        columns, torque = model.explaining(columns, piece.torque)
+        return Rows(piece.rows, torque, columns)
+
+    def _known(self, model: Model) -> dict[int, Read]:
+        """The low-passed columns of a model's effects that are known, by their places in it."""
+        return {
+            k: read
+            for k, effect in enumerate(model.effects)
+            for one, width, read in self._columns
+            if one.same_columns(effect) and (effect.signless or width == model.sign_width)
+        }
+
+    def _keep(self, model: Model, known: Mapping[int, list[Block]], reads: Mapping[int, Read]) -> None:
+        """The columns of a model's effects, for the next model; reads : of those that were kept."""
+        found = dict[int, Read]()
+        for k, effect in enumerate(model.effects):
+            if self._shelf is None and not depends(effect):
+                found[k] = partial(list, known[k])
+            elif self._shelf is not None and effect.smooth and not depends(effect):
+                found[k] = reads.get(k) or self._shelf.put(known[k])
+        self._columns = [(model.effects[k], model.sign_width, read) for k, read in found.items()]
+
+
+class FilteredRun:
+    """One run behind its filters. settings : resolved; moving : which instants count (default: those at
+    which the run moves).
+
+    Raises InputError, when it is asked for rows, for a run that is shorter than the filters need.
+    """
+
+    def __init__(
+        self, run: Measurements, settings: Preprocessing, moving: Movement | None = None
+    ) -> None:
+        self.run, self.settings, self._moving = run, settings, moving
+        self._kept = dict[bool, list[_Kept]]()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Without rows: another process cuts them again."""
+        return FilteredRun, (self.run, self.settings, self._moving)
+
+    @cached_property
+    def filters(self) -> RunFilter:
+        """The run's filters."""
+        return RunFilter(self.run, self.settings)
+
+    @property
+    def moving(self) -> Movement:
+        """Which instants count."""
+        return self._moving or self.filters.movement
+
+    @cached_property
+    def simulated(self) -> FilteredRun:
+        """The motion "qsim" that the run holds beside its own, at the same instants."""
+        told = dict(self.run.commanded)
+        if "isim" in told:
+            told["isum"] = told["isim"]
+        run = replace(self.run, q=told["qsim"], commanded=told)
+        return FilteredRun(run, self.settings, self.moving)
+
+    def rows(self, model: Model) -> Iterator[Rows]:
+        """The regression rows, piece by piece, in the columns of a model."""
+        # What an effect with memory remembers has to be followed sample by sample, from the start.
+        whole = any(effect.has_memory for effect in model.effects)
+        return (kept.rows(model) for kept in self._pieces(whole))
+
+    def all_rows(self, model: Model) -> Rows:
+        """All of them at once."""
+        pieces = list(self.rows(model))
+        columns = [
+            JointColumns(parts[0].indices, np.concatenate([p.columns for p in parts]))
+            for parts in zip(*(p.columns for p in pieces), strict=True)
+        ]
+        return Rows(*_joined([(p.motion, p.torque) for p in pieces]), columns)
+
+    def low_passed(self) -> tuple[Motion, Array]:
+        """States and torque (M, n) at the rows, without columns: enough to judge data."""
+        pieces = (kept.read() for kept in self._pieces(False))
+        return _joined([(p.rows, p.torque) for p in pieces])
+
+    @property
+    def rows_per_sample(self) -> float:
+        """How many rows hold as much of white torque noise as one independent sample.
+
+        A row has the variance sigma^2 sum h^2 of noise low-passed by h; within the pass band, where the
+        columns are, the noise keeps its density, which at one row in ``step`` samples is that of
+        independent rows of variance sigma^2 / step.
+        """
+        kernel = self.filters.column.value
+        return float(1.0 / (self.filters.step(OVERSAMPLING) * (kernel @ kernel)))
+
+    def _pieces(self, whole: bool) -> list[_Kept]:
+        """The run cut into pieces; ``whole``: where effects remember, each stretch sample by sample."""
+        if whole not in self._kept:
+            if self.run.q.size <= _MOST_KEPT:
+                self._kept[whole] = [_Kept(partial(_itself, piece)) for piece in self._cut(whole)]
+            else:
+                shelf = Shelf()
+                self._kept[whole] = [_Kept(shelf.put(piece), shelf) for piece in self._cut(whole)]
+        return self._kept[whole]
+
+    def _cut(self, whole: bool) -> Iterator[Piece]:
+        filters = self.filters.every_sample if whole else self.filters
+        step = filters.step(OVERSAMPLING)
+        margin = filters.state.half + filters.column.half
+        found = False
+        for part in stretches(self.run):
+            outputs = np.arange(margin, part.count - margin, step)
+            per_chunk = len(outputs) if whole or self.run.q.size <= _MOST_KEPT else max(1, PART // step)
+            for number in range(0, len(outputs), max(per_chunk, 1)):
+                at = outputs[number : number + per_chunk]
+                keep = self.moving.at(part.clock(at))
+                if not keep.any():
+                    continue
+                found = True
+                motion, smooth = filters.around(part, at)
+                local = (at[keep] - at[0]) // filters.stride + filters.coarse.half
+                coarse = (at[keep] - at[0]) // filters.smooth_stride + filters.smooth.half
+                yield Piece(
+                    motion,
+                    filters.coarse.decimator(local),
+                    smooth,
+                    filters.smooth.decimator(coarse),
+                    Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
+                    filters.torque(part, at[keep]),
+                )
+        if not found:
+            raise no_rows(self.run, 2 * margin * filters.dt)
+
+
+def _itself(piece: Piece) -> Piece:
+    return piece
+
+
+@dataclass(frozen=True)
+class FilteredRuns:
+    """Measurements behind filters, ``settings`` resolved, run by run."""
+
+    measurements: Measurements
+    settings: Preprocessing
+    runs: tuple[FilteredRun, ...]
+
+    @classmethod
+    def of(cls, measurements: Measurements, settings: Preprocessing) -> FilteredRuns:
+        """Behind filters whose numbers are chosen from the measurements where they are not given."""
+        settings = settings.resolve(measurements)
+        return cls(measurements, settings, tuple(FilteredRun(r, settings) for r in measurements.runs()))
+
+
+def _joined(pieces: Iterable[tuple[Motion, Array]]) -> tuple[Motion, Array]:
+    every = ((m.t, m.q, m.dq, m.ddq, torque) for m, torque in pieces)
+    t, q, dq, ddq, torque = (np.concatenate(parts) for parts in zip(*every, strict=True))
+    return Motion(t, q, dq, ddq), torque
