@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+#: Characters of a sentence about an error.
+_LONGEST = 1500
+
 
 class InputError(ValueError):
     """What the user gave cannot be used.
@@ -22,7 +25,7 @@ class InputError(ValueError):
         text = f"{place}{what}" + (f": {remedy}." if remedy else "")
         # Names out of a broken file may hold anything; a sentence is one line that can be printed.
         text = "".join(c if c.isprintable() else "?" for c in text)
-        super().__init__(text if len(text) <= 1500 else f"{text[:1500]} ...")
+        super().__init__(text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...")
 
     def within(self, where: Any) -> InputError:
         """The same error of a place that holds this one's: a file that holds the field."""

@@ -149,6 +149,8 @@ def _same_numbers(old: str | None, new: str) -> bool:
         return False
 
 
+#: How far the joint axes of a model and of a URDF may be apart: what rounded DH tables leave [m, -].
+_SAME_AXIS = 1e-4
 _REMEDY = "give the URDF of the robot that was identified"
 _DRAKE = "http://drake.mit.edu"
 
@@ -299,7 +301,7 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, or
     of corresponding joint frames in the base, parameters move by T_file^-1 T_model.
     """
     from_file, from_model = (r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine))
-    out, same_axis = np.empty_like(links), 1e-4  # what rounded DH tables leave apart [m, -]
+    out = np.empty_like(links)
     place, mine_place = ({joint: k for k, joint in enumerate(r.link_joints)} for r in (theirs, mine))
     for index, joint in enumerate(theirs.tree):
         other = mine.tree[order[index]]
@@ -309,9 +311,9 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, or
         apart = across if joint.kind == "revolute" else 0.0
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
         what = f"joint {joint.name!r} is not joint {other.name!r} of the model"
-        if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > same_axis:
+        if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > _SAME_AXIS:
             raise InputError(f"{what} (another kind, parent or direction of its axis)", _REMEDY, path)
-        if apart > same_axis:
+        if apart > _SAME_AXIS:
             raise InputError(f"{what}: its axis lies {1e3 * apart:.3g} mm away", _REMEDY, path)
         if index in place:
             own = links[mine_place[order[index]]]

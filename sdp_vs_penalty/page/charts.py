@@ -120,9 +120,15 @@ def ready(plot: Figure, height: int) -> dict[str, Any]:
     return {**data, "config": {"displayModeBar": False, "responsive": True}}
 
 
+#: The colour is full where the error is so many times its noise floor, or where that is not known its
+#: own root mean square.
+_FULL = 4.0
 #: The camera's direction, and its angle of view [deg].
 _TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
 _ANGLE = 14.0
+#: Names, colours and solidity of an arm alone, and of the measured one beside the simulated one: those
+#: of their curves.
+_LOOKS = {1: [("link", "#0072b2", 0.75)], 2: [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)]}
 
 
 def chart_and_arm(
@@ -161,9 +167,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
         camera = ui.scene.perspective_camera(fov=_ANGLE)
         with ui.scene(**look, on_click=clicked, camera=camera) as scene:  # type: ignore[arg-type]
             shapes = view.session.robot["drawn"]["shapes"]
-            # Names, colours of their curves and solidity of the measured arm and the model's.
-            looks = [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)][-arms:]
-            groups = [g for look in looks for g in _one_arm(scene, about, shapes, look)]
+            groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, shapes, look)]
         frame.props["data-arm"] = scene.id
         scene.props.update({"role": "img", "aria-label": f"The arm in 3D: {said}"})
         with tag("div", style="row"):
@@ -198,8 +202,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
 def _one_arm(
     scene: Any, about: Mapping[str, Any], shapes: Sequence[Mapping[str, Any]], look: Any
 ) -> Any:
-    """Joints and links of an arm, a group a joint; shapes : of its URDF; look : name, colour, solidity
-    of its links."""
+    """Joints and links of an arm, a group a joint; shapes : of its URDF; look : of _LOOKS."""
     (name, colour, solid), thin = look, 0.02 * _reach(about)
     groups = [scene.group() for _ in about["joints"]]
     for joint, group in zip(about["joints"], groups, strict=True):
@@ -248,11 +251,10 @@ def _camera(poses: Any, about: Mapping[str, Any]) -> dict[str, float]:
 
 
 def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
-    """(F, n) torque errors at the instants of the poses, 0 to 1: there they are four times their noise
-    floor, or where that is not known their own root mean square."""
+    """(F, n) torque errors at the instants of the poses, 0 to 1."""
     left = np.abs(read["torque"] - read["modelled"])
     own = np.sqrt(np.mean(left**2, axis=0))
     floors = zip(model.comparison["noise_floor"], own, strict=True)
-    scale = 4.0 * np.array([max(f or x, 1e-12) for f, x in floors])
+    scale = _FULL * np.array([max(f or x, 1e-12) for f, x in floors])
     at = np.searchsorted(read["t"], read["tf"]).clip(0, len(left) - 1)
     return np.round(np.clip(left[at] / scale, 0.0, 1.0), 2)

@@ -96,6 +96,10 @@ class Asked(dict[str, Any]):
         return Runs(concatenate(train), concatenate(test) if test else None, loaded)
 
 
+#: Share of a run that is identified from where the rest of it is kept for testing.
+SPLIT = 0.7
+
+
 def real_files(problem: str) -> tuple[str, list[Path]]:
     """The data set of a problem, "" where there is none, and its runs: those that `fetch` has left in
     the cache, or in the folder that is named."""
@@ -239,8 +243,7 @@ def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, 
     except InputError:  # no motion: the check says so
         return None
     (clock,) = motion_clocks(tracks_of(part))
-    seconds = float(part.t[-1] - part.t[0])
-    windows = phase_windows(clock, seconds, 0.7, 0.5 * reach, 1.5 * reach)  # as the page's list says
+    windows = phase_windows(clock, float(part.t[-1] - part.t[0]), SPLIT, 0.5 * reach, 1.5 * reach)
     if windows is None:
         return None
     rounded = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)

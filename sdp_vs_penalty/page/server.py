@@ -32,6 +32,8 @@ from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.worker import WorkerPool, internal_error
 from sdp_vs_penalty.reports.markup import LOOK as PICTURES
 
+#: Tried first, so that the page can be bookmarked.
+PORT = 8137
 _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
 _SHOWN = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
@@ -119,9 +121,8 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address, for
 def _listen(host: str, port: int | None) -> socket.socket:
     """A listening socket; the browser may knock before the server answers."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    usual = 8137  # so that the page can be bookmarked
     try:
-        return socket.create_server((host, usual if port is None else port), family=family, backlog=128)
+        return socket.create_server((host, PORT if port is None else port), family=family, backlog=128)
     except OSError as error:
         if error.errno not in (errno.EADDRINUSE, errno.EACCES):
             reason = error.strerror or str(error)

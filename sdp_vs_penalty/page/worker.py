@@ -20,10 +20,14 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.parallel import end_with
 
+#: Jobs of all tabs together that run at once, each with its part of the memory; the others wait.
+AT_ONCE = max(1, min(4, os.cpu_count() or 1))
 #: A dead worker without an answer: the system ends processes that want too much memory.
 _DIED = InputError(
     "the job was killed, probably for lack of memory; nothing was changed", "use fewer or shorter runs"
 )
+#: Of the computer's memory, how much all jobs together may use, and what each has at least [bytes].
+_SHARE, _LEAST = 0.75, 2**31
 
 
 class JobProcess:
@@ -68,16 +72,13 @@ class Working:
 
 
 class WorkerPool:
-    """Where workers come from; temporary : the folder for what they keep while they work; at_once : jobs
-    of all tabs together, each with its part of the memory, while others wait; None: a core each, four at
-    most."""
+    """Where workers come from; temporary : the folder for what they keep while they work."""
 
-    def __init__(self, at_once: int | None = None) -> None:
+    def __init__(self, at_once: int = AT_ONCE) -> None:
         self.temporary: Path | None = None
         self._spare: JobProcess | None = None
         self._busy: set[JobProcess] = set()
-        self._at_once, self._closed = at_once or min(4, os.cpu_count() or 1), False
-        self._places = asyncio.Semaphore(self._at_once)
+        self._places, self._at_once, self._closed = asyncio.Semaphore(at_once), at_once, False
 
     def prepare(self) -> None:
         """Start a worker in advance: it loads its libraries."""
@@ -163,7 +164,6 @@ def limit_memory(at_once: int) -> None:
     with contextlib.suppress(ImportError, AttributeError, ValueError, OSError):  # no such limits here
         import resource
 
-        # All jobs together may use so much of the computer's, and each 2 GiB of that at least.
-        shared = int(0.75 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-        limit = max(shared // at_once, min(2**31, shared))
+        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        limit = max(int(_SHARE * total / at_once), min(_LEAST, int(_SHARE * total)))
         resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))

@@ -18,8 +18,12 @@ from sdp_vs_penalty.research.shootout.judge import Answer, no_answer
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint
 
-#: The weight c of the demands, of the unconstrained loss being one (100 fails on the Panda).
-_WEIGHT = 10.0
+#: Logarithms of a factor's diagonal end here, in units of an interior point.
+_LOGARITHM = 25.0
+#: Least curvature, in shares of the unconstrained loss: smaller ones stretch no variable further.
+_CURVATURE = 0.1
+#: Rounds of multipliers, and the weight c of the demands (100 fails on the Panda).
+_ROUNDS, _WEIGHT = 60, 10.0
 
 
 def options(accuracy: float) -> dict[str, Any]:
@@ -73,8 +77,7 @@ class Chart:
         count = self.indices.size
         factors = np.zeros((len(self.indices), 4, 4))
         factors[:, *self.lower] = x[:count].reshape(-1, 10)
-        # A diagonal ends at e^25 times that of the interior point.
-        logarithms = np.clip(factors[:, range(4), range(4)], -25.0, 25.0)
+        logarithms = np.clip(factors[:, range(4), range(4)], -_LOGARITHM, _LOGARITHM)
         factors[:, range(4), range(4)] = np.exp(logarithms)
         factors *= self.corners[:, :, None]
         theta = np.empty(count + len(self.others))
@@ -125,7 +128,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
         gradient = instance.objective.gradient(theta) / size - push @ slopes
         return (value if np.isfinite(value) else 1e300), turn.T @ chart.slope(factors, gradient)
 
-    for _ in range(60):  # rounds of multipliers
+    for _ in range(_ROUNDS):
         turn = _conditioner(chart, x, data.R / np.sqrt(size), u)
         told: dict[str, Any] = {"args": (x, turn, u), "options": options(accuracy)}
         found = minimize(lagrangian, np.zeros(len(x)), method="L-BFGS-B", jac=True, **told)
@@ -147,5 +150,4 @@ def _conditioner(chart: Chart, x: Array, R: Array, u: Array) -> Array:
     rows = np.concatenate([np.sqrt(2.0) * R, np.sqrt(_WEIGHT) * slopes[u - _WEIGHT * h > 0.0]])
     turned = np.array([chart.slope(factors, row) for row in rows])
     values, vectors = np.linalg.eigh(turned.T @ turned)
-    # Curvatures below a tenth of the unconstrained loss stretch no variable further.
-    return np.asarray(vectors / np.sqrt(np.maximum(values, 0.1)))
+    return np.asarray(vectors / np.sqrt(np.maximum(values, _CURVATURE)))

@@ -114,15 +114,17 @@ def _excess(loss: float, optimum: float) -> float:
     return 100.0 * (loss / optimum - 1.0)
 
 
+#: Final weights [(N m)^2 per kg m^2, kg or m]; the authors' is 40.
+WEIGHTS = (40.0, 126.0, 400.0, 1260.0, 4000.0)
+
+
 @makes("weight", slow=True)
 def weight(study: Study) -> Table:
     """Weight table: where the paper's penalty weight xi makes its penalties exact."""
     rows: list[dict[str, Any]] = []
-    # Final weights [(N m)^2 per kg m^2, kg or m], of which the first is the authors'.
-    weights = 40.0, 126.0, 400.0, 1260.0, 4000.0
     for data in study.judged:
         optimum = certified_optimum(study, data)
-        for weight, more in product(weights, (1, 10)):
+        for weight, more in product(WEIGHTS, (1, 10)):
             budget = more * PenaltyPaper.evaluations  # loss evaluations of a run
             study.progress(f"weight {weight:g}, {budget} evaluations, {data.label}")
             steps = tuple(weight * share for share in (0.0, 0.25, 0.5, 0.75, 1.0))

@@ -27,6 +27,10 @@ _METHODS = (
     *("ols", "ols, joint prior", "lmi-sdp-plain", "lmi-sdp-plain, joint prior"),
     *("penalty", "penalty, joint prior", "lmi-sdp", "lmi-sdp-entropic"),
 )
+#: Lengths of the training windows [s]; of the real motion's 13.3 s the longest leaves one to judge on.
+SECONDS = (1, 2, 4, 7, 9)
+#: Cells into which the real motion is cut [s].
+_CELL = 0.5
 
 #: Rows to train on, and rows of other motion to judge on.
 _Window = tuple[Regression, Regression]
@@ -37,7 +41,7 @@ def data_needed(study: Study) -> Table:
     """Data table: how much measured motion each method needs."""
     rows: list[Row] = []
     for data, windows_of in _sources(study):
-        for length in (1, 2, 4, 7, 9):  # [s]: of the real motion's 13.3 it leaves some to judge on
+        for length in SECONDS:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
             about = {"data": data.label, "seconds": length, "windows": len(windows)}
@@ -84,14 +88,14 @@ def _sources(study: Study) -> list[tuple[Data, Callable[[int], list[_Window]]]]:
 
 def _phase_windows(real: Data, windows: int) -> Callable[[int], list[_Window]]:
     """Windows around the motion's period; judged on what lies beyond the filters' reach of them."""
-    whole, cell = phase_folds(real.train, real.preprocessing, 1), 0.5  # s of the motion's clock
-    count, clear = round(whole.clocks[0].length / cell), math.ceil(whole.guard / cell)
+    whole = phase_folds(real.train, real.preprocessing, 1)
+    count, clear = round(whole.clocks[0].length / _CELL), math.ceil(whole.guard / _CELL)
     split = PhaseFolds(whole.clocks, count)
     cells = compress_cells(FilteredRuns.of(real.train, real.preprocessing), real.model, split)
     starts = np.linspace(0, count, windows, endpoint=False).round().astype(int)
 
     def chosen(length: int) -> list[_Window]:
-        size = round(length / cell)
+        size = round(length / _CELL)
         around = [(start + np.arange(count)) % count for start in starts]
         return [(cells.select(x[:size]), cells.select(x[size + clear : count - clear])) for x in around]
 
