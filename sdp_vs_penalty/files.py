@@ -13,7 +13,6 @@ import glob
 import io
 import json
 import os
-import re
 import stat
 import tempfile
 import tomllib
@@ -50,11 +49,6 @@ def protecting() -> Iterator[None]:
         yield
     finally:
         _inputs.reset(before)
-
-
-def is_input(found: os.stat_result) -> bool:
-    """Whether the running command has read this file, by inode, so that no link hides it."""
-    return (found.st_dev, found.st_ino) in (_inputs.get() or ())
 
 
 def opened(path: str | Path) -> None:
@@ -130,12 +124,14 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
 def _memory(room: int) -> Iterator[None]:
     """While this runs, this process may take so many bytes of memory more (files that are mapped do not
     count), and write no file that is larger. Nothing where the system has no such limits."""
-    used = _data_segment()
-    if used is None:
+    try:  # private memory, as the limit counts it; the sixth figure is its pages
+        pages = int(Path("/proc/self/statm").read_text().split()[5])
+    except OSError:  # not Linux
         yield
         return
     import resource
 
+    used = pages * resource.getpagesize()
     before = {}
     for kind, most in ((resource.RLIMIT_DATA, used + room), (resource.RLIMIT_FSIZE, room)):
         soft, hard = before[kind] = resource.getrlimit(kind)
@@ -146,16 +142,6 @@ def _memory(room: int) -> Iterator[None]:
     finally:
         for kind, limits_before in before.items():
             resource.setrlimit(kind, limits_before)
-
-
-def _data_segment() -> int | None:
-    """Bytes of private memory of this process, as Linux counts them for RLIMIT_DATA; None elsewhere."""
-    try:
-        with open("/proc/self/status", encoding="ascii") as file:
-            found = re.search(r"VmData:\s+(\d+) kB", file.read())
-    except OSError:
-        return None
-    return None if found is None else 1024 * int(found[1])
 
 
 def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False) -> bytes:
@@ -256,10 +242,13 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
     """
     path = Path(path)
     try:
-        there = _there(path)
+        there = None
+        with suppress(FileNotFoundError):
+            there = path.stat()  # of what a link leads to
         if there is not None and stat.S_ISDIR(there.st_mode):
             raise InputError("cannot be written (it is a folder)", "name a file", path)
-        if there is not None and is_input(there):
+        # By inode, so that no link hides it.
+        if there is not None and (there.st_dev, there.st_ino) in (_inputs.get() or ()):
             raise InputError("is also an input of this command", "name another file to write", path)
         if there is None or stat.S_ISREG(there.st_mode):
             with _replacing(Path(os.path.realpath(path))) as file:
@@ -284,14 +273,6 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     """Write a file, whole or not at all; errors as of :func:`writing`."""
     with writing(path) as file:
         file.write(content)
-
-
-def _there(path: Path) -> os.stat_result | None:
-    """What the path leads to, links followed; None for nothing yet."""
-    try:
-        return path.stat()
-    except FileNotFoundError:
-        return None
 
 
 @contextmanager
