@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
+from sdp_vs_penalty import InputError, Measurements, load_problem
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.research import figures
 from sdp_vs_penalty.research.figures import FIGURES, make_figures, save
-from sdp_vs_penalty.research.figures import two_link as drawn
 from sdp_vs_penalty.research.tables import study
 from sdp_vs_penalty.research.tables.study import METHODS, Study
 
@@ -77,16 +76,6 @@ def test_other_numbers_are_refused_before_anything_is_made(
     with pytest.raises(InputError, match=match):
         make_figures([8, number], out=tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_shape_without_volume_is_refused(two_link: Problem) -> None:
-    flat = tuple(
-        replace(cone, radius=0.0, slope=0.0) if cone.link == 2 else cone for cone in two_link.cones
-    )
-    with pytest.raises(InputError, match="link 2: its shape has no volume"):
-        drawn.radius_profile(replace(two_link, cones=flat), 1)
-    with pytest.raises(InputError, match="no shape"):
-        drawn.radius_profile(replace(two_link, cones=()), 0)
 
 
 def test_files_are_written_where_asked(

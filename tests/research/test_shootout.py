@@ -351,7 +351,7 @@ def test_summary_of_known_runs(tmp_path):
     np.testing.assert_allclose(curves["fast"][0], [1.0])
     assert len(curves["liar"][0]) == 0
     left_out = {"mosek": "no licence"}, [("a", "x", "no cone")]
-    paths = summary.write_summary(tmp_path, rows, 10.0, *left_out, CONTESTANTS)
+    paths = summary.write_summary(tmp_path, rows, 10.0, *left_out)
     text = paths[0].read_text()
     assert "**WRONG** 3e-01" in text
     assert re.search(r"\| good \|.*\b100\b", text)

@@ -225,12 +225,6 @@ def test_intervals_cover_the_truth_at_their_nominal_rate(panda, x):
     assert np.all(np.abs(np.mean(narrow, axis=0) - 0.5) < 0.17)
 
 
-def test_too_few_samples_are_refused(panda, x):
-    motion, torque = sampled(x, 1.0)
-    with pytest.raises(InputError, match="Too few samples"):
-        fit_sigmoid(panda, exact_rows(motion, torque))
-
-
 def states(problem: Problem, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     dq, ddq = np.random.default_rng(seed).normal(size=(2, count, problem.robot.n))
     return problem.robot.random_configurations(count, seed), dq, ddq

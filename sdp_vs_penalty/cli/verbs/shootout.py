@@ -34,26 +34,24 @@ def verb(
     --list: List of instances and solvers.
     """
     from sdp_vs_penalty.research.shootout import runner, summary
-    from sdp_vs_penalty.research.shootout.contestants import contestants
-    from sdp_vs_penalty.research.shootout.instances import GROUPS
 
     if list_:
         _list()
         return
     if export is not None:
-        _export(export, None if problems is None else _words(problems))
+        _export(export, _words(problems))
         return
     usual = runner.Shootout.accuracies
     asked = tuple(numbers("--accuracy", accuracy)) if accuracy else usual[1:2] if quick else usual
     limit = time_limit if time_limit is not None else 10.0 if quick else 60.0
-    chosen = None if solvers is None else _words(solvers), _words(problems or ",".join(GROUPS))
+    chosen = _words(solvers), _words(problems)
     setup = runner.Shootout(out, *chosen, asked, limit, memory, quick, scheduler, jobs)
     with console.progress("proving intervals") as say:
         outcome = runner.run(setup, lambda what, done, total: say(f"{done} of {total}: {what}"))
     for note in outcome.notes:
         console.warn(note)
     runs, left_out = outcome.results.runs, outcome.not_applicable
-    written = summary.write_summary(out, runs, limit, outcome.absent, left_out, contestants())
+    written = summary.write_summary(out, runs, limit, outcome.absent, left_out)
     for sentence in summary.sentences(runs):
         console.say(sentence)
     for path in (outcome.results.path, *written):
@@ -84,5 +82,5 @@ def _list() -> None:
     console.listing(("solver", "here", "what it is"), people)
 
 
-def _words(text: str) -> list[str]:
-    return [word.strip() for word in text.split(",") if word.strip()]
+def _words(text: str | None) -> list[str] | None:
+    return None if text is None else [word.strip() for word in text.split(",") if word.strip()]

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
@@ -47,27 +46,12 @@ def figure_8(study: Study) -> Any:
 
 
 def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
-    """Axis of a link's shape, positions along it (k,) and its radius there (k,) [m].
-
-    Raises InputError for a shape without volume: no radius is positive anywhere in its range.
-    """
+    """Axis of a link's shape, positions along it (k,) and its radius there (k,) [m]."""
     cones = [c for c in problem.cones if c.link == link + 1]
-    if not cones:
-        raise InputError(
-            f"link {link + 1}: the problem gives it no shape to draw",
-            "give it bounds on its centre of mass",
-        )
     along = "xyz".index(cones[0].axis)
     low, high = problem.box[link, 1 + along]
     x = np.linspace(low, high, 60)
-    radius = np.min([c.radius + c.slope * x for c in cones], axis=0)
-    if not (np.all(np.isfinite(x)) and high > low and radius.max() > 0.0):
-        raise InputError(
-            f"link {link + 1}: its shape has no volume (radius at most {radius.max():.3g} m "
-            f"over {high - low:.3g} m)",
-            "correct the cones and bounds of the centre of mass",
-        )
-    return along, x, np.maximum(radius, 0.0)
+    return along, x, np.maximum(np.min([c.radius + c.slope * x for c in cones], axis=0), 0.0)
 
 
 def _robot(axis: Any, problem: Problem) -> None:

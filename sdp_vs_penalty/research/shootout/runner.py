@@ -12,7 +12,7 @@ import os
 import platform
 import resource
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -172,15 +172,15 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Shootout:
-    """What to run and how. time_limit [s] and memory [GB] are for each run, proof_limit [s] for each
-    proof of an interval, which no run's limit is to end.
+    """What to run and how. solvers, problems : names, None: all; time_limit [s] and memory [GB] are for
+    each run, proof_limit [s] for each proof of an interval, which no run's limit is to end.
 
     Raises InputError for settings that make no sense, and on Windows.
     """
 
     out: Path
     solvers: list[str] | None = None
-    problems: list[str] = field(default_factory=lambda: list(GROUPS))
+    problems: list[str] | None = None
     accuracies: tuple[float, ...] = (1e-4, 1e-6, 1e-8)
     time_limit: float = 60.0
     memory: float = 4.0
@@ -220,7 +220,7 @@ def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outc
 
 def _run(setup: Shootout, say: Progress) -> Outcome:
     competing, missing = chosen(setup.solvers)
-    entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
+    entries, unmeasured = selected(setup.problems or GROUPS, catalogue().values(), setup.quick)
     results, notes = Results(setup.out), []
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}

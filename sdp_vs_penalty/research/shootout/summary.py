@@ -20,7 +20,7 @@ import pandas
 from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.formatting import markdown_table, number
 from sdp_vs_penalty.problem.load import load_problem, problem_names
-from sdp_vs_penalty.research.shootout.contestants import Contestant
+from sdp_vs_penalty.research.shootout.contestants import contestants
 from sdp_vs_penalty.research.shootout.judge import CLASSES, SLACK
 from sdp_vs_penalty.research.shootout.runner import Row
 
@@ -224,18 +224,14 @@ def write_summary(
     time_limit: float,
     absent: dict[str, str],
     not_applicable: Sequence[tuple[str, str, str]],
-    people: dict[str, Contestant],
 ) -> list[Path]:
-    """summary.md, summary.csv and profile.svg beside runs.csv; the paths written.
-
-    people : the contestants by name, whose settings are told.
-    """
+    """summary.md, summary.csv and profile.svg beside runs.csv; the paths written."""
     table = summary_rows(runs, time_limit)
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
     for (solver, reason), count in sorted(Counter(x[1:] for x in not_applicable).items()):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
     asked = accuracies(runs)
-    ran = [people[name] for name in sorted(runs["solver"].unique()) if name in people]
+    ran = [c for name, c in contestants().items() if name in runs["solver"].unique()]
     told = [[c.name, c.told(a)] for c in ran if c.tunable for a in dict.fromkeys((asked[0], asked[-1]))]
     heads = [_HEADINGS.get(h, h) for h in table[0]] if table else []
     cells = [[_short(h, x) for h, x in row.items()] for row in table]

@@ -19,7 +19,6 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import PreslidingHysteresis
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research.tables.study import Data, Study
@@ -94,18 +93,13 @@ def exact_rows(motion: Motion, torque: Array) -> RowsOf:
 def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) -> SigmoidFit:
     """Fit pi and phi together; joints are weighted by the residuals of a first pass.
 
-    oversampling : rows per independent sample, for the intervals. Raises InputError where the rows are
-    too few.
+    oversampling : rows per independent sample, for the intervals.
     """
     data, n = _Data(problem, rows_of), problem.robot.n
     b, size = data.rigid.shape[2], float(np.abs(data.torque).max())
-    if len(data.torque) / oversampling < b + 3:
-        raise InputError("Too few samples to fit rigid model and sigmoid friction", "record longer")
     weights, empty = np.ones(n), np.zeros(b + n)
     free = np.full(b + n, np.inf)
-    steepest = (
-        500.0  # phi_2 [s/rad]: beyond it a jump to any data, below .1 or |phi_3| > .5 rad/s a line
-    )
+    steepest = 500.0  # phi_2 [s/rad]: a jump to any data; below .1, and beyond |phi_3| = .5, a line
     low = np.concatenate([-free, np.full(n, np.log(0.1)), np.full(n, -0.5)])
     high = np.concatenate([free, np.full(n, np.log(steepest)), np.full(n, 0.5)])
     starts = (np.concatenate([empty, np.full(n, np.log(x)), np.zeros(n)]) for x in (4.0, 10.0, 25.0))
