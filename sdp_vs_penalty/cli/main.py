@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Matrices here have a hundred columns: threads of the linear algebra cost more than they bring,
     # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(20_000)  # imports make many objects, none of them garbage
+    gc.set_threshold(200_000)  # imports make many objects, none of them garbage
     atexit.register(gc.freeze)  # nor is what lives to the end: looking through it took a tenth of all
     shown = warnings.showwarning
 

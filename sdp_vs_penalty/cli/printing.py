@@ -1,21 +1,25 @@
 """What `identify`, `compare`, `diagnose` and `add` print."""
 
+from __future__ import annotations
+
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.console import aligned, details, explain, say, table
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, event_lines
-from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, dependences, sentences
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows
 from sdp_vs_penalty.formatting import number, plain_unit
+
+if TYPE_CHECKING:  # `identify` needs no diagnosis
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+    from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 
 #: What an error is called that no other run was kept for.
 TRAINING = "the training data"
@@ -161,6 +165,8 @@ def comparison(
 
 def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model: str) -> None:
     """Where a model's error is large, in words: a line for each joint of which something can be said."""
+    from sdp_vs_penalty.diagnosis.where_it_fails import dependences, sentences
+
     say(f"Where {model} fails (held-out shares of the error's variance)", style="italic")
     told = [f for f in failures if dependences(f) or f.orders]
     for f in told:
@@ -190,6 +196,8 @@ def diagnosis(result: Diagnosis, units: Sequence[str], found: bool, verbose: boo
 
     found : whether there is anything to be added; verbose : the weak findings at the end as well.
     """
+    from sdp_vs_penalty.diagnosis.findings import event_lines
+
     say(result.headline, style="bold")
     if result.unknown or not found:
         explain(result.advice)

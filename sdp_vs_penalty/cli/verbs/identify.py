@@ -35,7 +35,6 @@ def verb(
     --solver: Solver of the SDP methods, of `sdp-vs-penalty list solvers`.
     --proof proof.json: File for the proof of optimality; `verify` checks it.
     """
-    from sdp_vs_penalty.checks.first import refuse_meaningless
     from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import identified
@@ -49,6 +48,8 @@ def verb(
         whole, given = runs.runs_as_told(robot, data, window)
         checks: dict[str, Any] = {}
         if isinstance(given, Measurements) and not no_check:
+            from sdp_vs_penalty.checks.first import refuse_meaningless
+
             progress("checking the measurements")
             how_not = "identify", runs.NO_CHECK, bool(known_load)
             checks = refuse_meaningless(robot, given, *how_not, console.warn)
