@@ -177,6 +177,9 @@ def where_it_fails(
     residual, folds = rows.residual, folds_of(rows, whole)
     floors, source = noise or noise_level(estimate.problem, FilteredRuns.of(given, settings))
     known, runs = states(rows), searched.runs()
+    smooth = {
+        name: [hats(x) for x in known[name].T] for name in (VELOCITY, POSITION, ACCELERATION, TIME)
+    }
     keep = np.asarray(rows.keep.all(axis=1), bool)
     out = Failures(units=estimate.robot.torque_units)
     for j in range(rows.n):
@@ -188,7 +191,7 @@ def where_it_fails(
         full = [_full_rate(runs[s.run], s, j) for s in rows.segments]
         orders = _orders(full) if estimate.robot.joints[j].kind == "revolute" else ()
         velocity = known["velocity"][:, j]
-        columns = cause_columns(known, rows, j, [k for k, _, _ in orders])
+        columns = cause_columns(known, smooth, rows, j, [k for k, _, _ in orders])
         shares = {c: held_out_share(columns[c][keep], error[keep], folds[keep]) for c in CAUSES}
         lift = _reversal_lift(velocity, error, rows, keep)
         stretches = failing_stretches(error, floor, velocity, rows.still[:, j], rows, shares)
@@ -247,17 +250,20 @@ def states(rows: SegmentedRuns) -> dict[str, Array]:
 
 
 def cause_columns(
-    known: dict[str, Array], rows: SegmentedRuns, j: int, orders: Sequence[int]
+    known: dict[str, Array],
+    smooth: dict[str, list[Array]],
+    rows: SegmentedRuns,
+    j: int,
+    orders: Sequence[int],
 ) -> dict[str, Array]:
-    """By cause the columns (M, k) of which a joint's error (from 0) may be a combination; orders : the
-    waves per turn that its spectrum shows."""
+    """By cause the columns (M, k) of which a joint's error (from 0) may be a combination; smooth : those
+    of smooth functions of each joint's states; orders : the waves per turn that its spectrum shows."""
     x = {name: values[:, j] for name, values in known.items()}
     direction = smooth_sign(x[VELOCITY])
     fast = np.maximum(np.abs(x[VELOCITY]) - _FAST * np.abs(x[VELOCITY]).max(), 0.0)
     still = np.asarray(rows.still[:, j] > STILL, float)
-    others = [hats(known[name][:, i]) for i in range(rows.n) if i != j for name in (VELOCITY, POSITION)]
-    smooth = {name: hats(x[name]) for name in (VELOCITY, POSITION, ACCELERATION, TIME)}
-    return smooth | {
+    others = [smooth[name][i] for i in range(rows.n) if i != j for name in (VELOCITY, POSITION)]
+    return {name: each[j] for name, each in smooth.items()} | {
         REVERSAL: _after_reversals(x[VELOCITY], rows),
         STANDSTILL: np.column_stack([still, still * direction]),
         HIGH_SPEED: np.column_stack([fast, fast * direction]),

@@ -134,7 +134,7 @@ class Plant:
     @property
     def can_move(self) -> bool:
         """Whether M(q) of the first row is positive definite, at poses all over the range."""
-        first = Plant(self.model, self.theta[0])
+        first = self if len(self.theta) == 1 else Plant(self.model, self.theta[0])
         return bool(np.linalg.eigvalsh(first.mass(self.robot.random_configurations(20, 0))).min() > 0.0)
 
     def mass(self, q: Array) -> Array:

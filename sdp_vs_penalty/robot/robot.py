@@ -393,7 +393,7 @@ class Robot(Plain):
 
 def _symmetric(M: Array) -> Array:
     """(N, L, L) of the upper triangle, which is all that Pinocchio fills."""
-    return np.triu(M) + np.swapaxes(np.triu(M, 1), 1, 2)
+    return np.where(np.tri(M.shape[1], k=-1, dtype=bool), np.swapaxes(M, 1, 2), M)
 
 
 def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:

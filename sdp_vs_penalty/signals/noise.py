@@ -144,7 +144,7 @@ def _from_repetition(
     A joint that stands still does so again when the motion repeats, and what friction holds there too:
     it is no noise, but evidence only as far as a law of friction says it.
     """
-    repeats = runs.repeats
+    repeats = runs.repeats()
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
     n = runs.n
@@ -182,7 +182,7 @@ def _from_repetition(
         profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
         suspect[both[~good], j] = True  # an event may have happened at either instant
     if shown is not None:
-        suspect, repeats = _carried(suspect, runs, shown), shown.repeats
+        suspect, repeats = _carried(suspect, runs, shown), shown.repeats()
     seen = runs if shown is None else shown
     suspect &= ~seen.stuck
     return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, seen.lawless, repeats)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -123,7 +123,7 @@ class SegmentedRuns:
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
     gains (n,) : what the torque channels read over the true torque, where the model knows it;
-    columns : of effects on the rows; repeats : which rows come back where.
+    columns : of effects on the rows; repeats : says which rows come back where.
     """
 
     segments: tuple[Segment, ...]
@@ -132,7 +132,7 @@ class SegmentedRuns:
     rate: float
     names: tuple[str, ...]
     columns: Columns
-    repeats: tuple[Repeat, ...]
+    repeats: Callable[[], tuple[Repeat, ...]]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     gains: tuple[float, ...] | None = None
 
@@ -289,7 +289,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * _steps(filters)[0])
     columns = Columns([(s.low_pass, s.motion) for s in segments])
-    repeats = find_repeats(segments)
+    repeats = cache(partial(find_repeats, segments))  # a report whose noise is known never asks
     return SegmentedRuns(
         tuple(segments), measurements.n, settings.torque_cutoff, rate, tuple(names), columns, repeats
     )
