@@ -127,6 +127,11 @@ class Fit:
     central: Iterate | None = None
 
     @cached_property
+    def upper(self) -> float:
+        """The objective at theta."""
+        return self.objective.value(self.theta)
+
+    @cached_property
     def lower(self) -> float:
         """The certified lower bound on the optimum that follows from the multipliers: computed once."""
         assert self.multipliers is not None
@@ -138,13 +143,13 @@ class Fit:
             self.theta,
             self.bound,
             self.entropy_slopes,
+            self.upper,
         )
 
     @cached_property
     def gap(self) -> float:
         """From the lower bound to the objective, relative to the loss."""
-        upper = self.objective.value(self.theta)
-        return self.objective.least_squares.gap(upper, self.lower, self.theta)
+        return self.objective.least_squares.gap(self.upper, self.lower, self.theta)
 
 
 class Estimator(ABC):

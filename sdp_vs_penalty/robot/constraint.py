@@ -275,6 +275,11 @@ class Alike:
         out[np.arange(g)[:, None], :, self.indices] = flat
         return out.reshape(-1, out.shape[2])
 
+    @cached_property
+    def sizes(self) -> Array:
+        """(g d, p') of the entries of ``matrix``."""
+        return np.abs(self.matrix)
+
     def values(self, theta: Array) -> Array:
         """(g, ...) all F(theta)."""
         flat = self.matrix @ theta[: self.matrix.shape[1]]
@@ -282,7 +287,7 @@ class Alike:
 
     def terms(self, theta: Array) -> Array:
         """(g, ...) |F_0| + sum |theta_i F_i|: the size of what :meth:`values` sums up."""
-        flat = np.abs(self.matrix) @ np.abs(theta[: self.matrix.shape[1]])
+        flat = self.sizes @ np.abs(theta[: self.sizes.shape[1]])
         return np.abs(self.constant) + flat.reshape(self.constant.shape)
 
 

@@ -167,8 +167,8 @@ class _Path:
         # Predictor and what the leftover slope asks for, by one pair of triangular solves.
         self.leftover = self.gradient - cones.adjoint @ self.both[1]
         self.aim(0.0)
-        right = np.column_stack([cones.adjoint @ self.target - self.gradient, self.leftover])
-        self.step, self.correction = self.solved(right).T
+        both = np.array([cones.adjoint @ self.target - self.gradient, self.leftover])
+        self.step, self.correction = self.solved(both.T).T
         gap = float(self.both[0] @ self.both[1]) - ORDER * float(cones.weight.sum())
         logs = np.log(np.diagonal(self.factors, axis1=-2, axis2=-1)).sum(axis=(0, 2))
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
@@ -202,7 +202,7 @@ class _Path:
         Z, dS = self.mats[1], self.ahead_mats[0]
         self.ahead[1] = self.target - self.both[1] - second
         self.ahead[1] -= self.scaled(self.ahead_rows[0], Z, dS, self.rows[1])
-        inward = float(np.min(self.ahead_rows / self.rows, initial=-1e-12))
+        inward = float((self.ahead_rows / self.rows).min(initial=-1e-12))
         if len(Z):
             turned = self.roots @ self.ahead_mats @ self.turned
             inward = min(inward, float(np.linalg.eigvalsh(turned)[..., 0].min()))
