@@ -153,6 +153,10 @@ def test_screening_is_the_drop_of_the_squared_error():
     drop = np.sum(fit.residual**2) - np.sum(plain(data, fit, z) ** 2)
     assert values[0] == pytest.approx(drop - np.log(fit.degrees[0]), rel=1e-2)
     assert values[1] < 0.0 < values[0]
+    forbidden = Batch(
+        (0,), (form(lower=0.0),), -z[None]
+    )  # a size below zero: nothing is won, the price is
+    assert score.screened(fit, forbidden)[0] == pytest.approx(-np.log(fit.degrees[0]))
 
 
 Array = NDArray[np.float64]

@@ -175,6 +175,9 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     assert all("violation" in text for text in said)
     best = min(runs, key=lambda run: run["penalised"])
     assert task.data.loss(fit.theta) == pytest.approx(best["loss"], rel=1e-12)
+    free = replace(estimator, runs=1, evaluations=300, weights=(40.0, 40.0, 0.0)).fit(task)
+    (run,) = free.details["runs"]  # judged by the last weight
+    assert run["penalised"] == pytest.approx(run["objective"], rel=1e-9)
     assert all(0 < run["evaluations"] < 2000 for run in runs)
 
 
