@@ -230,6 +230,10 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
     assert where.min() > 660
     assert where.max() < 740
     assert np.isin([700, 701, 702, 703], where).all()
+    for begin in (0, M - 4):  # the first and the last that was recorded
+        knock = error.copy()
+        knock[begin : begin + 4] += 600.0
+        assert found(knock)[begin : begin + 4].all()
     assert not found(rng.standard_t(2, size=M)).any()
 
 
