@@ -52,7 +52,7 @@ def corruptions(n: int) -> list[Corruption]:
     def add(kind: str, joints: tuple[int, ...], size: str, causes: str, *how: Any, **more: Any) -> None:
         made.append(Corruption(kind, joints, size, tuple(causes.split("|")), *how, **more))
 
-    for kind, size, causes, name, change in _channels():
+    for kind, size, causes, name, change in _channels(n == 1):
         for j in chosen:
             add(kind, (j,), size, causes, partial(_on, name, j, change))
     for j in chosen:
@@ -102,9 +102,10 @@ _ORDERS: Sequence[tuple[str, str, str, tuple[str, ...]]] = (
 )
 
 
-def _channels() -> Iterator[tuple[str, str, str, str, Change]]:
-    """kind, size, causes, q or tau, and what is made of one joint's channel."""
-    lagging = "channel delay|channel filter"
+def _channels(alone: bool) -> Iterator[tuple[str, str, str, str, Change]]:
+    """kind, size, causes, q or tau, and what is made of one joint's channel. Where it is alone, that is
+    what is made of all, and q with the wrong sign is tau with the wrong sign, seen from behind."""
+    lagging = "delay|torque filter" if alone else "channel delay|channel filter"
     yield "torque sign", "", "torque sign", "tau", lambda x, r: -x
     for gain in (0.7, 1.1, 1.3, 2.0):
         yield "torque gain", f"x {gain:g}", "torque gain", "tau", lambda x, r, g=gain: g * x
@@ -129,7 +130,8 @@ def _channels() -> Iterator[tuple[str, str, str, str, Change]]:
         causes = "saturation|unexplained torque|torque gain"
         yield "soft saturation", f"at {limit:g} of the peak", causes, "tau", soft
     yield "torque magnitude", "one", "torque magnitude", "tau", lambda x, r: np.abs(x)
-    yield "position sign", "", "position sign|joint sign", "q", lambda x, r: -x
+    causes = "position sign|joint sign" + "|torque sign" * alone
+    yield "position sign", "", causes, "q", lambda x, r: -x
     for degrees in (6.0, 30.0, 90.0, -90.0, 180.0):
         turned = np.radians(degrees)
         yield "encoder offset", f"{degrees:g} deg", "encoder offset", "q", lambda x, r, d=turned: x + d

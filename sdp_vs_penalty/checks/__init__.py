@@ -15,7 +15,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import residual, rules
 from sdp_vs_penalty.checks.constants import PARTS
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
@@ -23,7 +23,7 @@ from sdp_vs_penalty.checks.rules import Glance, mended
 from sdp_vs_penalty.checks.search import Search
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.plausibility import check_plausible, check_torque
+from sdp_vs_penalty.data.plausibility import check_plausible, check_torque, far_outside
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.formatting import Shown, Summary, Table
@@ -168,7 +168,10 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
         try:
             check_plausible(problem.robot, run)
         except InputError as error:
-            issues.append(_stopped("position range", error, "certain: `identify` refuses it"))
+            issue = _stopped("position range", error, "certain: `identify` refuses it")
+            if far := far_outside(problem.robot, run.q):
+                issue = replace(issue, where=joints_text(far), figures={"joints": [j + 1 for j in far]})
+            issues.append(issue)
     return replace(report, issues=gravest_first(issues))
 
 

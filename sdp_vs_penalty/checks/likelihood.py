@@ -26,7 +26,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.constants import CONTRADICTS, EFFORT, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import Event, Gravity, Numbers, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
@@ -206,11 +206,15 @@ class Likelihood:
         return self.columns(repair.of_arm, speed, push)[:, :, list(self.data.independent)]
 
     def nominal(self, repair: Repair, speed: float = 1.0) -> Array:
-        """(M, n) torque of a plausible arm on the repaired motion; its weight where speed is 0."""
+        """(M, n) torque of a plausible arm on the repaired motion, of its weight what channels hold;
+        where speed is 0, all of its weight."""
         known = self.data.shared
         rigid = np.arange(0) if known is None else known.rigid_indices
         columns, links = self.columns(repair.of_arm, speed, speed), self.problem.nominal_links.ravel()
-        return np.asarray(np.swapaxes(columns[:, :, rigid] @ links[: len(rigid)], 0, 1), float)
+        torque = np.asarray(np.swapaxes(columns[:, :, rigid] @ links[: len(rigid)], 0, 1), float)
+        if speed and any(repair.lacks):
+            torque = torque - np.array(repair.lacks) * self.nominal(repair, 0.0)
+        return torque
 
     def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
@@ -430,7 +434,14 @@ class Score:
         spread += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = value / np.sqrt(np.maximum(spread, 1e-300))
         asked = np.append(self.of.moving, [True, True])
-        return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum())
+        return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum()) - self._odd_size(repair)
+
+    def _odd_size(self, repair: Repair) -> float:
+        """Cost of torques so many times those of a plausible arm: masses are known to EFFORT."""
+        nominal = self.of.heard(repair).T * self.of.nominal(repair)
+        sizes = np.linalg.norm([self.channels.T, nominal], axis=(1, 2))
+        measured, needed = np.log(np.maximum(sizes, 1e-300)).tolist()
+        return 0.5 * float((measured - needed) / np.log(EFFORT[1])) ** 2
 
 
 def jackknifed(found: Array) -> tuple[Array, Array]:

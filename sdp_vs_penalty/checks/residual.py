@@ -13,6 +13,7 @@ makes it theirs, to first order: a gain, a zero, or the ten parameters of a load
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -125,7 +126,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     odd = np.flatnonzero(each > c.EFFORT[1])
     by_size = "likely: judged by size alone"
     convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
-    if known and 0 < len(odd) <= 0.3 * log.n:
+    if 0 < len(odd) <= 0.3 * log.n:
         for j in odd.tolist():
             yield Issue(
                 "torque unit", "error", joints_text([j]),
@@ -141,7 +142,8 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     large, small, far = known and ratio > most, known and ratio < least, over > c.EFFORT[1]
     times = f"{ratio:.3g} times what" if large else f"{1.0 / ratio:.3g} times less than"
     told, right = f"{times} an arm of {weighs} kg needs", "if right, correct the problem's masses"
-    figures = {"times_effort_limit": over, "times_nominal": ratio if known else None}
+    figures: dict[str, Any] = {"times_effort_limit": over, "times_nominal": ratio if known else None}
+    figures["joints"] = list(range(1, log.n + 1))
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
         yield Issue(
             "masses of the problem", "error", "the problem",
@@ -307,7 +309,8 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     """Two stretches of a log that are not one arm's, as two runs: a load picked up, or two arms' logs in
     one file. Each run has offsets of its own, so that of a step in a torque alone nothing is left."""
     repair = replace(repair, events=tuple(e for e in repair.events if not isinstance(e.at, float)))
-    if repair.events or log.spare <= 0.0 or _dark(log.score(repair)) > c.UNRELATED:
+    few = log.data.count < 4 * c.PARTS  # each of the two has parts of its own, that are left out
+    if repair.events or few or log.spare <= 0.0 or _dark(log.score(repair)) > c.UNRELATED:
         return
     parts, k = log.parts(repair, 2 * c.PARTS)
 

@@ -516,17 +516,18 @@ def dead(g: Glance) -> Iterator[Issue]:
 
 
 def magnitude(g: Glance) -> Iterator[Issue]:
-    """Torques that are never negative because their sign is lost: they come within a usual step of zero
-    too often not to be below it once."""
+    """Torques that are never negative because their sign is lost: whenever they come near zero, by
+    a fifth of the largest, they come within a usual step of it: by chance with odds of step to fifth."""
     joints = []
     least, most = g.run.tau.min(axis=0), g.run.tau.max(axis=0)
     for j in np.flatnonzero(
         g.moving & (least >= 0.0) & (least <= 0.01 * most) & (most > least)
     ).tolist():
         x = g.run.tau[:, j]
-        steps = np.abs(np.diff(x))
-        visits = spans((x > 0.0) & (x < np.median(steps[steps > 0.0])))
-        joints += [j] * bool(len(visits) * np.log(2.0) > c.ODDS)
+        steps, near = np.abs(np.diff(x)), 0.2 * most[j]
+        step = min(float(np.median(steps[steps > 0.0])), near)
+        lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
+        joints += [j] * bool(np.sum((lowest > 0.0) & (lowest < step)) * np.log(near / step) > c.ODDS)
     if joints:
         where = ", ".join(f"tau{j + 1}" for j in joints)
         yield Issue(

@@ -5,6 +5,7 @@ repair that is added has to predict parts of the log that the arm was not fitted
 to lie beyond what arms and loggers differ by themselves, with its interval.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -69,6 +70,7 @@ class Search:
         made = (t.proposals(self.log, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
         here, scores = screen.score(now), screen.scores(asked)
+        self._known_of([min(scores, key=lambda s: s.score)] if scores else [])
         least = c.ODDS - self.likelihood(score, now) + self.posterior(now)
         gains = [0.5 * self.samples * (here.score - s.score) for s in scores]
         near = [i for i, gain in enumerate(gains) if gain + max(gain, 0.0) > least]  # before its cost
@@ -86,9 +88,7 @@ class Search:
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         refined = [self.refined(r, now) for r in self.proposals(now)]
-        # The error of a wrong arm lasts longer than noise does: of that the best one knows most.
-        self.samples = max([self.samples, *(self.log.score(r).samples for r in refined)])
-        self._posteriors.clear()
+        self._known_of([self.log.score(r) for r in refined])
         known, least = {e.name for e in self.elements(now)}, self.posterior(now) + c.ODDS
 
         def rank(repair: Repair) -> int:
@@ -102,6 +102,11 @@ class Search:
             if self.likelihood(self.log.score(r), r) >= least and self.posterior(r) >= least
         ]
         return next((r for r in sorted(likely, key=rank) if self.believed(r, now)), None)
+
+    def _known_of(self, scores: Sequence[Score]) -> None:
+        """The error of a wrong arm lasts longer than noise does: of that the best one knows most."""
+        self.samples = max([self.samples, *(s.samples for s in scores)])
+        self._posteriors.clear()
 
     def believed(self, repair: Repair, now: Repair) -> bool:
         """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is

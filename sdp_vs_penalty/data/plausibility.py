@@ -34,12 +34,12 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         check_torque(run)
         _check_derivative(robot, run)
         _check_side(robot, run)
+        far = far_outside(robot, run.q)
         for j, (joint, low, high) in enumerate(zip(robot.joints, *extremes(run.q), strict=True)):
             q, travel, turns = run.q[:, j], high - low, joint.kind == "revolute"
             limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
             motors = _MOTORS if turns else ""
-            most = math.tau if turns else 2.0 * (joint.upper - joint.lower)
-            if limited and max(joint.lower - low, high - joint.upper) > most:
+            if j in far:
                 worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
                 unit, units = ("rad", "degrees to radians") if turns else ("m", "millimetres to metres")
                 span = f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
@@ -52,6 +52,17 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                 what = f"joint {j + 1} swings through {travel / math.tau:.0f} turns"
                 what += ": positions look like degrees"
                 raise InputError(what, f"convert to radians{motors}", where)
+
+
+def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
+    """Joints farther outside their ranges than an encoder's zero or a turn brings them: twice their
+    travel on a straight axis."""
+    far = []
+    for j, (joint, low, high) in enumerate(zip(robot.joints, *extremes(q), strict=True)):
+        most = math.tau if joint.kind == "revolute" else 2.0 * (joint.upper - joint.lower)
+        if np.isfinite(most) and max(joint.lower - low, high - joint.upper) > most:
+            far.append(j)
+    return tuple(far)
 
 
 def _place(run: Measurements, k: int) -> str:
@@ -101,7 +112,7 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     low, high = extremes(q)
     outside = np.flatnonzero(_outside(robot, low, high))
     width = np.array([j.upper - j.lower for j in robot.joints])
-    if not len(outside) or 2 * len(outside) > robot.n or np.any(high - low > width + _ZERO):
+    if not len(outside) or len(outside) > max(1, robot.n // 2) or np.any(high - low > width + _ZERO):
         return ()
     return tuple(outside.tolist())
 

@@ -15,6 +15,9 @@ from corruptions.bench import contradicts
 from sdp_vs_penalty import Measurements, Problem, load_estimate, load_problem
 from sdp_vs_penalty.checks import check, mended
 from sdp_vs_penalty.checks.first import consented
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.regression_data import RegressionData
+from sdp_vs_penalty.checks.residual import two_arms
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.problem import measured_runs
@@ -149,6 +152,23 @@ def test_an_arm_on_the_ceiling_is_no_flipped_sign():
     run = experiment(problem).training_run(0)
     report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
     assert [f.kind for f in report.problems] == ["gravity direction"]
+
+
+def test_few_rows_far_apart_are_not_asked_for_two_arms(small):
+    """Each of two stretches needs rows for the parts that are left out of it in turn."""
+    problem, run = small
+    data = RegressionData.of(problem, run, problem.preprocessing.resolve(run))
+    log = Likelihood(problem, data).some(slice(None, None, data.count // 4))
+    assert list(two_arms(log, log.none)) == []
+
+
+@pytest.mark.parametrize(("far", "kind"), [(-2.0 * np.pi, "position range"), (0.45, "encoder offset")])
+def test_positions_beyond_a_straight_axis_name_it(far, kind):
+    t = np.arange(0.0, 3.0, 0.005)
+    q = 0.15 + 0.1 * np.sin(5.0 * t)[:, None]
+    tau = -250.0 * np.sin(5.0 * t)[:, None] + 20.0 * np.sign(np.cos(5.0 * t))[:, None]
+    (report,) = check("emps", Measurements(t, q + far, tau))
+    assert [f.where for f in report.problems if f.kind == kind] == ["joint 1"]
 
 
 def test_silence_on_simulated_data():

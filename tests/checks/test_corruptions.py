@@ -57,6 +57,7 @@ WRONG = (
     "clock rate x 1.25",
     "gravity removed joint 2 90 %",
     "gravity removed 100 %",
+    "gravity removed 90 %",
     "load picked up 2 kg",
     "two arms in one file",
     "gravity assumed wall",

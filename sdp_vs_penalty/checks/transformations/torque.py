@@ -92,8 +92,11 @@ class Weight(Transformation):
         held = np.sqrt(np.mean(log.nominal(now, 0.0) ** 2, axis=0))
         logged = np.sqrt(np.mean(log.data.torque(log.data.motion.t) ** 2, axis=0))
         each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
-        for joints in (range(log.n), *each) if any(now.gravity) else ():
-            yield now.with_entries("lacks", joints, 1.0)
+        every = range(log.n)
+        # A little weight that is left makes the rest look like inertia under another clock.
+        for joints, lacks in ((every, 1.0), (every, 0.8), *((one, 1.0) for one in each)):
+            if any(now.gravity):
+                yield now.with_entries("lacks", joints, lacks)
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for joints, lacks in repair.changed("lacks"):
@@ -106,7 +109,7 @@ class Weight(Transformation):
                 "gravity removed", "error", joints,
                 f"{percent(lacks)} of the weight is missing from {of}.",
                 f"log the torques before gravity compensation{how}",
-                Number.of(repair, "lacks", joints, lacks, 0.2, 0.4, percent, (1.0,)),
+                Number.of(repair, "lacks", joints, lacks, c.CALIBRATED_GAIN, 0.4, percent, (1.0,)),
                 choices(1 if common else log.n), mends=False, figures={"share_left": 1.0 - lacks},
             )  # fmt: skip
 
