@@ -29,8 +29,6 @@ _METHODS = (
 )
 #: Lengths of the training windows [s]; of the real motion's 13.3 s the longest leaves one to judge on.
 SECONDS = (1, 2, 4, 7, 9)
-#: Cells into which the real motion is cut [s].
-_CELL = 0.5
 
 #: Rows to train on, and rows of other motion to judge on.
 _Window = tuple[Regression, Regression]
@@ -87,15 +85,16 @@ def _sources(study: Study) -> list[tuple[Data, Callable[[int], list[_Window]]]]:
 
 
 def _phase_windows(real: Data, windows: int) -> Callable[[int], list[_Window]]:
-    """Windows around the motion's period; judged on what lies beyond the filters' reach of them."""
-    whole = phase_folds(real.train, real.preprocessing, 1)
-    count, clear = round(whole.clocks[0].length / _CELL), math.ceil(whole.guard / _CELL)
+    """Windows around the motion's period, which is cut into cells of half the shortest window; judged on
+    what lies beyond the filters' reach of them."""
+    whole, cell = phase_folds(real.train, real.preprocessing, 1), 0.5 * min(SECONDS)
+    count, clear = round(whole.clocks[0].length / cell), math.ceil(whole.guard / cell)
     split = PhaseFolds(whole.clocks, count)
     cells = compress_cells(FilteredRuns.of(real.train, real.preprocessing), real.model, split)
     starts = np.linspace(0, count, windows, endpoint=False).round().astype(int)
 
     def chosen(length: int) -> list[_Window]:
-        size = round(length / _CELL)
+        size = round(length / cell)
         around = [(start + np.arange(count)) % count for start in starts]
         return [(cells.select(x[:size]), cells.select(x[size + clear : count - clear])) for x in around]
 
