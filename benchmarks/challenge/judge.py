@@ -158,15 +158,7 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("weak", "first named effect right", first_right, ">= 95 %"),
     *((name, "truth in the equivalence set", in_set, ">= 99 %") for name in SINGLE),
     *((name, "nothing named besides", lambda r: not extras(r), "") for name in SINGLE),
-    *(
-        (
-            name,
-            "nothing confident besides",
-            nothing_else_confident,
-            ">= 98 %",
-        )
-        for name in SINGLE
-    ),
+    *((name, "nothing confident besides", nothing_else_confident, ">= 98 %") for name in SINGLE),
     *((name, "no curve", lambda r: not r.get("curves"), ">= 98 %") for name in SINGLE),
     ("one_run", "first named effect right", first_right, ">= 95 %"),
     ("pairs", "both named", all_named, ">= 95 %"),
@@ -177,12 +169,7 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("disturbance", "an event at the right time", found_in_time, ">= 90 %"),
     ("payload", "payload named first", first_right, ""),
     ("unknown", "right variables", lambda r: curve(r)["variables"], ">= 90 %"),
-    (
-        "unknown",
-        ">= 80 % of the missing energy removed",
-        lambda r: curve(r)["removed"] >= 0.8,
-        "",
-    ),
+    ("unknown", ">= 80 % of the missing energy removed", lambda r: curve(r)["removed"] >= 0.8, ""),
 )
 
 

@@ -199,10 +199,17 @@ class Model:
             theta = self.reference[self.indices[k]]
             for block in parts:
                 torque[:, block.joint] += block.columns @ theta[block.parameters]
-        links = self.reference[self.rigid_indices].reshape(-1, 10)
-        if not len(links):
-            links = np.zeros((self.robot.links, 10))
-        return replace(motion, torque=torque, current=CurrentModel(self.robot, links))
+        return replace(motion, torque=torque, current=self._current(self.reference))
+
+    def _current(self, theta: Array) -> CurrentModel:
+        """The links as theta (p,) has them; without mass in a model without a rigid body."""
+        links = theta[self.rigid_indices].reshape(-1, 10)
+        return CurrentModel(self.robot, links if len(links) else np.zeros((self.robot.links, 10)))
+
+    def seen_along(self, theta: Array, motion: Motion) -> Motion:
+        """The motion with the torque and the links of theta (p,), and this model's widths of signs."""
+        torque, current = self.torque(theta, motion), self._current(theta)
+        return replace(motion, torque=torque, current=current, sign_width=self.sign_width)
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
         """Modelled torque (N, n)."""

@@ -238,8 +238,15 @@ class Split:
         periodic = any(clock.periodic for clock in self.phases.clocks)
         band = self.runs.settings.torque_cutoff
         assert band is not None
-        split_by = periodic, self.phases.guard, band
-        return CrossValidation(self.problem.name, estimator.name, texts, tuple(judged), *split_by)
+        return CrossValidation(
+            self.problem.name,
+            estimator.name,
+            texts,
+            tuple(judged),
+            periodic,
+            guard=self.phases.guard,
+            band_hz=band,
+        )
 
     def _trained(self, fold: int) -> Model:
         """The model with what :func:`identify` takes from the data beside its parameters, from the
@@ -285,8 +292,7 @@ def split_by_phase(
         phases = phase_folds(data, runs.settings, folds)
         common = compress_cells(posed.data, model, phases)
         raw = compress_cells(runs, replace(model, reference=None), phases)
-    method = options.weighting, options.seed
-    split = Split(problem, model, runs, phases, common, *method, raw)
+    split = Split(problem, model, runs, phases, common, options.weighting, options.seed, raw)
     trained = all(common.select(phases.training(k)).factors for k in range(folds))
     if not (trained and split.numbers):
         raise InputError(

@@ -29,7 +29,6 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import Limits, independent_rate, shrunk
-from sdp_vs_penalty.estimation.verdict import with_current
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
@@ -103,7 +102,7 @@ class Hypotheses:
     def motion(self, states: States, duration: float) -> Motion:
         """A motion with the model's torque and links, sampled."""
         t = np.arange(0.0, duration, 1.0 / _RATE)
-        return with_current(self.estimate.model, self.estimate.theta, Motion(t, *states(t)))
+        return self.estimate.model.seen_along(self.estimate.theta, Motion(t, *states(t)))
 
     def _white(self, effect: Effect, motion: Motion) -> Array:
         """(n, N, k)."""

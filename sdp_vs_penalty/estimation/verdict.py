@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.effects.effect import CurrentModel, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
@@ -272,12 +271,4 @@ def noise_level(problem: Problem, given: FilteredRuns) -> tuple[Array | None, st
 
 def with_parameters(runs: SegmentedRuns, model: Model, theta: Array) -> SegmentedRuns:
     """The same runs with a model's parameters as the current model."""
-    return replace(runs.with_model(lambda m: with_current(model, theta, m)), gains=model.gains)
-
-
-def with_current(model: Model, theta: Array, motion: Motion) -> Motion:
-    """The motion with a model's torque, links (none: without mass) and widths of signs."""
-    links = theta[model.rigid_indices].reshape(-1, 10)
-    current = CurrentModel(model.robot, links if len(links) else np.zeros((model.robot.links, 10)))
-    torque = model.torque(theta, motion)
-    return replace(motion, torque=torque, current=current, sign_width=model.sign_width)
+    return replace(runs.with_model(lambda m: model.seen_along(theta, m)), gains=model.gains)

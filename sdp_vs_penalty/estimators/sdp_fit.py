@@ -118,10 +118,17 @@ class PosedSdp:
         if found is None:
             return None
         multipliers, slopes = cones.multipliers(found.multipliers)
-        own = self.constraints.filled(multipliers), slopes, self.interior, self.task.bound
-        theta = repair(self.constraints, found.theta, self.interior)
-        details = {"solver": OWN, "solver_said": [found.said]}
-        return Fit(theta, objective, self.constraints, *own, details, found.central)
+        return Fit(
+            repair(self.constraints, found.theta, self.interior),
+            objective,
+            self.constraints,
+            self.constraints.filled(multipliers),
+            slopes,
+            self.interior,
+            self.task.bound,
+            details={"solver": OWN, "solver_said": [found.said]},
+            central=found.central,
+        )
 
 
 def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:

@@ -44,8 +44,8 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
         limits = [{k: float(kinematics[k][i]) for k in keys} for i in range(len(kinematics["a"]))]
         alpha = [np.pi * x for x in kinematics["alpha_over_pi"]]
-        table = kinematics["a"], alpha, kinematics["d"], kinematics["convention"]
-        robot = Robot.from_dh(folder.name, *table, gravity, limits)
+        a, d, convention = (kinematics[key] for key in ("a", "d", "convention"))
+        robot = Robot.from_dh(folder.name, a, alpha, d, convention, gravity, limits)
     if "mechanism" in data:
         if robot.mechanism is not None:
             raise InputError("the URDF has mimic joints of its own", "leave out [mechanism]")
@@ -65,12 +65,21 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
     low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
-    cones = tuple(map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ())))
-    stated = (low, high), cones, data.get("torque_side", Problem.torque_side)
-    settings = Preprocessing(**data.get("preprocessing", {}))
     base, effects = data.get("base_parameters", {}).get("independent"), data.get("effects")
-    named = None if base is None else tuple(base), folder, None if effects is None else tuple(effects)
-    problem = Problem(folder.name, data["title"], robot, box, none, *stated, settings, *named)
+    problem = Problem(
+        folder.name,
+        data["title"],
+        robot,
+        box,
+        none,
+        total_mass=(low, high),
+        cones=tuple(map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ()))),
+        torque_side=data.get("torque_side", Problem.torque_side),
+        preprocessing=Preprocessing(**data.get("preprocessing", {})),
+        independent=None if base is None else tuple(base),
+        folder=folder,
+        effects=None if effects is None else tuple(effects),
+    )
     bodies = link_bodies(robot, problem.centre_boxes, none if given is None else given, geometry)
     drawn = _ellipsoids_in_the_box(problem) if given is None else given
     nominal, sources = plausible_links(robot, drawn, bodies)
@@ -167,8 +176,8 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
         box[:, 0, 1] = default_mass(links[:, 0])
         bodies = link_bodies(robot, box[:, 1:4], links, link_geometry(path))
         nominal, sources = plausible_links(robot, links, bodies)
-        own = robot.name, f"{robot.name} from {path.name}", robot, box, nominal
-        problem = Problem(*own, bodies=bodies, nominal_from=sources)
+        title = f"{robot.name} from {path.name}"
+        problem = Problem(robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources)
     else:
         remedy = (
             f"name a folder with a problem.toml, a URDF file, or one of {', '.join(problem_names())}"

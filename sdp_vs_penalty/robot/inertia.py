@@ -30,31 +30,22 @@ UNITS = tuple("kg" if p == "m" else "kg*m" if p.startswith("m") else "kg*m^2" fo
 _ENTRIES = tuple(tuple(map("xyz".index, p.removeprefix("I"))) for p in PARAMETERS if p.startswith("I"))
 
 
-def _pseudo_inertia_basis() -> Array:
+def _forms() -> tuple[Array, Array]:
+    """Both of the following, from the entries' symmetric dyads (e_i e_j^T + e_j e_i^T) / 2."""
+    unit, (i, j) = np.eye(3), np.transpose(_ENTRIES)
+    pairs = unit[i][:, :, None] * unit[j][:, None]
+    dyads, trace = 0.5 * (pairs + pairs.swapaxes(1, 2)), (i == j)[:, None, None] * unit
     basis = np.zeros((10, 4, 4))
     basis[0, 3, 3] = 1.0
-    for axis in range(3):
-        basis[1 + axis, axis, 3] = basis[1 + axis, 3, axis] = 1.0
-    for k, (i, j) in enumerate(_ENTRIES):
-        if i == j:
-            basis[4 + k, :3, :3] = 0.5 * np.eye(3)
-            basis[4 + k, i, i] -= 1.0
-        else:
-            basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
-    return basis
+    basis[1:4, :3, 3] = basis[1:4, 3, :3] = unit
+    basis[4:, :3, :3] = 0.5 * trace - np.where(i == j, 1.0, 2.0)[:, None, None] * dyads
+    return basis, trace - dyads
 
 
-def _steiner_forms() -> Array:
-    unit = np.eye(3)
-    dyads = [np.outer(unit[i], unit[j]) + np.outer(unit[j], unit[i]) for i, j in _ENTRIES]
-    return np.array([(i == j) * unit - 0.5 * dyad for (i, j), dyad in zip(_ENTRIES, dyads, strict=True)])
-
-
-#: Q (6, 3, 3), symmetric, with c^T Q_e c the entry e of c.c 1 - c c^T, in our order (Steiner): about the
-#: centre of mass I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c.
-STEINER_FORMS = _steiner_forms()
-#: P(theta) = sum_k theta_k PSEUDO_INERTIA_BASIS[k]; shape (10, 4, 4).
-PSEUDO_INERTIA_BASIS = _pseudo_inertia_basis()
+#: P(theta) = sum_k theta_k PSEUDO_INERTIA_BASIS[k], (10, 4, 4); and Q (6, 3, 3), symmetric, with
+#: c^T Q_e c the entry e of c.c 1 - c c^T, in our order (Steiner): about the centre of mass
+#: I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c.
+PSEUDO_INERTIA_BASIS, STEINER_FORMS = _forms()
 
 
 def parameter_names(link: int) -> tuple[str, ...]:
