@@ -178,7 +178,7 @@ class Score:
             return fit
         if form.key not in fit.apart:
             left = tuple(i for i in fit.kept if i not in fit.design.model[form.key])
-            fit.apart[form.key] = self._fitted(fit.design, left, fit.level, settle=False)
+            fit.apart[form.key] = self._fitted(fit.design, left, fit.level, rounds=1)
         return fit.apart[form.key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
@@ -200,19 +200,18 @@ class Score:
         y = self.data.y
         return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], model, at)
 
-    def _fitted(
-        self, design: Design, columns: tuple[int, ...], level: Array, settle: bool = True
-    ) -> Fit:
-        """settle : the levels, too."""
+    def _fitted(self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20) -> Fit:
+        """rounds : of coefficients and levels in turn, at most; each raises the likelihood, and six were
+        the most on three arms; one: at the levels as they are."""
         kept = np.array(columns, int)
         G, pull = design.gram[:, kept[:, None], kept], design.pull[:, kept]
         square, degrees = np.sum(design.y**2, axis=1), self.data.count
-        while True:  # each round raises the likelihood
+        for _ in range(rounds):
             L = _triangle(np.tensordot(level**-2.0, G, axes=1))
             theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
             last, level = level, np.sqrt(np.maximum(rss / degrees, self.floor))
-            if not settle or np.allclose(last, level, rtol=1e-2):
+            if np.allclose(last, level, rtol=1e-2):
                 break
         root = scipy.linalg.solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False).T
         p = design.A.shape[2]

@@ -225,7 +225,7 @@ class Search:
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
         seen, refused = set[tuple[str, ...]](), set[Key]()
-        while True:  # no state comes twice
+        for _ in range(3 * self.library.candidates):  # each joins, gives way and goes once at most
             self.fit = self.score.fit(self.terms, self.fit)
             found = self.top_candidates(self.fit, self.terms)
             enough = (t for t in found if self.margin(t.joints, self.terms) < t.J)
