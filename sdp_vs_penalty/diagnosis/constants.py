@@ -32,7 +32,12 @@ CLOSELY = 4
 
 # Data left out.
 
-#: Folds by phase (five or ten: Hastie, Tibshirani, Friedman, Elements of Statistical Learning, 7.10).
+#: Folds by phase that decide what is offered: they leave much out (Shao, JASA 1993), or judge what has
+#: nearly been seen. On another motion in 40 worlds with several torques without a name the confident
+#: findings alone raise the sum of log errors in 9 with five, in 6 with three; two lose 2 of 12 effects.
+THIRDS = 3
+#: Those by which the share of an error that something explains is told (five or ten: Hastie, Tibshirani,
+#: Friedman, Elements of Statistical Learning, 7.10).
 FOLDS = 5
 #: Share by which a held-out error has to fall or rise, less is minor; and of the squares of an event's
 #: window that its extent may leave out.

@@ -13,7 +13,7 @@ from sdp_vs_penalty.diagnosis.conclude import (
     conclude,
     what_is_left,
 )
-from sdp_vs_penalty.diagnosis.constants import MINOR
+from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import Judge, harm, lowers
@@ -144,7 +144,7 @@ def _offered(search: Search, judge: Judge) -> Found:
     parts = in_parts(final)
     if not left.matters and not parts:
         return found
-    curves = measured_curves(final, left.matters, parts, folds_of(final.data.rows))
+    curves = measured_curves(final, left.matters, parts, folds_of(final.data.rows, THIRDS))
     return _with_curves(found, curves, judge) if curves else found
 
 

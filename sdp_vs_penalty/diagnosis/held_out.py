@@ -1,7 +1,7 @@
 """The last word: errors on data left out, with one finding after the other.
 
 At each step the model is fitted as ``add`` fits it, by its own method under its problem's constraints. A
-test run is filtered as the runs that were searched; without one, five folds by the phase of the motion
+test run is filtered as the runs that were searched; without one, three folds by the phase of the motion
 take its place: sizes come from the other folds, the choice of effects and constants from all rows.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import MINOR
+from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.whitening import (
     folds_of,
     model_columns,
@@ -150,7 +150,7 @@ class Judge:
             test = with_estimate(self.test, estimate)
             only = split(whole, rows.keep, table(test, effects), test.keep)
             return HeldOut(estimate, self.frozen, (only,), "test")
-        fold, splits = folds_of(rows), list[Split]()
+        fold, splits = folds_of(rows, THIRDS), list[Split]()
         for f in range(fold.max() + 1):
             if by_fold:
                 shaped = [by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import WITHIN
+from sdp_vs_penalty.diagnosis.constants import FOLDS, WITHIN
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, with_estimate
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
@@ -54,8 +54,6 @@ NEAR, FOLLOWS = 0.15, 0.4
 _FAST = 0.75
 #: Hat functions of a quantity; an odd number, so that one of them sits at the reversal itself.
 _HATS = 9
-#: Bins of one revolution for the order spectrum; eight show a wave.
-_BINS = 4096
 
 
 class Stretch(NamedTuple):
@@ -174,7 +172,7 @@ def where_it_fails(
     rows, whole = diagnosis_rows(searched, estimate, settings), None
     if given is not measurements:
         whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
-    residual, folds = rows.residual, folds_of(rows, whole)
+    residual, folds = rows.residual, folds_of(rows, FOLDS, whole)
     floors, source = noise or noise_level(estimate.problem, FilteredRuns.of(given, settings))
     known, runs = states(rows), searched.runs()
     smooth = {
@@ -216,17 +214,20 @@ def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Arra
     return run.q[inside, j], run.tau[inside, j] - modelled, 1.0 / float(np.median(np.diff(run.t)))
 
 
-def _orders(full: list[tuple[Array, Array, float]]) -> tuple[tuple[int, float, float], ...]:
-    """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their surroundings."""
+def _orders(
+    full: list[tuple[Array, Array, float]], bins: int = 4096
+) -> tuple[tuple[int, float, float], ...]:
+    """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their surroundings; bins :
+    of one revolution, of which eight show a wave."""
     from scipy.ndimage import maximum_filter, median_filter  # scipy.signal takes 0.3 s to import
 
-    spectrum, count = np.zeros(_BINS, complex), 0
+    spectrum, count = np.zeros(bins, complex), 0
     for q, error, _ in full:
         smooth = np.convolve(error, np.ones(101) / 101.0, mode="same")
-        bins = np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * _BINS).astype(np.intp) % _BINS
-        spectrum += np.fft.fft(np.bincount(bins, error - smooth, _BINS))
+        turned = np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * bins).astype(np.intp) % bins
+        spectrum += np.fft.fft(np.bincount(turned, error - smooth, bins))
         count += len(q)
-    amplitude = 2.0 * np.abs(spectrum[: _BINS // 8 + 1]) / max(count, 1)
+    amplitude = 2.0 * np.abs(spectrum[: bins // 8 + 1]) / max(count, 1)
     amplitude[0] = 0.0
     ratio = amplitude / np.maximum(median_filter(amplitude, 31), 1e-300)
     peak = (amplitude == maximum_filter(amplitude, 3)) & (ratio > 4.0)

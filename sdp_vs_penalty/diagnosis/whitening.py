@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FOLDS
+from sdp_vs_penalty.diagnosis.constants import CLUSTERS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -230,9 +230,9 @@ def _longest(rows: SegmentedRuns) -> dict[int, Segment]:
     return out
 
 
-def folds_of(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> NDArray[np.intp]:
-    """(M,) folds by phase."""
-    return np.unique(stretches(rows, FOLDS, whole)[0], return_inverse=True)[1]
+def folds_of(rows: SegmentedRuns, count: int, whole: SegmentedRuns | None = None) -> NDArray[np.intp]:
+    """(M,) folds by phase, so many at most."""
+    return np.unique(stretches(rows, count, whole)[0], return_inverse=True)[1]
 
 
 def stretches(
