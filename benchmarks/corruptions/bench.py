@@ -25,6 +25,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+import pandas
 from challenge.judge import wilson
 
 from corruptions.arms import Arm, arm
@@ -34,7 +35,7 @@ from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import as_csv, write_text
+from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
 
 #: A model this many times worse on clean data is harmed.
@@ -189,10 +190,6 @@ def markdown(cases: Sequence[Case], command: str) -> str:
     return "\n".join([*text, *(told or ["none"]), ""])
 
 
-def _harm(case: Case) -> list[str]:
-    return ["" if case.harm is None else f"{case.harm:.3g}"]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("."))
@@ -209,7 +206,8 @@ def main() -> None:
     with ProcessPoolExecutor(given.workers) as pool:
         for found in pool.map(work, given.arms.split(",")):  # kept after each arm
             cases += found
-            rows_of = ([*astuple(c)[:5], *_harm(c), c.said, c.contradicts] for c in cases)
-            write_text(given.out / "corruptions.csv", as_csv([f.name for f in fields(Case)], rows_of))
+            table = pandas.DataFrame([astuple(c) for c in cases], columns=[f.name for f in fields(Case)])
+            text = table.to_csv(index=False, lineterminator="\n", float_format="%.3g")
+            write_text(given.out / "corruptions.csv", text)
             write_text(given.out / "corruptions.md", markdown(cases, f"{command} --part {given.part}"))
             print("\n".join(" | ".join(summary(n, found)) for n in {c.arm for c in found}), flush=True)
