@@ -4,8 +4,11 @@ Read from the imports themselves, lazy ones and those for types included: what a
 """
 
 import ast
+import importlib
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+import pytest
 
 import sdp_vs_penalty
 
@@ -69,6 +72,18 @@ def test_no_room_imports_a_higher_one():
 
 def test_nothing_inside_goes_through_the_front_door():
     assert not [name for name, others in GRAPH.items() if DOOR in others and name != DOOR]
+
+
+BENCHMARKS = sorted((ROOT.parent / "benchmarks").rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
+def test_what_a_benchmark_imports_of_the_package_is_there(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith(PACKAGE):
+            home = importlib.import_module(str(node.module))
+            for name in (alias.name for alias in node.names):
+                assert hasattr(home, name) or f"{node.module}.{name}" in KNOWN, f"{path}: {name}"
 
 
 def test_there_is_no_circle():

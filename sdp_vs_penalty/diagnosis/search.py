@@ -134,10 +134,8 @@ class Search:
                 continue
             values = self.score.screened(fit, batch)
             free = eligible(batch.forms, picked, self.data.estimate.model)
-            for f in np.argsort(-values):
+            for f in np.argsort(-values)[: np.count_nonzero(values > 0.0)]:
                 form = batch.forms[f]
-                if values[f] <= 0.0:
-                    break
                 if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
         ranked = sorted(best.values(), key=lambda b: -b[0])

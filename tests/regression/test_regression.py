@@ -95,6 +95,9 @@ def test_merging_blocks_equals_one_pass(seed):
     many = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=20)
     # Of 20 blocks of 0.6 s the first and the last lie in what the filters need.
     assert (len(whole.blocks), len(many.blocks)) == (1, 18)
+    assert whole.blocks == (TimeBlock(0, run.t[0], run.t[-1]),)
+    edges = np.linspace(run.t[0], run.t[-1], 21)
+    np.testing.assert_allclose([(b.start, b.stop) for b in many.blocks], np.c_[edges[1:-2], edges[2:-1]])
     assert_same_loss(whole.least_squares(), many.least_squares(), rng)
 
 
