@@ -37,15 +37,16 @@ def test_a_load_in_one_of_two_runs_is_named_with_the_run():
     assert [f.kind for r in reports for f in r.problems]
 
 
-def test_two_joints_a_quarter_turn_off_are_both_named():
+@pytest.mark.parametrize(("second", "fourth"), [(0.5, -0.5), (-0.5, 1.0)])
+def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth):
     """Also where neither joint's own torque shows it."""
     problem = load_problem("panda")
     run = replace(small_run(problem, seconds=8.0), dq=None)
-    turned = np.array([0.0, 0.5 * np.pi, 0.0, -0.5 * np.pi, 0.0, 0.0, 0.0])
+    turned = np.pi * np.array([0.0, second, 0.0, fourth, 0.0, 0.0, 0.0])
     (report,) = check(problem, replace(run, q=run.q + turned), thorough=False)
     told = {f.where: f.figures["shifts"] for f in report.problems if f.kind == "encoder offset"}
-    assert told == {"joint 2": [-0.5 * np.pi], "joint 4": [0.5 * np.pi]}
-    assert all("90 degrees" in f.what for f in report.problems if f.kind == "encoder offset")
+    away = {f"joint {j}": [np.pi * (abs(x) if x == 1.0 else -x)] for j, x in ((2, second), (4, fourth))}
+    assert told == away
 
 
 def test_a_position_with_the_wrong_sign_is_named_by_its_joint():

@@ -233,7 +233,9 @@ class Mounting(Transformation):
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
         if not earthly:
             kind, remedy = "gravity of the problem", f"{remedy}, or correct the problem's gravity"
-        number = Number(angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees)
+        of: Repair | Number = _under(repair, assumed)
+        if earthly and not straight:
+            of = Number(angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees)
         seen, told = (
             ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in vector) for vector in (g, assumed)
         )
@@ -241,8 +243,7 @@ class Mounting(Transformation):
             kind, "warning" if earthly and angle < c.GROSS else "error", (),
             f"the weight in the torques points along ({seen}) m/s^2, {np.degrees(angle):.0f} degrees "
             f"away from the assumed ({told}).", remedy,
-            number if earthly and not straight else _under(repair, assumed),
-            mends=False, place="the base",
+            of, mends=False, place="the base",
             figures={"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]},
         )  # fmt: skip
 
@@ -250,9 +251,9 @@ class Mounting(Transformation):
 def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:
     """The repair with gravity turned by an angle from the assumed vector towards g."""
     size = float(np.linalg.norm(assumed))
-    a = assumed / max(size, 1e-300)
+    a = assumed / size
     across = g - (g @ a) * a
-    across = across / max(float(np.linalg.norm(across)), 1e-300)
+    across = across / np.linalg.norm(across)
     return lambda v: _under(repair, size * (np.cos(v) * a + np.sin(v) * across))
 
 
