@@ -174,22 +174,21 @@ def renewed(problem: Problem, run: Measurements) -> list[Row]:
 PROGRAM = [sys.executable, "-m", "sdp_vs_penalty"]
 #: Run by a small process: a child's peak begins with the memory of the process that starts it.
 _WORK = """
-import resource, subprocess, sys
-quiet = subprocess.DEVNULL
+import resource, subprocess, sys, time
+quiet, start = subprocess.DEVNULL, time.perf_counter()
 subprocess.run(sys.argv[1:], stdout=quiet, stderr=quiet)
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0, time.perf_counter() - start)
 """
 
 
-def measured(command: list[str]) -> tuple[float, float]:
-    """Processor time [s] and peak memory [MB] of a process on one thread, its bytecode in place."""
+def measured(command: list[str]) -> tuple[float, ...]:
+    """Processor time [s], peak memory [MB] and time on the wall [s] of a process on one thread, its
+    bytecode in place."""
     env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-    env |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     around = [sys.executable, "-c", _WORK, *command]
     done = subprocess.run(around, env=env, check=True, capture_output=True, text=True)
-    seconds, peak = map(float, done.stdout.split())
-    return seconds, peak
+    return tuple(map(float, done.stdout.split()))
 
 
 def processes(problem: Problem, run: Measurements) -> list[Row]:
@@ -214,6 +213,20 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
                 used[key].append(measured(command)[0])
     bare, note = min(used.pop("bare")), "other: a process that imports numpy, scipy.linalg, scipy.signal"
     return [(f"{key} as a process, CPU", min(x), bare, "s", note) for key, x in used.items()]
+
+
+def workers(problem: Problem, run: Measurements) -> list[Row]:
+    """Whole commands by one process and by two, on the wall: only where nothing else works."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        log = str(Path(folder, "run.csv"))
+        save(run, Path(log))
+        asked = ["cross-validate", problem.name, "--data", log, "--method", "penalty", "--folds", "20"]
+        for words in (asked, ["tables", "III", "--out", folder]):
+            one, two = (measured([*PROGRAM, *words, "--jobs", jobs])[2] for jobs in "12")
+            note = "other: by one; penalty, 20 folds" if words is asked else "other: by one; III, quick"
+            rows.append((f"{words[0]} by two processes, wall", two, one, "s", note))
+    return rows
 
 
 def recorded(path: Path, rows: int, model: Estimate) -> None:
@@ -256,14 +269,14 @@ def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[R
         for count in counts:
             recorded(Path(log), count, true)
             for verb, words in commands.items():
-                seconds, most = measured([*PROGRAM, *words])
+                seconds, most, _ = measured([*PROGRAM, *words])
                 note = f"peak memory {most - imports[verb]:.0f} MB beyond imports"
                 rows.append((f"{verb}, {count} rows", seconds, None, "s", note))
                 print("  ", rows[-1][0], f"{seconds:.1f} s", note, file=sys.stderr, flush=True)
     return rows
 
 
-PARTS = {part.__name__: part for part in (text, fits, renewed, processes, memory)}
+PARTS = {part.__name__: part for part in (text, fits, renewed, processes, workers, memory)}
 
 
 def measure(part: str, data: Path, counts: Sequence[int]) -> pandas.DataFrame:
