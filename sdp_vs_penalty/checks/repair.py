@@ -100,9 +100,8 @@ class Repair:
     @property
     def of_motion(self) -> Repair:
         """Without what is done to the torque's channels alone, and whichever way time runs."""
-        none = Repair.none(self.n, self.gravity)
-        same = {k: getattr(none, k) for k in ("tau_order", "gain", "lead", "lag", "bend")}
-        return replace(self, reversed=False, **same)
+        same, one, zero = tuple(range(self.n)), (1.0,) * self.n, (0.0,) * self.n
+        return replace(self, reversed=False, tau_order=same, gain=one, lead=zero, lag=zero, bend=zero)
 
     @property
     def of_arm(self) -> Repair:
