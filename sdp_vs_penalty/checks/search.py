@@ -74,7 +74,8 @@ class Search:
         least = c.ODDS - self.likelihood(score, now) + self.posterior(now)
         gains = [0.5 * self.samples * (here.score - s.score) for s in scores]
         near = [i for i, gain in enumerate(gains) if gain + max(gain, 0.0) > least]  # before its cost
-        value = {i: self.likelihood(scores[i], asked[i]) - self.likelihood(here, now) for i in near}
+        before = self.likelihood(here, now)
+        value = {i: self.likelihood(scores[i], asked[i]) - before for i in near}
         order = sorted(
             (i for i in near if value[i] + max(gains[i], 0.0) > least), key=lambda i: -round(value[i])
         )
