@@ -335,6 +335,15 @@ def test_sdf_and_drakes_urdf_hold_links_and_rotors(tmp_path):
     np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), q, dq, ddq), wanted, atol=PARITY)
 
 
+def test_a_motor_takes_commands_in_the_units_that_its_channel_reads(tmp_path):
+    estimate = estimate_of(load_problem("two_link").robot, FULL, 3)
+    made = replace(estimate, model=replace(estimate.model, gains=(0.5, 2.0)))
+    for one, gears in ((estimate, [None, None]), (made, ["2.0", "0.5"])):
+        export(one, tmp_path / "arm.xml")
+        motors = etree.parse(str(tmp_path / "arm.xml")).findall("actuator/motor")
+        assert [m.get("gear") for m in motors] == gears
+
+
 def test_sidecar_holds_what_a_urdf_cannot(tmp_path):
     robot = load_problem("two_link").robot
     estimate = estimate_of(robot, f"{FULL},presliding_hysteresis:2@d=0.004", 3)

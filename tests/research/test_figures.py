@@ -69,6 +69,17 @@ def test_errors_are_drawn_beside_the_torques_that_make_them(studies: dict[str, S
             np.testing.assert_allclose(error.get_ydata(), 1e3 * (torque - true), atol=1e-9)
 
 
+def test_ellipsoids_lie_about_the_links_centres_of_mass(studies: dict[str, Study]) -> None:
+    study = studies["two_link"]
+    sections = [a for a in FIGURES[8][1](study).axes if "section" in a.get_title()]
+    for axis, link in zip(sections, study.experiment.links, strict=True):
+        centre = link[1:4] / link[0]
+        plane = ["xyz".index(label()[-7]) for label in (axis.get_xlabel, axis.get_ylabel)]
+        drawn = [np.array(line.get_data(), float) for line in axis.get_lines()]
+        middles = [0.5 * (x.max(axis=1) + x.min(axis=1)) for x in drawn if x.shape[1] == 100]
+        assert any(np.allclose(m, centre[plane], rtol=1e-3, atol=1e-3) for m in middles), middles
+
+
 @pytest.mark.parametrize(("number", "match"), [(4, "photograph"), (11, "choose from 1, 2, 3, 5")])
 def test_other_numbers_are_refused_before_anything_is_made(
     number: int, match: str, tmp_path: Path
