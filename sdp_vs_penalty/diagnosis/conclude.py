@@ -83,7 +83,9 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     search, data = found.search, found.search.data
     rows, noise = data.rows, data.noise
     left, residual = found.left, found.left.residual
-    happened = events(data, found.left.odd, residual, left.matters)
+    nameless = {j: float(left.beyond[j]) for j in left.matters}
+    unnamed = {*nameless, *(c.joint for c in found.curves)}
+    happened = events(data, found.left.odd, residual, sorted(unnamed))
     held_out, offered = found.held_out, found.offered
     own = len(offered) - len(search.terms)
     errors = np.array([held_out.errors(offered[:k]) for k in range(own, len(offered) + 1)])
@@ -115,11 +117,10 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     )
     floor = noise.floor if data.known else np.zeros(data.n)
     curves = tuple(c.told(seed + k, float(floor[c.joint])) for k, c in enumerate(found.curves))
-    nameless = {j: float(left.beyond[j]) for j in left.matters}
     known: Literal["effect_missing", "nothing_missing"]
     known = "effect_missing" if findings else "nothing_missing"
     return Diagnosis(
-        "unknown_effect" if nameless or curves else known,
+        "unknown_effect" if unnamed else known,
         findings,
         noise.floor,
         invisible_effects(search),

@@ -142,9 +142,9 @@ def _offered(search: Search, judge: Judge) -> Found:
     shapes = tuple(changed(kept, first.model))
     found = Found(first, now, shapes, final, left, held_out, tuple(order))
     parts = in_parts(final)
-    if not left.matters and not parts:
+    if not left.raised and not parts:
         return found
-    curves = measured_curves(final, left.matters, parts, folds_of(final.data.rows, THIRDS))
+    curves = measured_curves(final, left.raised, parts, folds_of(final.data.rows, THIRDS))
     return _with_curves(found, curves, judge) if curves else found
 
 

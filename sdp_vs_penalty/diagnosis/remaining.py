@@ -39,11 +39,13 @@ from sdp_vs_penalty.signals.standstill import SLOW, STILL
 @dataclass(frozen=True)
 class Remainder:
     """share (n,) : variance of what is left over that of the noise, less one; beyond (n,) [N m or N] :
-    its RMS beyond the noise while the joint slides; matters : the joints (from 0) on which something is
-    left that matters; residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it."""
+    its RMS beyond the noise while the joint slides; raised : the joints (from 0) whose error that
+    raises, so that a curve is looked for; matters : those on which the noise is known well enough to say
+    so without one; residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it."""
 
     share: Array
     beyond: Array
+    raised: tuple[int, ...]
     matters: tuple[int, ...]
     residual: Array
     odd: NDArray[np.bool_]
@@ -68,10 +70,11 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
-        raised = np.hypot(beyond, noise.floor) / noise.floor - 1.0
-    found = (variance > least) & (raised > MATTERS) & data.known
-    matters = tuple(np.flatnonzero(found).tolist())
-    return Remainder(mean(white**2, keep) - 1.0, beyond, matters, residual, odd)
+        more_error = np.hypot(beyond, noise.floor) / noise.floor - 1.0
+    raised = np.flatnonzero((more_error > MATTERS) & data.known)
+    matters = raised[variance[raised] > least[raised]]
+    share = mean(white**2, keep) - 1.0
+    return Remainder(share, beyond, tuple(raised.tolist()), tuple(matters.tolist()), residual, odd)
 
 
 def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:

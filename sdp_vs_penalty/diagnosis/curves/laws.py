@@ -258,9 +258,10 @@ def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
 
 def _normal(c: Array, f: Columns) -> tuple[Array, Array]:
     """Matrices (S, m, m) and right sides (S, m) of the normal equations of amplitudes of coefficients
-    (S, m, k)."""
-    weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
-    return weighed @ c.transpose(0, 2, 1), c @ f.s
+    (S, m, k); not finite where a law overflows, which :func:`_amplitudes` leaves out."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
+        return weighed @ c.transpose(0, 2, 1), c @ f.s
 
 
 def written(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
