@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.diagnosis.conclude import _reasons, _standstill
-from sdp_vs_penalty.diagnosis.held_out import HeldOut, harm
+from sdp_vs_penalty.diagnosis.held_out import HeldOut
 from sdp_vs_penalty.diagnosis.remaining import remainder
 from sdp_vs_penalty.signals.noise import REPETITION
 
@@ -103,11 +103,6 @@ class Told(HeldOut):
 )
 def test_what_raises_errors_beside_all_others_is_not_offered(rule, needed, kept):
     assert Told(rule).offered(range(2), needed) == kept
-
-
-def test_harm_is_added_up_over_joints():
-    assert harm(np.array([1.0, 1.0]), np.array([0.5, 1.1])) < 0.0
-    assert harm(np.array([1.0, 1.0]), np.array([0.99, 1.1])) > 0.0
 
 
 #: What is changed of a finding that nothing speaks against, and what then does.

@@ -151,14 +151,6 @@ def test_effects_that_do_not_exist_are_refused(text, message):
     assert "\n" not in str(caught.value)
 
 
-def test_models_without_effects_or_with_one_twice_are_refused():
-    robot = robots()["single"]
-    with pytest.raises(InputError, match="no effect"):
-        Model(robot, ())
-    with pytest.raises(InputError, match="f_v1 appears twice"):
-        Model(robot, parse_effects("viscous_friction,viscous_friction:1", robot))
-
-
 def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel():
     """Neighbours half a wave apart from one whole wave on, the finest with a pitch of 5 mm."""
     robot = robots()["slide"]

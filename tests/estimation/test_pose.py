@@ -10,7 +10,7 @@ import pytest
 from sdp_readers import outside_optimum
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
-from sdp_vs_penalty.estimation.pose import PoseOptions, pose
+from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
 from sdp_vs_penalty.problem import with_bounds
 from sdp_vs_penalty.problem.load import load_problem, with_filters
@@ -73,13 +73,3 @@ def test_a_default_file_for_cbf_is_the_default_method(tmp_path):
     estimate = identify(problem, run)
     found = (estimate.certificate.lower, estimate.certificate.upper)
     np.testing.assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)
-
-
-def test_what_was_posed_says_what_made_it():
-    problem = load_problem("two_link")
-    run = experiment(problem).training_run(seed=2).window(0.0, 8.0)
-    posed = pose(problem, run, PoseOptions(_FRICTION, gain_uncertainty=0.01))
-    assert posed.measurements.data_hash == run.data_hash
-    assert posed.task.model.effects[2].given
-    assert posed.gain_errors is not None
-    assert [shape["effect"] for shape in posed.details["shapes"]]

@@ -226,13 +226,6 @@ def test_bounds_that_leave_no_room_are_not_called_a_contradiction(panda):
         LmiSdp().fit(task_of(known))
 
 
-def test_an_interior_point_is_found_where_the_nominal_robot_is_outside(panda):
-    task = task_of(with_box(panda, 4, 0, 3.0, 3.2))
-    demands = task.constraints.plus(task.minimum_thickness(0.03))
-    assert demands.margin(task.nominal) < 0.0
-    assert demands.margin(interior_point(task, demands)) > 0.0
-
-
 @pytest.mark.parametrize("finds", [True, False])
 def test_the_certificate_decides_whether_a_solver_gave_up(finds, monkeypatch):
     """An answer that its solver calls failed counts where its gap is proved, and only there."""
