@@ -121,16 +121,15 @@ class Search:
         return fits.predicts(before, after) > (-c.SIGMAS if _same_fit(repair, now) else c.SIGMAS)
 
     def _determined(self, number: Number) -> bool:
-        """Beyond what is usual, and its interval is closed: far to either side, half of it and as far as
-        the best value is looked for, it explains less."""
-        if abs(number.value) <= number.tolerance:
+        """Beyond what is usual by more than its interval, which is closed: at either of its ends, and as
+        far as the best value is looked for, it explains less."""
+        reach = c.SIGMAS * self.deviation(number)
+        if abs(number.value) <= number.tolerance + reach:
             return False
-        far = max(number.reach, 0.5 * abs(number.value))
+        far = max(number.reach, reach)
         values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
         here, *sides = self.log.scores([number.at(x) for x in values])
-        if 0.5 * self.samples * (min(s.score for s in sides) - here.score) < 0.5 * c.SIGMAS**2:
-            return False
-        return abs(number.value) > number.tolerance + c.SIGMAS * self.deviation(number)
+        return 0.5 * self.samples * (min(s.score for s in sides) - here.score) >= 0.5 * c.SIGMAS**2
 
     def deviation(self, number: Number) -> float:
         """A number's standard deviation."""
