@@ -17,22 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.constants import (
-    ABSORBED,
-    APART,
-    FAR,
-    UNCERTAIN,
-)
+from sdp_vs_penalty.diagnosis.constants import ABSORBED, APART, FAR, UNCERTAIN
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
-from sdp_vs_penalty.diagnosis.findings import (
-    REASONS,
-    Diagnosis,
-    Finding,
-    Invisible,
-    Remaining,
-    Retune,
-)
+from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding, Invisible, Remaining, Retune
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
 from sdp_vs_penalty.diagnosis.score import Term

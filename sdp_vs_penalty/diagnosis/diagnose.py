@@ -8,11 +8,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.conclude import (
-    Found,
-    conclude,
-    what_is_left,
-)
+from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -33,11 +29,7 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.noise import REPETITION
-from sdp_vs_penalty.signals.segments import (
-    segmented,
-    subsample_sentence,
-    window_subsample,
-)
+from sdp_vs_penalty.signals.segments import segmented, subsample_sentence, window_subsample
 
 
 def diagnose(

@@ -13,12 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
-from sdp_vs_penalty.diagnosis.whitening import (
-    folds_of,
-    model_columns,
-    spread_columns,
-    with_estimate,
-)
+from sdp_vs_penalty.diagnosis.whitening import folds_of, model_columns, spread_columns, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate

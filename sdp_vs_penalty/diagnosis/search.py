@@ -8,12 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import (
-    APART,
-    CLOSELY,
-    EQUIVALENT,
-    FORM,
-)
+from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
