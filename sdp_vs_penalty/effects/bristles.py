@@ -8,35 +8,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, JointEffect, Motion, Seen
+from sdp_vs_penalty.effects.motion import Legs
 from sdp_vs_penalty.effects.shape import POSITION, Shape
-
-
-@dataclass(frozen=True)
-class Legs:
-    """A path (N,) as legs in one direction each: corners (L + 1,) where it is at their ends, direction
-    (L,); of each step (N - 1,) its leg, one without motion being part of that before it, and how far
-    from the leg's beginning it ends."""
-
-    corners: Array
-    direction: Array
-    leg: NDArray[np.intp]
-    travel: Array
-
-    @classmethod
-    def of(cls, q: Array) -> Legs:
-        sign = np.sign(np.diff(q))
-        moving = np.flatnonzero(sign)
-        turns = moving[np.flatnonzero(np.diff(sign[moving])) + 1]
-        corners = q[np.array([0, *turns, len(q) - 1])]
-        begins = np.zeros(len(sign), np.intp)
-        begins[turns] = 1
-        leg = np.cumsum(begins)
-        direction = sign[np.r_[moving[:1], turns]] if len(moving) else np.zeros(1)
-        return cls(corners, direction, leg, q[1:] - corners[leg])
-
 
 #: From a path, the distance over which its state turns round, and the state at its start, to the
 #: state z (N,) along it.
@@ -58,10 +33,7 @@ class Bristles:
         """(N, k) states along a motion, which begins in sliding (or at rest: in the middle)."""
         states = np.empty((len(self.distances), len(motion.t)))
         for z, row, d in zip(states, self.directions, self.distances, strict=True):
-            key = "legs", row.tobytes()
-            if key not in motion.kept:
-                motion.kept[key] = Legs.of(motion.q @ row)
-            z[:] = self.law(motion.kept[key], d, float(motion.sign_along(row)[0]))
+            z[:] = self.law(motion.legs_along(row), d, float(motion.sign_along(row)[0]))
         return states.T
 
     def advanced(self, z: Array, travel: Array) -> Array:

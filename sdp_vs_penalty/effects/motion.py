@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
@@ -70,6 +70,30 @@ class Command:
 
 
 @dataclass(frozen=True)
+class Legs:
+    """A path (N,) as legs in one direction each: corners (L + 1,) where it is at their ends, direction
+    (L,); of each step (N - 1,) its leg, one without motion being part of that before it, and how far
+    from the leg's beginning it ends."""
+
+    corners: Array
+    direction: Array
+    leg: NDArray[np.intp]
+    travel: Array
+
+    @classmethod
+    def of(cls, q: Array) -> Legs:
+        sign = np.sign(np.diff(q))
+        moving = np.flatnonzero(sign)
+        turns = moving[np.flatnonzero(np.diff(sign[moving])) + 1]
+        corners = q[np.array([0, *turns, len(q) - 1])]
+        begins = np.zeros(len(sign), np.intp)
+        begins[turns] = 1
+        leg = np.cumsum(begins)
+        direction = sign[np.r_[moving[:1], turns]] if len(moving) else np.zeros(1)
+        return cls(corners, direction, leg, q[1:] - corners[leg])
+
+
+@dataclass(frozen=True)
 class Motion:
     """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
 
@@ -117,35 +141,33 @@ class Motion:
         return replace(self, **known)
 
     def sign(self, joint: int, width: float | None = None) -> Array:
-        """(N,) smooth sign of a joint's velocity, over the joint's width or the one given; the former is
-        kept."""
-        if width is not None:
-            return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
-        width = self.width(joint)
-        return self._kept_sign(joint, width, lambda: (self.dq[:, joint], self.ddq[:, joint]))
+        """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
+        if width is None:
+            return np.asarray(self._signs[joint])
+        return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
 
     def sign_along(self, ratios: Array) -> Array:
-        """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width; kept."""
-        turning = np.flatnonzero(ratios).tolist()
-        if len(turning) == 1 and ratios[turning[0]] == 1.0:
-            return self.sign(turning[0])
-        width = max(self.width(j) for j in turning)
-        return self._kept_sign(ratios.tobytes(), width, lambda: (self.dq @ ratios, self.ddq @ ratios))
+        """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width."""
+        if (joint := _only(ratios)) is not None:
+            return self.sign(joint)
+        width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
+        return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
 
-    def _kept_sign(self, key: Hashable, width: float, rates: Callable[[], tuple[Array, Array]]) -> Array:
-        """Of a velocity and its rate, worked out once for a width."""
-        known = self.kept.get(key)
-        if known is None or known[0] != width:
-            velocity, rate = rates()
-            known = self.kept[key] = width, smooth_sign(velocity, width, rate, self.within)
-            known[1].setflags(write=False)
-        sign: Array = known[1]
-        return sign
+    def legs_along(self, ratios: Array) -> Legs:
+        """The path that ratios (n,) times the positions follow."""
+        joint = _only(ratios)
+        return Legs.of(self.q @ ratios) if joint is None else self._legs[joint]
 
     @cached_property
-    def kept(self) -> dict[Hashable, Any]:
-        """What effects have worked out of this motion and may ask for again."""
-        return {}
+    def _signs(self) -> Array:
+        """(n, N) of all joints, each over its own width."""
+        joints = range(self.dq.shape[1])
+        return np.stack([self.sign(j, self.width(j)) for j in joints])
+
+    @cached_property
+    def _legs(self) -> list[Legs]:
+        """The path of each joint."""
+        return [Legs.of(q) for q in self.q.T]
 
     def width(self, joint: int) -> float:
         """The velocity over which a joint's sign is smoothed [rad/s, m/s]."""
@@ -203,6 +225,12 @@ class Motion:
         """dID/dq, dID/d dq, dID/d ddq of the current model's links, each (N, n, n)."""
         robot, links = self._model.robot, self._model.links
         return robot.inverse_dynamics_derivatives(links, self.q, self.dq, self.ddq)
+
+
+def _only(ratios: Array) -> int | None:
+    """The joint that a combination (n,) of joints is, None for one of several."""
+    turning = np.flatnonzero(ratios).tolist()
+    return turning[0] if len(turning) == 1 and ratios[turning[0]] == 1.0 else None
 
 
 def _logged(value: Logged | None, what: str, columns: str) -> Logged:
