@@ -248,15 +248,15 @@ def compare(
     """
     models = as_estimates(models, "compare(models=...)")
     first = next(iter(models.values()))
-    known = measurements if isinstance(measurements, FilteredRuns) else None
-    if known is None:
-        measurements = as_measurements(
-            measurements, names=first.robot.joint_names, what="compare(measurements=...)"
-        )
-        settings = (preprocessing or first.preprocessing).resolve(measurements)
-    else:
-        measurements, settings = known.measurements, known.settings
-    _, measurements = driven(first, measurements)
+    runs = measurements
+    if not isinstance(runs, FilteredRuns):
+        names = first.robot.joint_names
+        data = as_measurements(measurements, names=names, what="compare(measurements=...)")
+        runs = FilteredRuns.of(data, preprocessing or first.preprocessing)
+    settings = runs.settings
+    _, measurements = driven(first, runs.measurements)
+    if measurements is not runs.measurements:
+        runs = FilteredRuns.of(measurements, settings)
     models = {name: plant(m) if m.model.drives.any() else m for name, m in models.items()}
     for name, model in models.items():
         if model.robot.n != measurements.n:
@@ -265,7 +265,6 @@ def compare(
     given = measurements
     if noise_from is not None:
         _, given = driven(first, as_measurements(noise_from))
-    runs = known or FilteredRuns.of(measurements, settings)
     shown = runs if given is measurements else FilteredRuns.of(given, settings)
     floor = _kept_noise(first, given, settings) or noise_level(first.problem, shown)
     said = subsample_sentence(

@@ -228,14 +228,13 @@ def readable(
 ) -> Measurements | FilteredRuns | BlackBox:
     """What was given as measurements, read; InputError where it cannot be this robot's."""
     n, names = problem.robot.n, problem.robot.joint_names
-    if isinstance(measurements, FilteredRuns):
-        return measurements
-    if not isinstance(measurements, BlackBox):
+    if not isinstance(measurements, FilteredRuns | BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(measurements, n, names, what)
-    if measurements.n != n:
-        raise other_robot(measurements.n, n, f"measurements for {problem.name}")
-    if isinstance(measurements, Measurements):
-        check_plausible(problem.robot, measurements)
+    data = measurements if isinstance(measurements, BlackBox) else logged(measurements)
+    if data.n != n:
+        raise other_robot(data.n, n, f"measurements for {problem.name}")
+    if isinstance(data, Measurements):
+        check_plausible(problem.robot, data)
     return measurements
 
 

@@ -15,7 +15,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.where_it_fails import REVERSAL
 from sdp_vs_penalty.signals import Preprocessing
-from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 
 FIELDS = {"judged_on", "model", "verdict", "rmse", "mse", "r2", "noise_floor", "band_hz"}
 FIELDS |= {"relative_error_percent", "new_motion_share", "outside"}
@@ -40,6 +40,16 @@ def test_figures_are_those_of_their_definitions(two_link, estimate):
     assert found.relative_error_percent == pytest.approx(relative, rel=1e-12)
     assert found.band_hz == estimate.preprocessing.torque_cutoff
     np.testing.assert_allclose(predicted(rows, estimate.theta), model, rtol=1e-12)
+
+
+def test_a_log_behind_filters_is_judged_as_the_log_is(two_link, estimate):
+    run = run_of(two_link, 1)
+    filtered = FilteredRuns.of(run, two_link.preprocessing)
+    (one,), (other,) = compare(estimate, run), compare(estimate, filtered)
+    np.testing.assert_array_equal(one.mse, other.mse)
+    np.testing.assert_array_equal(identify(two_link, filtered).theta, identify(two_link, run).theta)
+    with pytest.raises(InputError, match="2 joints, the robot has 7"):
+        identify("panda", filtered)
 
 
 def test_the_loss_that_was_minimised_is_the_error_that_is_shown(two_link):
