@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from scipy import sparse
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import dual_evidence, repair
-from sdp_vs_penalty.solvers.identification import RowBuilder, SdpProblem, largest_margin
+from sdp_vs_penalty.solvers.identification import SdpProblem, conic_problem, largest_margin, scaled
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.verified import lower_bound
 
@@ -121,7 +120,5 @@ def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
 def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
     """The constraints in x in conic form, F(0) turned into the unit of each matrix."""
     k = len(reduced[0].indices)
-    pieces, zero = RowBuilder(k), np.zeros(k)
-    placed = pieces.constraints(reduced, zero, np.ones(k), zero)
-    conic = pieces.problem(sparse.csc_matrix((k, k)), zero)
-    return SdpProblem(conic, zero, np.ones(k), 1.0, placed)
+    groups, placed = scaled(reduced, np.zeros(k), np.ones(k), np.zeros(k))
+    return SdpProblem(conic_problem(groups, None, np.zeros(k)), np.zeros(k), np.ones(k), 1.0, placed)

@@ -6,16 +6,17 @@ quadratic form the large constant rho^T rho sits between the solver and the loss
 and "solved" to 1e-8 of the constant can be percents of the loss.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.robot.constraint import Alike, Constraint, alike
+from sdp_vs_penalty.robot.constraint import Alike, Constraint, Entries, alike
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
@@ -28,16 +29,11 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Placed:
-    """Where a constraint's rows start, and how its cone was scaled: T F T^T (T a matrix) or c * F."""
+    """Which rows are a constraint's, and how its cone was scaled: T F T^T (T a matrix) or c * F."""
 
     constraint: Constraint
-    start: int
+    rows: slice
     scale: Array
-
-    @property
-    def rows(self) -> slice:
-        cone = Cone(self.constraint.cone, len(self.constraint.constant))
-        return slice(self.start, self.start + cone.rows)
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,7 @@ class SdpProblem:
     placed: tuple[Placed, ...]
     offset: float = 0.0  # the objective is offset + loss_scale^2 times the conic one
     entropy: Entropy | None = None
-    entropy_rows: tuple[int, ...] = ()  # where each link's 8x8 block starts
+    entropy_row: int = 0  # where the links' 8x8 blocks start
 
     def theta(self, solution: Solution) -> Array:
         return self.centre + self.theta_scale * solution.x[: len(self.theta_scale)]
@@ -60,12 +56,9 @@ class SdpProblem:
         """(links, 4, 4) the dual's own idea of P(theta)^-1, for a tight bound on -log det."""
         if self.entropy is None:
             return None
-        out = []
-        for start, p0 in zip(self.entropy_rows, self.entropy.nominal, strict=True):
-            block = unsvec(solution.z[start : start + 36], 8)[:4, :4]
-            scale = 1.0 / np.sqrt(np.diagonal(p0))
-            out.append(block * np.outer(scale, scale) * self.loss_scale**2 / self.entropy.weight)
-        return np.array(out)
+        rows = slice(self.entropy_row, self.entropy_row + 36 * len(self.entropy.links))
+        blocks = unsvec(solution.z[rows].reshape(-1, 36), 8)[:, :4, :4]
+        return blocks * _unit_diagonals(self.entropy) * self.loss_scale**2 / self.entropy.weight
 
     def multipliers(self, solution: Solution) -> dict[Constraint, Array]:
         """The dual matrix or vector of each constraint, in the units of loss per F."""
@@ -83,11 +76,8 @@ class SdpProblem:
 
         For :func:`largest_margin` they add up to one where no theta satisfies all constraints.
         """
-        out = []
-        for item in self.placed:
-            z, e = solution.z[item.rows], item.constraint.identity
-            out.append(float(z @ (svec(e) if item.constraint.cone == "psd" else e)))
-        return np.array(out)
+        each = ((solution.z[item.rows], item.constraint.identity) for item in self.placed)
+        return np.array([float(z @ (svec(e) if e.ndim > 1 else e)) for z, e in each])
 
 
 def least_squares_sdp(
@@ -108,7 +98,7 @@ def least_squares_sdp(
     least_loss : what the loss at the optimum is at least about, where the constraints cost far more
         than the unconstrained residual: the objective is a number of size one in that unit.
     """
-    data = objective.least_squares
+    data, entropy = objective.least_squares, objective.entropy
     p = len(bound)
     centre = np.zeros(p) if centre is None else centre
     torque = float(np.sqrt(data.tau_squared)) or 1.0
@@ -122,36 +112,27 @@ def least_squares_sdp(
     loss_scale = float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss))) or 1.0
     finer = loss_scale / torque if fine else 1.0
     scale = np.where(seen, np.minimum(bound, finer * unit), unit)
-    rows *= scale / unit
-    pieces = RowBuilder(p + r)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
-    pieces.rows("zero", np.hstack([rows / loss_scale, -np.eye(r)]), rho / loss_scale)
-    placed = pieces.constraints(constraints, centre, scale, reference)
-    quadratic = np.concatenate([np.zeros(p), 2.0 * np.ones(r)])
-    linear = np.zeros(p + r)
-    entropy_rows: tuple[int, ...] = ()
-    if objective.entropy is not None:
-        entropy_rows, logs = pieces.log_det(objective.entropy, centre, scale)
-        offset += _entropy_offset(objective.entropy, centre)
-        weight = objective.entropy.weight / loss_scale**2
-        for link, p0 in zip(objective.entropy.links, objective.entropy.nominal, strict=True):
-            linear[link.indices] += weight * link.adjoint(np.linalg.inv(p0)) * scale[link.indices]
-        extra = np.zeros(pieces.width - p - r)
-        quadratic = np.concatenate([quadratic, extra])
-        linear = np.concatenate([linear, extra])
+    residual = np.hstack([rows * (scale / unit) / loss_scale, -np.eye(r)])
+    own, placed = scaled(constraints, centre, scale, reference, first=r)
+    groups = [plain_rows("zero", residual, -rho / loss_scale), *own]
+    quadratic, linear, start = np.repeat([0.0, 2.0], [p, r]), np.zeros(p + r), 0
+    if entropy is not None:
+        start = sum(group.constant.size for group in groups)
+        more, logs, links = _log_det(entropy, centre, scale, p + r)
+        groups += more
+        inverse, log_det = entropy.nominal_terms
+        weight = entropy.weight / loss_scale**2
+        slope = np.einsum("gkab,gab->gk", links.coefficients, inverse)
+        linear[links.indices] += weight * slope * scale[links.indices]
+        quadratic, linear = (np.pad(x, (0, logs.size + 10 * len(slope))) for x in (quadratic, linear))
         linear[logs] = -weight
-    conic = pieces.problem(sparse.diags(quadratic).tocsc(), linear)
-    return SdpProblem(conic, centre, scale, loss_scale, placed, offset, objective.entropy, entropy_rows)
-
-
-def _entropy_offset(entropy: Entropy, centre: Array) -> float:
-    """What of the divergence the conic problem leaves out: its trace at the centre, log det, scaling."""
-    total = 0.0
-    for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
-        sizes = float(np.sum(np.log(np.diagonal(p0))))  # log det_block scales P to D P D, D^-2 = diag P0
-        at_centre = float(np.sum(np.linalg.inv(p0) * link.value(centre)))
-        total += at_centre + float(np.linalg.slogdet(p0)[1]) - 4.0 - sizes
-    return entropy.weight * total
+        # Of the divergence the conic problem leaves out the trace at the centre, log det and scaling.
+        left = np.sum(inverse * links.values(centre)) + np.sum(log_det - 4.0)
+        sizes = np.diagonal(entropy.nominal, axis1=1, axis2=2)
+        offset += entropy.weight * float(left - np.sum(np.log(sizes)))
+    conic = conic_problem(groups, sparse.diags(quadratic).tocsc(), linear)
+    return SdpProblem(conic, centre, scale, loss_scale, placed, offset, entropy, start)
 
 
 def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: Array) -> SdpProblem:
@@ -160,153 +141,115 @@ def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: A
     x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all constraints.
     """
     p = len(scale)
-    pieces = RowBuilder(p + 1)
-    placed = pieces.constraints(constraints, np.zeros(p), scale, reference, slack=p)
-    top = np.zeros((1, p + 1))
-    top[0, p] = 1.0
-    pieces.rows("nonnegative", top, np.ones(1))
-    linear = np.zeros(p + 1)
-    linear[p] = -1.0
-    conic = pieces.problem(sparse.csc_matrix((p + 1, p + 1)), linear)
+    groups, placed = scaled(constraints, np.zeros(p), scale, reference, slack=True)
+    top = -np.eye(p + 1)[p:]
+    conic = conic_problem([*groups, plain_rows("nonnegative", top, np.ones(1))], None, top[0])
     return SdpProblem(conic, np.zeros(p), scale, 1.0, placed)
 
 
-class RowBuilder:
-    """Collects the rows of A and b cone by cone."""
-
-    def __init__(self, width: int) -> None:
-        self.width = width
-        self.count = 0
-        self.i: list[NDArray[np.intp]] = []
-        self.j: list[NDArray[np.intp]] = []
-        self.v: list[Array] = []
-        self.b: list[Array] = []
-        self.cones: list[Cone] = []
-
-    def rows(self, kind: str, matrix: Array | sparse.csr_matrix, b: Array) -> None:
-        """Append rows of one of the cones that are no matrices."""
-        entries = sparse.coo_matrix(matrix)
-        self._add(entries.row, entries.col, entries.data, b, Cone(kind, len(b)))
-
-    def place(
-        self, c: Constraint, scale: Array, constant: Array, columns: Array, slack: int | None = None
-    ) -> Placed:
-        """Append F(theta) [- t e], constant + sum theta_k columns_k, in its cone."""
-        k, row = np.nonzero(columns)
-        i, j, v = row, c.indices[k], -columns[k, row]
-        if slack is not None:
-            direction = svec(c.identity) if c.cone == "psd" else c.identity
-            where = np.flatnonzero(direction)
-            i = np.concatenate([i, where])
-            j = np.concatenate([j, np.full(len(where), slack)])
-            v = np.concatenate([v, direction[where]])
-        placed = Placed(c, self.count, scale)
-        self._add(i, j, v, constant, Cone(c.cone, len(c.constant)))
-        return placed
-
-    def _add(self, i: ArrayLike, j: ArrayLike, v: ArrayLike, b: Array, cone: Cone) -> None:
-        self.i.append(np.asarray(i, np.intp) + self.count)
-        self.j.append(np.asarray(j, np.intp))
-        self.v.append(np.asarray(v, float))
-        self.b.append(b)
-        self.cones.append(cone)
-        self.count += len(b)
-
-    def constraints(
-        self,
-        constraints: Sequence[Constraint],
-        centre: Array,
-        theta_scale: Array,
-        reference: Array,
-        slack: int | None = None,
-    ) -> tuple[Placed, ...]:
-        """Append each F(theta) [- t e] in its cone."""
-        at = [c.value(reference) for c in constraints]
-        middle = at if np.array_equal(centre, reference) else [c.value(centre) for c in constraints]
-        scaled: list[tuple[Array, Array, Array]] = [()] * len(constraints)  # type: ignore[list-item]
-        for group in alike(constraints):
-            around, central = (np.array([x[k] for k in group.places]) for x in (at, middle))
-            made = _scaled(group, theta_scale, around, central, whiten=slack is None)
-            for place, *one in zip(group.places.tolist(), *made, strict=True):
-                scaled[place] = (one[0], one[1], one[2])
-        pairs = zip(constraints, scaled, strict=True)
-        return tuple(self.place(c, *made, slack=slack) for c, made in pairs)
-
-    def log_det(
-        self, entropy: Entropy, centre: Array, theta_scale: Array
-    ) -> tuple[tuple[int, ...], NDArray[np.intp]]:
-        """Append t_k with sum t <= log det P for each link; first rows of the blocks, columns of t.
-
-        log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower triangular.
-        """
-        lower = [(i, j) for j in range(4) for i in range(j, 4)]
-        starts, logs = [], []
-        for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
-            base, self.width = self.width, self.width + len(lower) + 4
-            scale = 1.0 / np.sqrt(np.diagonal(p0))
-            twice = np.outer(scale, scale)
-            blocks = np.zeros((10 + len(lower), 8, 8))
-            blocks[:10, :4, :4] = link.coefficients * twice
-            blocks[:10] *= theta_scale[link.indices][:, None, None]
-            for k, (i, j) in enumerate(lower):
-                blocks[10 + k, i, 4 + j] = blocks[10 + k, 4 + j, i] = 1.0
-                if i == j:
-                    blocks[10 + k, 4 + i, 4 + i] = 1.0
-            constant = np.zeros((8, 8))
-            constant[:4, :4] = link.value(centre) * twice
-            columns = svec(blocks)
-            variables = np.concatenate([link.indices, base + np.arange(len(lower))])
-            entry, row = np.nonzero(columns)
-            starts.append(self.count)
-            self._add(row, variables[entry], -columns[entry, row], svec(constant), Cone("psd", 8))
-            for d in range(4):
-                diagonal, log = base + lower.index((d, d)), base + len(lower) + d
-                logs.append(log)
-                # exp(t) <= Z_dd
-                self._add(
-                    np.array([0, 2]),
-                    np.array([log, diagonal]),
-                    np.array([-1.0, -1.0]),
-                    np.array([0.0, 1.0, 0.0]),
-                    Cone("exp", 3),
-                )
-        return tuple(starts), np.array(logs)
-
-    def problem(self, quadratic: sparse.csc_matrix, linear: Array) -> ConicProblem:
-        i, j, v = (np.concatenate(x) for x in (self.i, self.j, self.v))
-        matrix = sparse.csc_matrix((v, (i, j)), shape=(self.count, self.width))
-        return ConicProblem(
-            sparse.csc_matrix(quadratic), linear, matrix, np.concatenate(self.b), tuple(self.cones)
-        )
+def conic_problem(
+    groups: Sequence[Alike], quadratic: sparse.csc_matrix | None, linear: Array
+) -> ConicProblem:
+    """minimise 1/2 x^T quadratic x + linear^T x (m,), every F(x) of the groups in its cone; matrices are
+    svec's there, constant (g, rows), coefficients (g, k, rows)."""
+    every, m = Entries.of(groups), len(linear)
+    A = sparse.csc_matrix((-every.value, (every.row, every.column)), (len(every.constant), m))
+    cones = list[Cone]()
+    for group in groups:
+        count, size = group.constant.shape
+        cones += [Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)] * count
+    P = sparse.csc_matrix((m, m)) if quadratic is None else quadratic
+    return ConicProblem(P, linear, A, every.constant, tuple(cones))
 
 
-def _scaled(
-    group: Alike, theta_scale: Array, at: Array, middle: Array, whiten: bool
-) -> tuple[Array, Array, Array]:
-    """Of each constraint the cone's scaling (:class:`Placed`), F(centre) and the columns, scaled.
+def plain_rows(kind: str, matrix: Array, constant: Array) -> Alike:
+    """matrix (r, w) x[:w] + constant (r,) in one cone."""
+    return Alike(kind, np.arange(1), np.arange(matrix.shape[1])[None], constant[None], matrix.T[None])
 
-    at, middle (g, ...) : F at the reference, from which matrices are seen, and at the centre.
+
+def scaled(
+    constraints: Sequence[Constraint],
+    centre: Array,
+    theta_scale: Array,
+    reference: Array | None,
+    first: int = 0,
+    slack: bool = False,
+) -> tuple[list[Alike], tuple[Placed, ...]]:
+    """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`, and where
+    they stand from row ``first`` on.
+
+    reference (p,) : from where matrices are seen; None: cones as they are. slack : of F - t e, t the
+    entry of x behind theta's; matrices are not turned then.
     """
-    local = theta_scale[group.indices]
-    if group.cone == "psd":
-        scale = _whitening(at) if whiten else _sizes(at)[:, :, None] * np.eye(at.shape[-1])
-        turned = np.swapaxes(scale, 1, 2)
-        columns = svec(scale[:, None] @ group.coefficients @ turned[:, None]) * local[:, :, None]
-        return scale, svec(scale @ middle @ turned), columns
-    size = np.abs(group.coefficients * local[:, :, None]).max(axis=1) + np.abs(group.constant)
-    size = or_one(size)
-    if group.cone == "soc":
-        size = np.repeat(size.max(axis=1, keepdims=True), size.shape[1], axis=1)
-    scale = 1.0 / size
-    return scale, middle * scale, group.coefficients * scale[:, None] * local[:, :, None]
+    groups, placed = list[Alike](), list[Placed]()
+    for group in alike(constraints):
+        local, psd = theta_scale[group.indices][:, :, None], group.cone == "psd"
+        d, indices, middle = group.constant.shape[1], group.indices, group.values(centre)
+        if psd:
+            T = np.broadcast_to(np.eye(d), group.constant.shape)
+            if reference is not None:
+                at = group.values(reference)
+                T = _sizes(at)[:, :, None] * T if slack else _whitening(at)
+            turned = np.swapaxes(T, 1, 2)
+            columns = svec(T[:, None] @ group.coefficients @ turned[:, None]) * local
+            constant, scale = svec(T @ middle @ turned), T
+        else:
+            scale = np.ones_like(group.constant)
+            if reference is not None:
+                size = np.abs(group.coefficients * local).max(axis=1) + np.abs(group.constant)
+                soc = group.cone == "soc"
+                scale = 1.0 / or_one(np.maximum(size, size.max(axis=1, keepdims=True)) if soc else size)
+            constant, columns = middle * scale, group.coefficients * scale[:, None] * local
+        if slack:
+            unit = constraints[group.places[0]].identity
+            unit = np.broadcast_to(svec(unit) if psd else unit, constant.shape)
+            columns = np.concatenate([columns, -unit[:, None]], axis=1)
+            indices = np.column_stack([indices, np.full(len(indices), len(theta_scale))])
+        groups.append(Alike(group.cone, group.places, indices, constant, columns))
+        for place, own in zip(group.places.tolist(), scale, strict=True):
+            placed.append(Placed(constraints[place], slice(first, first + constant.shape[1]), own))
+            first += constant.shape[1]
+    return groups, tuple(placed)
+
+
+def _log_det(
+    entropy: Entropy, centre: Array, theta_scale: Array, width: int
+) -> tuple[list[Alike], NDArray[np.intp], Alike]:
+    """Groups that say sum t <= log det P for each link, the places of all t in x, and the links.
+
+    log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower triangular; Z's ten
+    entries and four t of each link stand in x from ``width`` on.
+    """
+    (links,) = alike(entropy.links)
+    n, (i, j) = len(links.places), np.tril_indices(4)
+    twice, z = _unit_diagonals(entropy), 10 + np.arange(10)
+    blocks, constant = np.zeros((n, 20, 8, 8)), np.zeros((n, 8, 8))
+    local = theta_scale[links.indices][:, :, None, None]
+    blocks[:, :10, :4, :4] = links.coefficients * twice[:, None] * local
+    blocks[:, z, i, 4 + j] = blocks[:, z, 4 + j, i] = 1.0
+    diagonal = np.flatnonzero(i == j)
+    blocks[:, z[diagonal], 4 + np.arange(4), 4 + np.arange(4)] = 1.0
+    constant[:, :4, :4] = links.values(centre) * twice
+    new = width + np.arange(14 * n).reshape(n, 14)
+    indices, logs = np.column_stack([links.indices, new[:, :10]]), new[:, 10:].ravel()
+    matrices = Alike("psd", links.places, indices, svec(constant), svec(blocks))
+    # exp(t) <= Z_dd
+    pairs = np.column_stack([logs, new[:, diagonal].ravel()])
+    one, both = np.tile(np.eye(3)[1], (4 * n, 1)), np.tile(np.eye(3)[::2], (4 * n, 1, 1))
+    return [matrices, Alike("exp", np.arange(4 * n), pairs, one, both)], logs, links
+
+
+def _unit_diagonals(entropy: Entropy) -> Array:
+    """(links, 4, 4) by which matrices are multiplied, so that the nominal ones have diagonals of one."""
+    size = 1.0 / np.sqrt(np.diagonal(entropy.nominal, axis1=1, axis2=2))
+    return np.asarray(size[:, :, None] * size[:, None])
 
 
 def moving_scale(constraints: Sequence[Constraint], reference: Array, bound: Array) -> Array:
     """(p,) units of theta, at most ``bound``, that move no matrix far in its size at the reference."""
     moves = np.zeros(len(bound))
-    matrices = [c for c in constraints if c.cone == "psd"]
-    for group in alike(matrices):
-        t = _whitening(np.array([matrices[k].value(reference) for k in group.places]))[:, None]
+    for group in alike([c for c in constraints if c.cone == "psd"]):
+        t = _whitening(group.values(reference))[:, None]
         size = np.linalg.norm(t @ group.coefficients @ np.swapaxes(t, 2, 3), axis=(2, 3))
         np.maximum.at(moves, group.indices, size)
     return np.asarray(_FARTHEST / np.maximum(moves, _FARTHEST / bound))

@@ -24,11 +24,16 @@ from sdp_vs_penalty.problem.published import measured_runs
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.robot.constraint import Alike, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.simulation.experiments import experiment
-from sdp_vs_penalty.solvers.conic import svec
-from sdp_vs_penalty.solvers.identification import RowBuilder, SdpProblem, least_squares_sdp
+from sdp_vs_penalty.solvers.identification import (
+    SdpProblem,
+    conic_problem,
+    least_squares_sdp,
+    plain_rows,
+    scaled,
+)
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
 _CHAIN_SEED = 20191015
@@ -105,22 +110,19 @@ def unscaled_sdp(data: LeastSquares, constraints: Sequence[Constraint], formulat
     rows   minimise |z|^2 subject to R theta - z = rho
     """
     (r, p), offset = data.R.shape, data.residual_norm**2
+    R, rho, groups = data.R, data.rho, list[Alike]()
     if formulation == "rows":
-        pieces = RowBuilder(p + r)
-        pieces.rows("zero", sparse.hstack([sparse.csr_matrix(data.R), -sparse.identity(r)]), data.rho)
+        groups = [plain_rows("zero", np.hstack([R, -np.eye(r)]), -rho)]
         P, q = sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc(), np.zeros(p + r)
     else:
         single = formulation.endswith("float32")
-        R, rho = (x.astype(np.float32 if single else float) for x in (data.R, data.rho))
-        pieces, offset = RowBuilder(p), offset + float(data.rho @ data.rho)
+        R, rho = (x.astype(np.float32 if single else float) for x in (R, rho))
+        offset += float(data.rho @ data.rho)
         P = sparse.csc_matrix(np.triu(2.0 * (R.T @ R).astype(float)))
         q = -2.0 * (R.T @ rho).astype(float)
-    placed = []
-    for c in constraints:
-        psd, d = c.cone == "psd", len(c.constant)
-        constant, columns = (svec(x) if psd else x for x in (c.constant, c.coefficients))
-        placed.append(pieces.place(c, np.eye(d) if psd else np.ones(d), constant, columns))
-    return SdpProblem(pieces.problem(P, q), np.zeros(p), np.ones(p), 1.0, tuple(placed), offset)
+    more, placed = scaled(constraints, np.zeros(p), np.ones(p), None, first=r if groups else 0)
+    conic = conic_problem([*groups, *more], P, q)
+    return SdpProblem(conic, np.zeros(p), np.ones(p), 1.0, placed, offset)
 
 
 def in_units(instance: Instance, mass: float, length: float) -> Instance:
