@@ -181,7 +181,7 @@ def scaled(
     reference (p,) : from where matrices are seen; None: cones as they are. slack : of F - t e, t the
     entry of x behind theta's; matrices are not turned then.
     """
-    groups, placed = list[Alike](), list[Placed]()
+    groups, placed = list[Alike](), dict[int, Placed]()
     for group in alike(constraints):
         local, psd = theta_scale[group.indices][:, :, None], group.cone == "psd"
         d, indices, middle = group.constant.shape[1], group.indices, group.values(centre)
@@ -207,9 +207,9 @@ def scaled(
             indices = np.column_stack([indices, np.full(len(indices), len(theta_scale))])
         groups.append(Alike(group.cone, group.places, indices, constant, columns))
         for place, own in zip(group.places.tolist(), scale, strict=True):
-            placed.append(Placed(constraints[place], slice(first, first + constant.shape[1]), own))
+            placed[place] = Placed(constraints[place], slice(first, first + constant.shape[1]), own)
             first += constant.shape[1]
-    return groups, tuple(placed)
+    return groups, tuple(placed[k] for k in range(len(constraints)))
 
 
 def _log_det(
