@@ -26,16 +26,15 @@ _HEADERS = {
     "connect-src 'self' SOCKETS data:; worker-src 'self' blob:; "
     "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
 }
-#: Where only this computer's own programs can ask.
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
+#: The names of this computer that its own programs alone can ask.
+_NAMES = ("127.0.0.1", "localhost")
 #: Name of the key in the printed address.
 KEY = "key"
 
 
-def guarded(app: App, port: int, key: str, host: str = "127.0.0.1", tls: bool = False) -> App:
+def guarded(app: App, port: int, key: str) -> App:
     """The app behind Starlette's check of the Host header (DNS rebinding) and our own."""
-    inner = AuthMiddleware(app, port, key, host, tls)
-    return TrustedHostMiddleware(inner, inner.names, www_redirect=False)
+    return TrustedHostMiddleware(AuthMiddleware(app, port, key), _NAMES, www_redirect=False)
 
 
 class AuthMiddleware:
@@ -46,16 +45,12 @@ class AuthMiddleware:
     likes: it does not know the ``key`` that is in the printed address, once, and in a cookie thereafter.
     """
 
-    def __init__(
-        self, app: App, port: int, key: str, host: str = "127.0.0.1", tls: bool = False
-    ) -> None:
-        self.app, self.key, self.tls = app, key, tls
+    def __init__(self, app: App, port: int, key: str) -> None:
+        self.app, self.key = app, key
         # Cookies know no ports: two servers on one computer must not take each other's away.
         self.cookie = f"sdp-vs-penalty-key-{port}"
-        asked = {host, "127.0.0.1", "localhost"} if host in LOOPBACK else {host}
-        self.names = sorted(f"[{name}]" if ":" in name else name for name in asked)
-        self.origins = {f"http{'s' * tls}://{name}:{port}" for name in self.names}
-        sockets = " ".join(f"ws{'s' * tls}://{name}:{port}" for name in self.names)
+        self.origins = {f"http://{name}:{port}" for name in _NAMES}
+        sockets = " ".join(f"ws://{name}:{port}" for name in _NAMES)
         self.headers = {name: value.replace("SOCKETS", sockets) for name, value in _HEADERS.items()}
 
     async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
@@ -97,5 +92,5 @@ class AuthMiddleware:
         rest = urlencode([(k, v) for k, v in asked.query_params.multi_items() if k != KEY])
         # Never //host: that would lead elsewhere.
         path = "/" + asked.scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
-        cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict" + "; Secure" * self.tls
+        cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict"
         return RedirectResponse(path, 303, {"set-cookie": cookie, "cache-control": "no-store"})

@@ -5,7 +5,6 @@ Every job loads what it needs from files of the session's folder and leaves its 
 a job that is killed has changed nothing.
 """
 
-import base64
 import json
 import time
 from collections.abc import Iterable, Sequence
@@ -15,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks import urdf
 from sdp_vs_penalty.data.cli_parsing import numbers
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
@@ -29,15 +27,10 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
-from sdp_vs_penalty.estimation.excitation import save_trajectory
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
-from sdp_vs_penalty.estimation.pose import PoseOptions
-from sdp_vs_penalty.estimation.separation import separate as separation
 from sdp_vs_penalty.estimation.shapes import asked_effects
-from sdp_vs_penalty.estimation.verify import verify_proof_file
 from sdp_vs_penalty.estimators import with_solver
-from sdp_vs_penalty.exporters import sdp
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes, write_text
@@ -48,17 +41,14 @@ from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.reports.parameters import caveats, half_axes, link_rows, standard_rows
 from sdp_vs_penalty.reports.sections import JUDGED_HEADS, certificate_rows, judged_row
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.geometry import link_hulls
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
-from sdp_vs_penalty.simulation.follow import follow
 
 
 def robot(asked: Asked) -> Answer:
     """What the page shows of the robot: a built-in name or a URDF file."""
-    problem, source = asked.problem, asked["robot"]["source"]
+    problem = asked.problem
     own = formatting.count(problem.robot.n, "joint") + ", from URDF"
-    hulls = link_hulls(source) if source.lower().endswith(".urdf") else []
     bounds, settings = np.isfinite(problem.box).any(axis=2), problem.preprocessing
     both = settings.state_cutoff, settings.torque_cutoff
     cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
@@ -73,7 +63,7 @@ def robot(asked: Asked) -> Answer:
         "joints": problem.robot.joint_names,
         "units": [formatting.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
-        "drawn": drawn_arm(problem.robot, problem.nominal_links, hulls),
+        "drawn": drawn_arm(problem.robot, problem.nominal_links),
         "own_gravity": problem.robot.gravity,
         "known": known,
     }
@@ -134,25 +124,10 @@ def find(asked: Asked) -> Answer:
     return {"diagnosis": result.to_dict(), "curves": curves}
 
 
-def separate(asked: Asked) -> Answer:
-    """The run that would tell two effects apart: what `sdp-vs-penalty excite --separate` does."""
-    how: dict[str, Any] = {"duration": asked.number("duration", 21.0), "seed": asked.seed}
-    how |= {"level": asked.number("level", 1.0), "progress": asked.progress}
-    how["iterations"] = int(asked.number("iterations", 200))
-    found = separation(asked.model, asked["effects"], **how)
-    out = asked.folder / "trajectory.csv"
-    save_trajectory(found.trajectory, out)
-    said = (
-        f"To tell {asked['effects']} apart: right in {100 * found.right:.0f} % of runs like "
-        f"trajectory.csv, {100 * found.default_right:.0f} % on the default excitation.",
-        "Collisions are not checked: look at the motion before it is run.",
-    )
-    return {"notice": said, "files": [out.name]}
-
-
 def methods(asked: Asked) -> Answer:
     """The same effects by other methods, judged alike: headings, and a row a method."""
     runs, current = asked.runs, asked.model
+    train = asked.windowed(runs.train)
     if not asked["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
     rows = []
@@ -163,8 +138,8 @@ def methods(asked: Asked) -> Answer:
             "progress": lambda text, name=name: asked.progress(f"{name}: {text}"),
         }
         try:
-            made = identify(current.problem, runs.train, name, **given)
-            folds = asked["folds"] and cross_validate(current.problem, runs.train, name, **given)
+            made = identify(current.problem, train, name, **given)
+            folds = asked["folds"] and cross_validate(current.problem, train, name, **given)
         except InputError as error:
             rows.append([name, str(error), *[""] * (len(JUDGED_HEADS) - 1)])
             continue
@@ -199,74 +174,6 @@ def take(asked: Asked) -> Answer:
     return {"files": [name], "notice": [said] if lost else []}
 
 
-def forward(asked: Asked) -> Answer:
-    """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
-
-    Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf (F,), poses
-    (F, 2 joints, 4, 4), the measured arm before the simulated one.
-    """
-    estimate, drive = asked.model, asked["drive"]
-    made = follow(estimate, asked.runs.judge, drive=drive, seed=asked.seed, progress=asked.progress)
-    files = [f"forward-{made.drive}-{k}.npz" for k in range(len(made.free))]
-    for file, free in zip(files, made.free, strict=True):
-        both, t = (free.measured, free.simulated.q), free.simulated.t
-        (tf, one), (_, other) = (placed(estimate.robot, t, q) for q in both)
-        arrays = {"t": t, "measured": both[0], "simulated": both[1], "tf": tf}
-        save_arrays(asked.folder / file, {**arrays, "poses": np.concatenate([one, other], axis=1)})
-    heads, rows = made.table()
-    return {
-        "arrays": files,
-        "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
-        "verdict": made.verdict,
-        "explained": made.explained,
-        "units": list(made.units),
-        "heads": heads,
-        "rows": rows,
-        "left_out": list(made.left_out),
-    }
-
-
-def prove(asked: Asked) -> Answer:
-    """The model identified again with a proof, as `identify --proof` does, and that verified."""
-    model, out = asked.model, asked.folder / "proof.json"
-    given: dict[str, Any] = {"effects": model.model.effects, "weighting": model.weighting}
-    given |= {"seed": asked.seed, "progress": asked.progress}
-    identify(model.problem, asked.windowed(asked.runs.train), model.method, proof=out, **given)
-    asked.progress("checking the proof")
-    return {**verify(Asked({"proof": str(out)})), "files": [out.name]}
-
-
-def verify(asked: Asked) -> Answer:
-    """What `sdp-vs-penalty verify` says of a proof."""
-    holds, said = verify_proof_file(asked["proof"])
-    return {"holds": holds, "said": said}
-
-
-def pose(asked: Asked) -> Answer:
-    """The SDP behind a model as a file, and what it means: what `sdp-vs-penalty export-sdp` does."""
-    model, out = asked.model, asked.folder / asked["name"]
-    options = PoseOptions(model.model.effects, weighting=model.weighting, seed=asked.seed)
-    runs = asked.windowed(asked.runs.train)
-    sdp.write_posed(model.problem, runs, out, model.method, options, asked.progress)
-    return {"files": [out.name, f"{out.name}.json"]}
-
-
-def check_urdf(asked: Asked) -> Answer:
-    """What `sdp-vs-penalty check-urdf` says, and its mended copy."""
-    path, out = asked["robot"]["source"], asked.folder / "fixed.urdf"
-    checks = urdf.check_urdf(path)
-    broken = any(not c.consistent for c in checks)
-    if broken:
-        urdf.write_nearest(path, checks, out)
-    return {
-        "urdf": path,
-        "possible": not broken,
-        "said": urdf.sentences(checks, urdf.massless_links(path)),
-        "rows": urdf.table(checks),
-        "files": [out.name] * broken,
-    }
-
-
 def about(estimate: Estimate) -> dict[str, Any]:
     """The parameters as the page shows them: rows, links, words and friction as in the report, and the
     arm in 3D (:func:`drawn_arm`)."""
@@ -283,31 +190,17 @@ def about(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def drawn_arm(
-    robot: Robot, links: Iterable[Array], hulls: Sequence[Sequence[Array]] = ()
-) -> dict[str, Any]:
-    """The arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid, and
-    the convex hulls of a URDF's shapes and meshes (robot/geometry.py) with their joint, as STL."""
-    bodies, shapes = [], []
-    frames = [robot.tree[joint].link_frame for joint in robot.link_joints]
-    for joint, frame, some in zip(robot.link_joints, frames, hulls, strict=False):
-        placed = (corners @ frame[:3, :3].T + frame[:3, 3] for corners in some)
-        shapes += [{"joint": joint, "stl": _stl(corners)} for corners in placed]
-    for k, (joint, frame, link) in enumerate(zip(robot.link_joints, frames, links, strict=False)):
+def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
+    """The arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid."""
+    bodies = []
+    for k, (joint, link) in enumerate(zip(robot.link_joints, links, strict=False)):
         if (body := half_axes(link)) is not None:
             half, axes, com = body
-            place = frame @ np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
+            at = np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
+            place = robot.tree[joint].link_frame @ at
             bodies.append({"link": k, "joint": joint, "half": half, "place": place})
     joints = [{"parent": j.parent, "at": j.placement[:3, 3]} for j in robot.tree]
-    return {"bodies": bodies, "joints": joints, "shapes": shapes}
-
-
-def _stl(corners: Array) -> str:
-    """Triangles (k, 3, 3) as a binary STL file, in base 64."""
-    file = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("end", "<u2")])
-    file["corners"] = corners
-    head = bytes(80) + len(corners).to_bytes(4, "little")
-    return base64.b64encode(head + file.tobytes()).decode()
+    return {"bodies": bodies, "joints": joints}
 
 
 def _named(runs: Sequence[Measurements]) -> list[str]:

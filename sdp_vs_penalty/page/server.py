@@ -11,7 +11,6 @@ import signal
 import socket
 import sys
 import webbrowser
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -23,7 +22,7 @@ from nicegui import ui
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.page.auth_middleware import KEY, LOOPBACK, guarded
+from sdp_vs_penalty.page.auth_middleware import KEY, guarded
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SILENCE, Sessions, receive, shown_name
 from sdp_vs_penalty.page.stages import STAGES
@@ -41,53 +40,20 @@ _STYLE = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({_SHOWN}) {{ disp
 _LOOK = f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text()}</script>"
 
 
-@dataclass(frozen=True)
-class Address:
-    """Where the page is served: a name or number of this computer, and the files of TLS (PEM).
-
-    Raises InputError for another host than loopback without certificate and key, one of the two alone,
-    files that are missing, or a host that stands for all addresses (browsers cannot name it).
-    """
-
-    host: str = "127.0.0.1"
-    certificate: Path | None = None
-    key: Path | None = None
-
-    def __post_init__(self) -> None:
-        if self.host in ("", "0.0.0.0", "::"):
-            raise InputError(f"--host {self.host}: all addresses at once", "name the one that is asked")
-        if (self.certificate is None) != (self.key is None):
-            raise InputError("--certificate and --key belong together", "name both files")
-        for path in (self.certificate, self.key):
-            if path is not None and not path.is_file():
-                raise InputError("there is no such file", "name a PEM file", path)
-        if self.host not in LOOPBACK and not self.tls:
-            raise InputError(
-                f"--host {self.host}: other computers could listen in",
-                "name the files of TLS, --certificate and --key, or serve 127.0.0.1 only",
-            )
-
-    @property
-    def tls(self) -> bool:
-        return self.certificate is not None
-
-
-def serve(folder: Path | None, port: int | None, browser: bool, at: Address, forms: Forms) -> None:
-    """Serve the page until it is interrupted, to whoever has the printed address.
+def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) -> None:
+    """Serve the page to this computer until it is interrupted, to whoever has the printed address.
 
     folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that
-    is free where that is taken; forms : by what they are for, options of the
-    command line that the page offers. Raises InputError for a folder that is none, a
-    port that is taken, or files that TLS cannot use.
+    is free where that is taken; forms : by what they are for, options of the command line that the page
+    offers. Raises InputError for a folder that is none or a port that is taken.
     """
     if folder is not None and not folder.is_dir():
         raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
-    listener = _listen(at.host, port)
+    listener = _listen(port)
     chosen = listener.getsockname()[1]
     sessions = Sessions(WorkerPool())
     key = secrets.token_urlsafe(24)
-    name = f"[{at.host}]" if ":" in at.host else at.host
-    address = f"http{'s' * at.tls}://{name}:{chosen}/?{KEY}={key}"
+    address = f"http://127.0.0.1:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
     nicegui_app.on_startup(sessions.pool.prepare)
     # The server ends in order and then raises the signal again: leave by exit, so that what Python
@@ -99,9 +65,7 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address, for
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
     logging.getLogger("engineio").setLevel(logging.CRITICAL)  # that a tab has lost its connection
     config = uvicorn.Config(
-        guarded(make_app(sessions, folder, forms), chosen, key, at.host, at.tls),
-        ssl_certfile=at.certificate,
-        ssl_keyfile=at.key,
+        guarded(make_app(sessions, folder, forms), chosen, key),
         log_level="error",
         access_log=False,
         timeout_graceful_shutdown=1,
@@ -118,17 +82,13 @@ def serve(folder: Path | None, port: int | None, browser: bool, at: Address, for
         gc.freeze()  # going through all objects once more takes Python a second
 
 
-def _listen(host: str, port: int | None) -> socket.socket:
+def _listen(port: int | None) -> socket.socket:
     """A listening socket; the browser may knock before the server answers."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        return socket.create_server((host, PORT if port is None else port), family=family, backlog=128)
+        return socket.create_server(("127.0.0.1", PORT if port is None else port), backlog=128)
     except OSError as error:
-        if error.errno not in (errno.EADDRINUSE, errno.EACCES):
-            reason = error.strerror or str(error)
-            raise InputError(f"--host {host}: {reason}", "name an address of this computer") from error
         if port is None:
-            return _listen(host, 0)
+            return _listen(0)
         taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
         raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
 
@@ -222,9 +182,6 @@ async def _keep(session: Session, request: Request, given: str, kind: str) -> Re
         session.choose_robot(str(path), name)
     elif kind == "model":
         session.open_model(str(path), name)
-    elif kind == "proof":
-        session.names[str(path)] = name
-        session.ask("verify", f"Checking {name}", proof=str(path))
     else:
         while name in session.arrived:
             name = f"{Path(name).stem} again{Path(name).suffix}"

@@ -408,12 +408,10 @@ class Session:
         async def do() -> None:
             model = self.model and self.model.file
             answer = await self._job(job, **on)
-            for file in answer.get("arrays", ()):
-                self._read.pop(file, None)
             if answer.get("notice"):
                 self.notice = Notice(tuple(answer["notice"]), error=False)
             self.answers[job] = {**answer, "model": model}
-            self.new = ("advanced", "methods") if job == "methods" else self.new
+            self.new = ("identify", "methods") if job == "methods" else self.new
             self.made |= set(answer.get("files", ()))
             for name in answer.get("files", ()):
                 if ready is not None:

@@ -26,7 +26,7 @@ SILENCE = 30.0
 RUN_SUFFIXES = suffixes()
 ROBOT_SUFFIXES = (".urdf", ".xml")
 #: By what is dropped.
-SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",), "proof": (".json",)}
+SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",)}
 
 
 def shown_name(given: str) -> str:

@@ -37,8 +37,6 @@ class View:
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(METHODS, True))
     folds: bool = False
-    drive: str = ""
-    separating: dict[str, str] = field(default_factory=dict)
     hiding: dict[str, Any] = field(
         default_factory=lambda: {"effect": HIDDEN, "joint": "0", "level": LEVEL, "seed": 7}
     )

@@ -10,11 +10,11 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
-from sdp_vs_penalty.page.stages import STAGES, WORK
+from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Part, Stage, View
 
 _LEVELS = frozenset({"good", "usable", "bad"})
-_NEXT = dict(itertools.pairwise(WORK))
+_NEXT = dict(itertools.pairwise(STAGES))
 
 
 class Workbench:
@@ -81,10 +81,8 @@ class Workbench:
     def _rail(self) -> None:
         with tag("nav", style="stages", aria_label="Stages"):
             for k, stage in enumerate(STAGES, start=1):
-                extra = "" if stage in WORK else "aside"
-                with tag("a", style=extra, href="#", data_key=f"nav-{k}", data_to=stage.anchor) as link:
-                    if not extra:
-                        tag("span", str(k), "step", aria_hidden="true")
+                with tag("a", href="#", data_key=f"nav-{k}", data_to=stage.anchor) as link:
+                    tag("span", str(k), "step", aria_hidden="true")
                     tag("span", stage.title)
                     self._at[f"level-{stage.anchor}"] = tag("span", style="unseen")
                 self._at[f"link-{stage.anchor}"] = link

@@ -7,7 +7,6 @@ body is then taken from what else is known.
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ import numpy as np
 
 from sdp_vs_penalty.files import LARGEST_MESH, LARGEST_TEXT, reading
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.body import directions
 from sdp_vs_penalty.robot.urdf import load_urdf, numbers_of, placed_links, pose_of
 
 
@@ -39,29 +37,6 @@ def link_geometry(path: str | Path) -> list[Geometry | None]:
         cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in every)])
         known = len(cloud) and None not in found
         out.append(Geometry(cloud, sum(shape.volume for shape in every)) if known else None)
-    return out
-
-
-def link_hulls(path: str | Path) -> list[list[Array]]:
-    """Of each moving link of a URDF the convex hulls of its shapes and meshes that can be read: the
-    corners (k, 3, 3) of their triangles, seen from outside, in the link's frame [m].
-
-    Raises InputError as :func:`link_geometry`.
-    """
-    from scipy.spatial import ConvexHull, QhullError
-
-    out: list[list[Array]] = []
-    for found in _link_shapes(Path(path)):
-        out.append([])
-        for cloud in (shape.points for part in found for shape in part or []):
-            points = cloud[np.unique(np.argmax(cloud @ directions().T, axis=0))]  # the farthest ones
-            with suppress(QhullError, ValueError):  # points in a plane have none
-                hull = ConvexHull(points)
-                corners = points[hull.simplices]
-                normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-                inward = np.einsum("ki,ki->k", normal, hull.equations[:, :3]) < 0.0
-                corners[inward] = corners[inward][:, ::-1]
-                out[-1].append(corners)
     return out
 
 

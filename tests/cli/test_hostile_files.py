@@ -72,14 +72,12 @@ COMMANDS = {
         "check RUN --problem @",
         "excite @ --out out.csv",
     ),
-    "pem": ("page --host arm.example --certificate @ --key @",),
 }
 SUFFIXES = {
     "run": (".csv", ".npz", ".mat", ".parquet", ".mcap"),
     "model": (".json",),
     "urdf": (".urdf",),
     "problem": ("",),
-    "pem": (".pem",),
 }
 
 
@@ -114,7 +112,6 @@ def bombs(kind: str, folder: Path) -> Iterator[Path]:
             "4.urdf": '<robot name="r"><link name="a"><inertial><mass value="' + "9" * size + '"/>'
             "</inertial></link></robot>",
         },
-        "pem": {".pem": "-" * size},
     }  # fmt: skip
     for suffix, text in texts.get(kind, {}).items():
         path = folder / f"bomb{suffix}"

@@ -27,7 +27,6 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server)
     page.click(key("identify"))
     page.wait_for_selector("[data-part=fit] .js-line")
     idle(page)
-    go(page, "advanced")
     for name in ("lmi-sdp", "ols", "penalty"):
         page.uncheck(key(f"method-{name}"))
     for name in ("penalty-paper", "penalty-paper-two-step", "penalty-two-step", "lmi-sdp-entropic"):

@@ -2,13 +2,7 @@
 
 import asyncio
 import base64
-import http.client
 import json
-import re
-import shutil
-import ssl
-import subprocess
-import sys
 import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
@@ -21,18 +15,17 @@ import pytest
 from page_sessions import do, finish, opened, saved
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty import InputError, follow, load_estimate
-from sdp_vs_penalty.checks.urdf import check_urdf
+from sdp_vs_penalty import InputError, compare, identify, load_measurements
 from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page import worker
 from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
-from sdp_vs_penalty.page.server import Address
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import Curves, envelope
+from sdp_vs_penalty.reports.sections import judged_row
 
 #: A job of seconds.
 LONG = {
@@ -47,8 +40,8 @@ def numbers(packed: Any) -> Any:
 
 
 @pytest.mark.long
-def test_what_changes_nothing_is_what_the_verbs_say(sessions, two_link, hidden, tmp_path):
-    """Run forward, proof, posed problem and inertials: the numbers of the functions behind the verbs."""
+def test_what_changes_nothing_is_what_the_verbs_say(sessions, hidden, tmp_path):
+    """Methods compared, and the runs taken away: the numbers of the functions behind the verbs."""
     made: list[str] = []
     # Two to identify from, for two processes.
     s = opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv", "b.csv", "test.csv"))
@@ -56,49 +49,18 @@ def test_what_changes_nothing_is_what_the_verbs_say(sessions, two_link, hidden, 
     do(
         s,
         s.identify,
-        lambda: s.ask("forward", "Running forward", drive="torque"),
-        lambda: s.ask("prove", "Proving", made.append),
-        lambda: s.ask("pose", "Posing", made.append, name="problem.cbf"),
+        lambda: s.ask("methods", "Comparing", methods=["ols"], folds=False),
+        lambda: s.take("run-3.csv", made.append),
     )
-    proof = json.loads((s.folder / "proof.json").read_text())
-    (s.folder / "false.json").write_text(json.dumps({**proof, "lower": "1000000"}))
-    do(s, lambda: s.ask("verify", "Checking", proof=str(s.folder / "false.json")))
-    model = load_estimate(s.model.file)
-    ahead = s.answer("forward")
-    assert ahead["verdict"] == follow(model, tmp_path / "test.csv").verdict
-    arrays = s.arrays(ahead["arrays"][0])
-    assert arrays["poses"].shape[1] == 2 * two_link.robot.n
-    assert arrays["simulated"][0] == pytest.approx(arrays["measured"][0])
-    assert made == ["proof.json", "problem.cbf", "problem.cbf.json"]
-    proved = s.answer("prove")
-    assert proved["holds"]
-    interval = re.search(r"\[[^\]]*\]", proved["said"])
-    low, high = json.loads(interval[0])
-    assert low <= model.certificate.upper * (1 + 1e-9)
-    assert high >= model.certificate.lower * (1 - 1e-9)
-    about = json.loads((s.folder / "problem.cbf.json").read_text())
-    assert about["lower"] <= about["upper"]
-    assert not s.answers["verify"]["holds"]
+    files = [tmp_path / name for name in ("a.csv", "b.csv", "test.csv")]
+    runs = load_measurements(*files[:2], stop=8.0)
+    own = identify("two_link", runs, "ols", effects=s.effects, check=False)
+    ((_, *cells),) = s.answer("methods")["rows"]
+    assert cells == judged_row(compare(own, files[2], noise_from=files)[0])[1:]
+    assert made == ["run-3.csv"]
+    assert load_measurements(s.folder / "run-3.csv").data_hash == hidden.runs[2].data_hash
     s.forget_models()
-    assert s.answer("forward") is None
-
-
-def test_a_urdf_with_an_impossible_link_is_named_and_mended(sessions, tmp_path):
-    text = (Path(__file__).parents[2] / "docs" / "my_arm.urdf").read_text()
-    wrong = re.sub(r'izz="[^"]*"', 'izz="50"', text, count=1)
-    (tmp_path / "arm.urdf").write_text(wrong)
-    made: list[str] = []
-    s = sessions.new()
-    do(
-        s,
-        lambda: s.choose_robot(str(tmp_path / "arm.urdf"), "arm.urdf"),
-        lambda: s.ask("check_urdf", "Checking", made.append),
-    )
-    found = s.answers["check_urdf"]
-    assert not found["possible"]
-    assert "physically impossible" in found["said"][0]
-    assert made == ["fixed.urdf"]
-    assert all(c.consistent for c in check_urdf(s.folder / "fixed.urdf"))
+    assert s.answer("methods") is None
 
 
 @pytest.mark.long
@@ -374,7 +336,7 @@ def test_tabs_without_a_connection_are_kept_a_while(shown, sessions, monkeypatch
 
 
 def answer(
-    headers: dict[str, str], gate: Any = guarded, error: Exception | None = None, **scope: Any
+    headers: dict[str, str], error: Exception | None = None, **scope: Any
 ) -> tuple[bool, list[Any]]:
     """Whether a request with these headers reaches the page, and what is answered."""
     reached, sent = [], []
@@ -392,7 +354,7 @@ def answer(
 
     scope = {"type": kind, "method": "GET", "path": "/", "query_string": b"", **scope}
     scope["headers"] = [(k.encode(), v.encode()) for k, v in headers.items()]
-    asyncio.run(gate(app, 99, "secret")(scope, None, send))
+    asyncio.run(guarded(app, 99, "secret")(scope, None, send))
     return bool(reached), sent
 
 
@@ -459,63 +421,6 @@ def test_the_printed_address_lets_in_once(path, query, to):
     assert headers[b"location"] == to
     for word in (b"sdp-vs-penalty-key-99=secret", b"HttpOnly", b"SameSite=Strict"):
         assert word in headers[b"set-cookie"]
-
-
-def test_over_tls_only_the_named_host_is_asked_and_the_cookie_stays_there():
-    gate = partial(guarded, host="lab.example", tls=True)
-    other, own = (
-        answer({"host": host}, gate, query_string=b"key=secret")[1][0]
-        for host in ("127.0.0.1:99", "lab.example:99")
-    )
-    assert other["status"] == 400
-    headers = dict(own["headers"])
-    assert headers[b"set-cookie"].endswith(b"Secure")
-    assert b"connect-src 'self' wss://lab.example:99 data:;" in headers[b"content-security-policy"]
-
-
-@pytest.mark.parametrize(
-    ("host", "files", "words"),
-    [
-        ("192.0.2.1", (), "could listen in: name the files of TLS"),
-        ("0.0.0.0", ("cert.pem", "key.pem"), "all addresses at once"),
-        ("127.0.0.1", ("cert.pem",), "belong together"),
-        ("192.0.2.1", ("cert.pem", "missing.pem"), "no such file"),
-    ],
-)
-def test_other_computers_are_served_over_tls_only(host, files, words, tmp_path):
-    for name in ("cert.pem", "key.pem"):
-        (tmp_path / name).write_text("x")
-    with pytest.raises(InputError, match=words):
-        Address(host, *(tmp_path / name for name in files))
-
-
-@pytest.mark.slow
-def test_the_page_over_tls(tmp_path):
-    if shutil.which("openssl") is None:
-        pytest.skip("openssl makes the certificate")
-    files = tmp_path / "key.pem", tmp_path / "cert.pem"
-    made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost"]
-    made += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(files[0]), "-out", str(files[1])]
-    subprocess.run(made, check=True, capture_output=True)
-    code = "from sdp_vs_penalty.cli.main import main; main()"
-    command = [sys.executable, "-c", code, "page", "--no-browser"]
-    command += ["--key", str(files[0]), "--certificate", str(files[1])]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        printed = re.search(r"https://127\.0\.0\.1:(\d+)(/\?key=\S+)", server.stdout.readline())
-        assert printed
-        trusted = ssl.create_default_context(cafile=str(files[1]))
-        connection = http.client.HTTPSConnection(
-            "127.0.0.1", int(printed[1]), timeout=30, context=trusted
-        )
-        connection.request("GET", printed[2])
-        answer = connection.getresponse()
-        assert answer.status == 303
-        assert str(answer.getheader("set-cookie")).endswith("SameSite=Strict; Secure")
-    finally:
-        server.terminate()
-        server.wait(10)
-        server.stdout.close()
 
 
 def test_jobs_of_all_tabs_wait_for_each_other():

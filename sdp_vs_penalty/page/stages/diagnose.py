@@ -1,5 +1,6 @@
 """Diagnose: the error from model to model; which effects are missing, each to be added with a click."""
 
+import shlex
 from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial
@@ -87,13 +88,11 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         if rivals := finding.indistinguishable_from:
             draw.tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
         if finding.undecided is not None:
-            with draw.details("Which run would tell", f"tell-options-{k}"):
-                with draw.tag("div", style="fields"):
-                    draw.draw_form(view.forms["separate"], view.separating)
-                how = {"effects": finding.undecided, "options": view.separating}
-                said = "Designing the run that would tell"
-                design = partial(session.ask, "separate", said, view.download, **how)
-                draw.button("Design it", design, f"tell-{k}")
+            words = ["excite", "model.json", "--separate", finding.undecided]
+            words += ["--out", f"tell{k + 1}.csv"]
+            with draw.details("Which run would tell", f"tell-{k}"):
+                draw.note("The model's file, under Use, and this command design it:")
+                draw.tag("pre", shlex.join(["sdp-vs-penalty", *words]), tabindex="0")
         elif finding.cooled:
             draw.note(f"Which run would tell: {finding.cooled}.")
         if finding.remarks:

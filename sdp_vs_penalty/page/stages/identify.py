@@ -1,4 +1,5 @@
-"""Identify: what makes torque to begin with, how well it fits and where it fails, what was found."""
+"""Identify: what makes torque to begin with, how well it fits and where it fails, what was found; the
+same by other methods."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -19,6 +20,7 @@ from sdp_vs_penalty.page.view import Stage, View, after_model, identified, metho
 from sdp_vs_penalty.reports import markup
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
+from sdp_vs_penalty.reports.sections import CERTIFICATE
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
@@ -240,10 +242,10 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
 
 @after_model("parameters", "Parameters")
 def parameters(view: View) -> None:
-    """Links, friction and every parameter with its interval."""
+    """Links, friction, certificate and every parameter with its interval."""
     for said in view.session.current.about["words"]:
         draw.tag("p", said, "words")
-    box = draw.details("Links, friction and every parameter", "parameters")
+    box = draw.details("Links, friction, certificate and every parameter", "parameters")
 
     def fill() -> None:  # once it is opened: a chart that nobody sees costs as much at every click
         if len(box.default_slot.children) == 1:
@@ -269,6 +271,9 @@ def _tables(view: View) -> None:
         drawn = draw.chart(options(), "Friction torque over velocity with its 95 % band")
         draw.note("Of the joint that is chosen above; shaded: 95 %.")
         view.followers["parameters"] = lambda: drawn.update_figure(options())
+    draw.tag("h4", "Certificate")
+    draw.note(CERTIFICATE)
+    draw.table(["figure", view.session.current.label], about["certificate"], "Certificate", "wraps")
     draw.tag("h4", "Every parameter")
     draw.note(
         "Values with 95 % intervals beside the nominal ones. Those marked prior or bounds are not "
@@ -279,4 +284,35 @@ def _tables(view: View) -> None:
     draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
-IDENTIFY = Stage("identify", "Identify", "Add measurements first.", (model, fit, parameters), identified)
+@after_model("methods", "Compare methods", lambda s: s.answer("methods"))
+def methods(view: View) -> None:
+    """Other methods beside the current model's, on the same runs."""
+    session, chosen = view.session, view.methods
+    names = method_names()
+    with draw.tag("fieldset"):
+        draw.tag("legend", "With the effects of the current model")
+        with draw.tag("div", style="checks"):
+            for name, said in names.items():
+                on, put = chosen.get(name, False), partial(chosen.__setitem__, name)
+                draw.check(name, on, put, f"method-{name}", said)
+
+    def compare() -> None:
+        asked = [name for name in names if chosen.get(name)]
+        session.ask("methods", "Comparing methods", methods=asked, folds=view.folds)
+
+    said = "On unseen motion too: five folds, takes five times as long"
+    hint = "Each fold leaves out a stretch of the motion and all its repetitions"
+    draw.check(said, view.folds, partial(setattr, view, "folds"), "folds", hint)
+    draw.button("Compare methods", compare, "compare")
+    if (found := session.answer("methods")) is None:
+        return
+    draw.table(found["heads"], found["rows"], "Methods compared", "numbers methods")
+    draw.note(
+        "On the runs that the model is judged on. Possible: every link can exist, within its bounds; "
+        "thinnest: a link's thickness, zero or less where it cannot; gap: of the certified optimum."
+    )
+
+
+IDENTIFY = Stage(
+    "identify", "Identify", "Add measurements first.", (model, fit, parameters, methods), identified
+)

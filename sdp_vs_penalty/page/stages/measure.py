@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks.urdf import HEADS
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import problems_folder
@@ -21,12 +20,12 @@ from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 def _robot_now(session: Session) -> Any:
     own = [session.robot.get(name) for name in ("source", "title", "gravity")]
-    return own, session.answers.get("check_urdf"), bool(session.runs)
+    return own, bool(session.runs)
 
 
 @part("robot", "Robot", lambda session: True, _robot_now)
 def robot(view: View) -> None:
-    """The robot that is chosen, its gravity and its inertials; or those to choose from."""
+    """The robot that is chosen and its gravity; or those to choose from."""
     session, robot = view.session, view.session.robot
     if not robot:
         _choose(view)
@@ -38,8 +37,6 @@ def robot(view: View) -> None:
     now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
     with draw.tag("div", style="pick"):
         draw.text_field(draw.told(gravity), now, session.mount, "gravity", str(gravity.metavar))
-    if robot["source"].lower().endswith(ROBOT_SUFFIXES):
-        _inertials(view)
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
         draw.tag("a", "Another robot, on a new page", **new)
@@ -68,20 +65,6 @@ def _choose(view: View) -> None:
             choose, pressed = partial(session.choose_robot, source, urdf), "true" if on else "false"
             draw.tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
     draw.drop("Your robot's URDF", "robot")
-
-
-def _inertials(view: View) -> None:
-    """Whether the bodies that a URDF writes can exist."""
-    session, found = view.session, view.session.answers.get("check_urdf")
-    ask = partial(session.ask, "check_urdf", "Checking the inertials", view.download)
-    draw.button("Check the file's inertials", ask, "check-urdf")
-    if found is None or found["urdf"] != session.robot["source"]:
-        return
-    for k, said in enumerate(found["said"]):
-        level = "good" if found["possible"] else "bad"
-        draw.tag("p", said, "finding" if k else f"verdict {level}")
-    with draw.details("Every link: mass and margins (negative: violated)", "inertials"):
-        draw.table(HEADS, found["rows"], "Inertials of the links", "numbers")
 
 
 def _joints(robot: dict[str, Any]) -> str:

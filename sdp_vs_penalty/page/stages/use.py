@@ -1,15 +1,10 @@
-"""Use: the model's files, and the model run forward. Advanced: other methods, certificate and proof, the
-problem for other solvers."""
+"""Use: the model's files, its runs, and the commands that make the same."""
 
 from functools import partial
-from typing import Any
 
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.charts import chart_and_arm, torque_chart
-from sdp_vs_penalty.page.view import Stage, View, after_model, identified, method_names
-from sdp_vs_penalty.reports.plots import Curves
-from sdp_vs_penalty.reports.sections import CERTIFICATE
+from sdp_vs_penalty.page.view import Stage, View, after_model, identified
 
 #: Files and what they are for.
 FILES = {
@@ -56,138 +51,4 @@ def take_away(view: View) -> None:
         draw.tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
-_DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
-_SERVO = ("servo", "the commands alone, through the model's servos")
-
-
-@after_model("forward", "Run forward", lambda s: s.answer("forward"))
-def forward(view: View) -> None:
-    """The model run along the judged runs."""
-    session = view.session
-    drives = [_SERVO] * session.current.servo + list(_DRIVES)
-    if view.drive not in dict(drives):
-        view.drive = drives[0][0]
-
-    def run() -> None:
-        session.ask("forward", "Running the model forward", drive=view.drive)
-
-    with draw.tag("div", style="fields pick"):
-        draw.choice("Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive")
-    made = session.answer("forward")
-    draw.button("Run it forward", run, "forward", "primary" if made is None else "")
-    if made is None:
-        draw.note(
-            "The model is started from measured states and driven by the torque of the runs that it is "
-            "judged on: one step, 0.1 s, and as long as it stays with the measured motion. Simulators "
-            "and predictive controllers need this; a model of torques can be good without it."
-        )
-        return
-    draw.tag("p", made["verdict"], "words")
-    draw.table(made["heads"], made["rows"], "Errors of the simulated motion", "numbers")
-    draw.note(made["explained"])
-    if made["left_out"]:
-        draw.tag(
-            "p", f"Without meaning in a simulation, left out: {', '.join(made['left_out'])}.", "finding"
-        )
-    _replay(view, made)
-
-
-def _replay(view: View, made: dict[str, Any]) -> None:
-    """A free run of one joint as curves, and of the arm in 3D."""
-    session, about, units = view.session, view.session.current.about, made["units"]
-    shown, joint = {"run": 0}, min(view.joint or 0, len(units) - 1)
-
-    def curves(j: int) -> dict[str, Any]:
-        read = session.arrays(made["arrays"][shown["run"]])
-        modelled = {"simulated": read["simulated"]}
-        return torque_chart(Curves(read["t"], read["measured"], modelled), j, units)
-
-    def follow() -> None:
-        drawn.update_figure(curves(min(view.joint or 0, len(units) - 1)))
-        arm(str(shown["run"]), session.arrays(made["arrays"][shown["run"]]))
-
-    def look(run: str) -> None:
-        shown["run"] = int(run)
-        follow()
-
-    with draw.tag("div", style="fields pick"):
-        joints = [(str(j), f"{j + 1}") for j in range(len(units))]
-        draw.choice("Joint", joints, str(joint), lambda j: view.look(joint=int(j)), "forward-joint")
-        if len(made["runs"]) > 1:
-            draw.choice(
-                "Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run"
-            )
-    label, said = "Measured and simulated position, and what is left", "grey: measured, blue: simulated"
-    drawn, arm = chart_and_arm(view, curves(joint), label, about, said, arms=2)
-    view.followers["forward"] = follow
-    follow()
-
-
-USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), identified)
-
-
-@after_model("methods", "Compare methods", lambda s: s.answer("methods"))
-def methods(view: View) -> None:
-    """Other methods beside the current model's, on the same runs."""
-    session, chosen = view.session, view.methods
-    names = method_names()
-    with draw.tag("fieldset"):
-        draw.tag("legend", "With the effects of the current model")
-        with draw.tag("div", style="checks"):
-            for name, said in names.items():
-                on, put = chosen.get(name, False), partial(chosen.__setitem__, name)
-                draw.check(name, on, put, f"method-{name}", said)
-
-    def compare() -> None:
-        asked = [name for name in names if chosen.get(name)]
-        session.ask("methods", "Comparing methods", methods=asked, folds=view.folds)
-
-    said = "On unseen motion too: five folds, takes five times as long"
-    hint = "Each fold leaves out a stretch of the motion and all its repetitions"
-    draw.check(said, view.folds, partial(setattr, view, "folds"), "folds", hint)
-    draw.button("Compare methods", compare, "compare")
-    if (found := session.answer("methods")) is None:
-        return
-    draw.table(found["heads"], found["rows"], "Methods compared", "numbers methods")
-    draw.note(
-        "On the runs that the model is judged on. Possible: every link can exist, within its bounds; "
-        "thinnest: a link's thickness, zero or less where it cannot; gap: of the certified optimum."
-    )
-
-
-@after_model("proof", "Certificate and proof", lambda s: (s.answer("prove"), s.answers.get("verify")))
-def proof(view: View) -> None:
-    """The certificate, and a proof of the optimum to make or to check."""
-    session, model = view.session, view.session.current
-    draw.note(CERTIFICATE)
-    draw.table(["figure", model.label], model.about["certificate"], "Certificate", "wraps")
-    proved, told = session.answer("prove"), session.answers.get("verify")
-    draw.tag("h4", "Proof")
-    draw.note(
-        "The model is identified again with a proof of its optimum, which a checker in pure Python "
-        "then verifies in rational arithmetic, as the command verify does."
-    )
-    prove = partial(session.ask, "prove", "Proving the optimum", view.download)
-    draw.button("Prove the optimum", prove, "prove", "primary" if proved is None else "")
-    for found in (proved, told):
-        if found is not None:
-            kind = "good" if found["holds"] else "bad"
-            said = session.without_paths(found["said"])
-            draw.tag("p", f"{said[0].upper()}{said[1:]}.", f"verdict {kind}")
-    draw.drop("Or check a proof.json", "proof")
-
-
-#: The optimisation problem, for other solvers; beside each a .json with what it means.
-POSED_FILES = {"problem.cbf": "conic benchmark format", "problem.dat-s": "sparse SDPA"}
-
-
-@after_model("posed", "The identification problem, for other solvers")
-def posed(view: View) -> None:
-    """The optimisation problem as files."""
-    with draw.tiles("Problem files to download"):
-        for name, use in POSED_FILES.items():
-            ask = partial(view.session.ask, "pose", f"Making {name}", view.download, name=name)
-            draw.tile(name, use, ask, f"take-{name}")
-
-
-ADVANCED = Stage("advanced", "Advanced", "Identify a model first.", (methods, proof, posed))
+USE = Stage("use", "Use", "Identify a model first.", (take_away,), identified)
