@@ -32,7 +32,7 @@ _SECTIONS = {
     "From model to model": sections.history,
     "Run forward": sections.forward,
     "Parameters": parameters.parameters,
-    "Links on the arm": parameters.arm,
+    "Links": parameters.links,
     "Friction": parameters.friction,
     "Certificate": sections.certificate,
     "Data check": sections.data,
