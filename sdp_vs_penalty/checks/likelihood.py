@@ -93,20 +93,21 @@ class Equations:
         return np.asarray(np.sum(both * (full @ both), axis=(-2, -1)))
 
     def normal(self, weights: Array) -> tuple[Array, Array]:
-        """(..., K, s, s) and (..., K, s) : sums over the joints, weighted (n, K), of each torque."""
+        """(..., K, s, s) and (..., K, s) : sums over joints, weighted (..., n, K), of each torque."""
         s = self.gram.shape[-1]
-        flat = weights.T @ self.gram.reshape(*self.gram.shape[:-2], s * s)
-        return flat.reshape(*flat.shape[:-1], s, s), np.einsum("jk,...jsk->...ks", weights, self.cross)
+        flat = np.swapaxes(weights, -1, -2) @ self.gram.reshape(*self.gram.shape[:-2], s * s)
+        cross = np.einsum("...jk,...jsk->...ks", weights, self.cross)
+        return flat.reshape(*flat.shape[:-1], s, s), cross
 
     def fitted(self, asked: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """(K, s) parameters at the maximum of L, by reweighting each joint, and (n, K) squared residuals
-        there, at least FLOOR of the whole; asked (n,) : which joints move."""
+        """(..., K, s) parameters at the maximum of L, by reweighting each joint, and (..., n, K) squared
+        residuals there, at least FLOOR of the whole; asked (n,) : which joints move."""
         left = self.whole
         for _ in range(ROUNDS):
             gram, cross = self.normal(asked[:, None] / left)
             theta = solve(gram, cross[..., None])[..., 0]
-            bent = self.gram @ theta.T - 2.0 * self.cross
-            left = self.energy + np.einsum("jsk,ks->jk", bent, theta)
+            bent = self.gram @ np.swapaxes(theta, -1, -2)[..., None, :, :] - 2.0 * self.cross
+            left = self.energy + np.einsum("...jsk,...ks->...jk", bent, theta)
             left = np.maximum(left, FLOOR * self.whole)
         return theta, left
 
@@ -124,6 +125,7 @@ class Likelihood:
         self._rows, self.columns = lru_cache(6)(partial(Rows, self)), lru_cache(12)(self._made_columns)
         self.robot = lru_cache(12)(self._made_robot)
         self._basis, self._late = lru_cache(20)(self._made_basis), lru_cache(40)(self._shifted)
+        self._weight = lru_cache(2)(self._made_weight)
 
     @cached_property
     def screen(self) -> Likelihood:
@@ -195,11 +197,23 @@ class Likelihood:
         return robot, None if shared is None else on_robot(shared, robot)
 
     def _made_columns(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
-        """(n, M, p) columns of all parameters that joints share, of ``motion``."""
-        if (model := self.robot(repair.gravity, repair.longer)[1]) is None:
-            return np.zeros((self.n, self.data.count, 0))
-        made = model.columns(self.motion(repair, speed, push))
-        return np.stack([b.wide(len(model.parameters)) for b in made])
+        """(n, M, p) columns of all parameters that joints share, of ``motion``: under another gravity
+        than the problem's they differ by multiples of the weight's."""
+        if repair.gravity != (own := self.none.gravity):
+            usual = replace(repair, gravity=own)
+            more = np.tensordot(np.subtract(repair.gravity, own), self._weight(usual), 1)
+            return np.asarray(self.columns(usual, speed, push) + more)
+        return self._wide(repair, speed, push)
+
+    def _made_weight(self, repair: Repair) -> Array:
+        """(3, n, M, p) what a unit of gravity along each of the base's axes adds to these columns."""
+        axes = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+        none, *each = (self._wide(replace(repair, gravity=axis), 0.0, 0.0) for axis in axes)
+        return np.asarray(each) - none
+
+    def _wide(self, repair: Repair, speed: float, push: float) -> Array:
+        model, motion = self.robot(repair.gravity, repair.longer)[1], self.motion(repair, speed, push)
+        return np.zeros((self.n, self.data.count, 0)) if model is None else model.wide(motion)
 
     def shared(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
         """(n, M, s) those that say all that the others do."""
@@ -256,13 +270,20 @@ class Likelihood:
         groups, out = dict[Repair, list[Repair]](), dict[Repair, Score]()
         for r in repairs:
             groups.setdefault(r.of_motion, []).append(r)
+        alike = dict[tuple[int, int], list[tuple[list[Repair], Rows, Array]]]()
         for of_motion, some in groups.items():
             rows, y = self.rows(of_motion), np.stack([self.channels(r) for r in some], axis=2)
-            cross, k = np.swapaxes(rows.both, 1, 2) @ y, rows.basis.shape[2]
-            fit = Equations.of(rows.gram, cross, np.sum(y**2, axis=1), k)
+            alike.setdefault((rows.basis.shape[2], len(some)), []).append((some, rows, y))
+        for (k, _), found in alike.items():  # equations of one size by one call
+            gram = np.stack([rows.gram for _, rows, _ in found])
+            cross = np.stack([np.swapaxes(rows.both, 1, 2) @ y for _, rows, y in found])
+            whole = np.stack([np.sum(y**2, axis=1) for _, _, y in found])
+            fit = Equations.of(gram, cross, whole, k)
             theta, left = fit.fitted(self.moving)
-            for k, r in enumerate(some):
-                out[r] = Score(self, rows, y[..., k], theta[k], left[:, k], fit.whole[:, k], fit.gram)
+            for i, (some, rows, y) in enumerate(found):
+                for j, r in enumerate(some):
+                    each = theta[i, j], left[i, :, j], fit.whole[i, :, j], fit.gram[i]
+                    out[r] = Score(self, rows, y[..., j], *each)
         return [out[r] for r in repairs]
 
     def score(self, repair: Repair) -> Score:
@@ -321,8 +342,9 @@ class Rows:
 
     def __init__(self, of: Likelihood, repair: Repair) -> None:
         self.of, self.repair = of, repair
-        self.basis, self.raw = of._basis(repair.order, repair.events), of.raw(repair)
-        self.both = np.concatenate([self.basis, self.raw], axis=2)
+        self.basis, raw = of._basis(repair.order, repair.events), of.raw(repair)
+        self.both = np.concatenate([self.basis, raw], axis=2)
+        self.raw = self.both[..., self.basis.shape[2] :]
         self.gram = np.swapaxes(self.both, 1, 2) @ self.both
 
     def rest(self, y: Array) -> Array:
@@ -337,7 +359,7 @@ class Rows:
         ddq, weight = of.motion(repair).ddq, of.shared(repair, 0.0, 0.0)
         made = of.shared(repair, 0.0, 1.0) - weight, weight
         both = zip(made, (ddq, of.nominal(self.repair, 0.0)), strict=True)
-        return np.array([np.einsum("jms,mj->s", x, along) for x, along in both]) / of.data.count
+        return np.array([np.tensordot(along, x, ((1, 0), (0, 1))) for x, along in both]) / of.data.count
 
 
 @dataclass
@@ -382,7 +404,7 @@ class Score:
         """(n, K) by how much log S_j falls with one more own column of joint j, of x (n, M, K) without
         what the own ones explain: a score test, less what the arm's parameters take of it."""
         pull = np.einsum("jm,jmk->jk", self.residual, x) ** 2
-        shared = np.einsum("jms,jmk->jsk", self.rows.rest(self.rows.raw), x)
+        shared = np.swapaxes(self.rows.rest(self.rows.raw), 1, 2) @ x
         normal = np.tensordot(self.weights, self.gram, 1)
         taken = self.weights[:, None] * np.sum(shared * solve(normal, shared), axis=1)
         whole = np.sum(x**2, axis=1)
@@ -424,7 +446,7 @@ class Score:
         states = np.stack([-m.dq.T if repair.reversed else m.dq.T, m.ddq.T]) / len(m.t)
         states = states * self.of.heard(repair)
         values = np.sum(states * (self.channels - self.rows.raw @ self.theta), axis=2)
-        gradients = -np.einsum("ajm,jms->ajs", states, self.rows.raw)
+        gradients = -(states[:, :, None, :] @ self.rows.raw)[:, :, 0]
         noise = self.left / samples * np.sum(states**2, axis=2)
         turned = np.outer([1.0, 0.0], gradients[1].sum(axis=0))
         value = np.append(values[0], slopes @ self.theta + [values[1].sum(), 0.0])

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -97,13 +98,13 @@ class Repair:
             return [(tuple(range(self.n)), values[0])] if values[0] else []
         return [((j,), x) for j, x in enumerate(values) if x]
 
-    @property
+    @cached_property
     def of_motion(self) -> Repair:
         """Without what is done to the torque's channels alone, and whichever way time runs."""
         same, one, zero = tuple(range(self.n)), (1.0,) * self.n, (0.0,) * self.n
         return replace(self, reversed=False, tau_order=same, gain=one, lead=zero, lag=zero, bend=zero)
 
-    @property
+    @cached_property
     def of_arm(self) -> Repair:
         """What of it the columns depend on that joints share, with all of the arm's weight."""
         return replace(self.of_motion, lacks=(0.0,) * self.n, events=())

@@ -417,20 +417,29 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
     A position that comes again is a packet repeated, and makes up for the skip behind it: each counts
     once, from its first stamp to that of the next.
     """
-    from scipy.ndimage import median_filter
-
     q = g.run.q[:, g.moving]
     fresh = np.flatnonzero(np.concatenate([[True], np.any(np.diff(q, axis=0) != 0.0, axis=1)]))
     steps = np.diff(g.run.t[fresh])
     if len(fresh) < RUN or q.shape[1] < 2:
         return
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
-    usual = median_filter(speed, (11, 1), mode="nearest")
+    around = sliding_window_view(np.pad(speed, ((5, 5), (0, 0)), "edge"), 11, axis=0)
     # Only joints that move well above their own scatter there can tell, and three in four have to.
-    tells = usual > 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
-    ratio = np.where(tells, speed / np.maximum(usual, 1e-300), np.nan)
+    least = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
+    most = max(2, (q.shape[1] + 1) // 2)
+
+    def ahead(few: NDArray[np.intp], usual: Array) -> NDArray[np.intp]:
+        """Those of a few rows in which enough joints skip, were that their usual speed or less."""
+        return few[np.sum(speed[few] > 2.5 * np.maximum(usual, least), axis=1) > 0.74 * most]
+
+    few = ahead(np.arange(len(speed)), least)
+    few = ahead(few, around[few].min(axis=2))
+    usual = np.zeros_like(speed)
+    usual[few] = np.median(around[few], axis=2)  # which takes long
+    tells = usual > least
+    ratio = np.divide(speed, usual, out=np.full_like(speed, np.nan), where=tells)
     skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)  # one row could be noise
-    enough = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
+    enough = (told >= most) & (skips > 0.74 * told)
     rows = np.flatnonzero(enough & (steps < 3.0 * np.median(steps)))
     if 0 < len(rows) <= 1 / RUN * len(steps):
         lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
@@ -461,18 +470,21 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
     lengths = np.diff(parts)[:, 0]
     if lengths.max(initial=0) < STUCK:
         return bad
+    parts = parts[lengths * TIMES > lengths.max()]  # freezes must not hide each other
+    parts = parts[np.diff(g.run.t[parts])[:, 0] >= 2.0 * STUCK_SECONDS]
+    if not len(parts):
+        return bad
     step, q = np.abs(np.diff(x)), g.run.q[:, j]
     usual, level = float(np.median(step[step > 0.0])), 3.0 * lattice_step(x)
-    for a, b in parts[lengths * TIMES > lengths.max()].tolist():  # freezes must not hide each other
+    for a, b in parts.tolist():
         jump, slows = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - STUCK, 0)])
         if position:  # comes to rest, and starts again
             by_itself = jump < 4.0 * usual and slows < 0.5 * STUCK * usual
         else:  # dry friction is constant until its joint turns, and hides in a coarse channel's step
             after = q[min(b + STUCK, len(q) - 1)] - q[b]
             by_itself = usual < level and after * (q[b] - q[max(b - STUCK, 0)]) <= 0.0
-        long = g.run.t[b] - g.run.t[a] >= 2.0 * STUCK_SECONDS
         clipped = x[a] in (x.min(), x.max())  # stays at its end
-        bad[a : b + 1] |= long and not clipped and not by_itself and jump >= level
+        bad[a : b + 1] |= not clipped and not by_itself and jump >= level
     return bad
 
 

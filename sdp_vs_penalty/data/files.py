@@ -199,9 +199,9 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample", first:
 
     for name, values in {"t": m.t[:, None], **m.groups}.items():
         for start, part in parts(values):
-            bad = np.argwhere(~(np.abs(part) <= LARGEST_VALUE[name]))  # not a number compares false
-            if len(bad):
-                row, joint = bad[0].tolist()
+            bad = ~(np.abs(part) <= LARGEST_VALUE[name])  # not a number compares false
+            if bad.any():
+                row, joint = np.argwhere(bad)[0].tolist()
                 column, x = name if name == "t" else f"{name}{joint + 1}", part[row, joint]
                 where = f"{word} {start + row + first}, column {column}"
                 what = f"{where}: no robot measures {x:.3g}"

@@ -49,16 +49,15 @@ class Piece:
     rows: Motion
     torque: Array
 
-    def low_passed(self, blocks: list[Block], smooth: bool) -> list[Block]:
-        """An effect's columns at the rows."""
-        low_pass = self.smooth_low_pass if smooth else self.low_pass
-        if not blocks:
-            return []
-        few = low_pass @ np.hstack([b.columns for b in blocks])
-        ends = np.cumsum([b.columns.shape[1] for b in blocks])
-        return [
-            replace(b, columns=c) for b, c in zip(blocks, np.split(few, ends[:-1], axis=1), strict=True)
-        ]
+    def low_passed(self, blocks: Mapping[int, list[Block]], smooth: bool) -> dict[int, list[Block]]:
+        """Effects' columns at the rows: by one product, which reads the low-pass once for all."""
+        every = [b.columns.T for own in blocks.values() for b in own]
+        if not every:
+            return dict(blocks)
+        few = (self.smooth_low_pass if smooth else self.low_pass) @ np.vstack(every).T
+        ends = np.cumsum([len(x) for x in every])
+        parts = iter(np.split(few, ends[:-1], axis=1))
+        return {k: [replace(b, columns=next(parts)) for b in own] for k, own in blocks.items()}
 
 
 #: How to read an effect's low-passed columns.
@@ -79,8 +78,10 @@ class _Kept:
         piece, reads = self.read(), self._known(model)
         known = {k: read() for k, read in reads.items()}
         smooth = None if model.needs_reference else piece.smooth
-        for k, own in model.blocks(piece.around, known, smooth).items():
-            known[k] = piece.low_passed(own, smooth is not None and model.effects[k].smooth)
+        made = model.blocks(piece.around, known, smooth)
+        for few in (True, False):
+            part = {k: b for k, b in made.items() if few == (bool(smooth) and model.effects[k].smooth)}
+            known |= piece.low_passed(part, few)
         self._keep(model, known, reads)
         columns = model.joined(known, len(piece.torque))
         columns, torque = model.explaining(columns, piece.torque)

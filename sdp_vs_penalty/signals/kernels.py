@@ -119,17 +119,16 @@ class Kernel(LowPass):
 
 
 def convolve(x: Array, *kernels: Array) -> list[Array]:
-    """x (N, n) convolved with each kernel (K,), where the two overlap fully: (N - K + 1, n).
+    """x (N, n) convolved with each kernel (K,), where the two overlap fully: (N - K + 1, n), each column
+    contiguous, as they are worked on one by one.
 
     By one Fourier transform of x for all kernels; what wraps around lies outside. (scipy.signal does
     the same, but its import takes longer than to identify a robot.)
     """
     length = next_fast_len(len(x), real=True)
-    spectrum = np.fft.rfft(x, length, axis=0)
+    spectrum = np.fft.rfft(x.T, length)
     return [
-        np.fft.irfft(spectrum * np.fft.rfft(kernel, length)[:, None], length, axis=0)[
-            len(kernel) - 1 : len(x)
-        ]
+        np.fft.irfft(spectrum * np.fft.rfft(kernel, length), length)[:, len(kernel) - 1 : len(x)].T
         for kernel in kernels
     ]
 
