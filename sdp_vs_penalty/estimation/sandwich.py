@@ -32,10 +32,9 @@ from sdp_vs_penalty.robot.arrays import Array
 @dataclass(frozen=True)
 class Sandwich:
     """directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates; kernel
-    (B, B): how far blocks' errors are one error; white: variance of white rows, and inflation: how much
-    larger that of the scores is; prior (r, r): part of the information that is no data's; norms (p,): of
-    the columns; solution (p,): the smallest least-squares theta; taken_white: the blocks are not
-    asked."""
+    (B, B): how far blocks' errors are one error; white: variance of white rows, and pooled: that all
+    directions say together; prior (r, r): part of the information that is no data's; norms (p,): of the
+    columns; solution (p,): the smallest least-squares theta; taken_white: the blocks are not asked."""
 
     regression: Regression
     weights: Array
@@ -44,16 +43,11 @@ class Sandwich:
     scores: Array
     kernel: sparse.csr_array
     white: float
-    inflation: float
+    pooled: float
     prior: Array
     norms: Array
     solution: Array
     taken_white: bool = False
-
-    @cached_property
-    def pooled(self) -> float:
-        """Variance that all directions say together."""
-        return self.inflation * self.white
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
         """Which linear functions (k, p) of theta the data determine."""
@@ -61,14 +55,10 @@ class Sandwich:
         scaled = contrasts / np.where(dark, 1.0, norms)
         total = np.sum(scaled**2, axis=1)
         hidden = np.any(np.abs(contrasts[:, dark]) > 0.0, axis=1)
-        inside = np.sum((scaled @ self._basis) ** 2, axis=1)
+        basis = np.linalg.qr(self.directions * norms[:, None])[0]  # of the visible ones at unit norm
+        inside = np.sum((scaled @ basis) ** 2, axis=1)
         # A linear function of theta belongs to the visible ones up to this much of its square.
         return np.asarray((inside > (1.0 - 1e-6) * total) & ~hidden & (total > 0.0))
-
-    @cached_property
-    def _basis(self) -> Array:
-        """(p, r) orthonormal basis of the visible directions, columns at unit norm."""
-        return np.asarray(np.linalg.qr(self.directions * self.norms[:, None])[0])
 
     def half_widths(self, contrasts: Array) -> Array:
         """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its first parameters
@@ -172,9 +162,8 @@ def sandwich(regression: Regression, weights: Array, prior_scale: Array) -> Sand
         inflation = float(np.sum(scores**2)) / excess / white
     prior = V.T * (strength / prior_scale**2) @ V
     kernel = _kernel(regression, inflation)
-    return Sandwich(
-        regression, weights, V, grams, scores, kernel, white, inflation, prior, whole.column_norms, V @ z
-    )
+    known = white, inflation * white, prior, whole.column_norms, V @ z
+    return Sandwich(regression, weights, V, grams, scores, kernel, *known)
 
 
 def stretched(factor: Array, std: Array) -> Array:

@@ -155,33 +155,23 @@ class _Cells:
 
 @dataclass(frozen=True)
 class _Bank:
-    """One shape constant of one effect on one joint: the value that the model has, the values (K,) whose
-    columns are known (the first and the last are the range), where these (K,) stand among all others."""
+    """One shape constant of one effect on one joint: the value that the model has, the spline through
+    the unit vectors at ln u of the values (K,) whose columns are known (the first and the last are the
+    range), where these (K,) stand among all others."""
 
     effect: Effect
     joint: int
     key: str
     now: float
-    values: Array
+    spline: Any
     columns: NDArray[np.intp]
-
-    @cached_property
-    def ends(self) -> Array:
-        """(2,) of its range, ln u."""
-        return np.log(self.values[[0, -1]])
-
-    @cached_property
-    def _spline(self) -> Any:
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline(np.log(self.values), np.eye(len(self.values)))
 
     def weights(self, u: float) -> Array:
         """(2, K) of each value's columns in those at ln u, and in their derivatives."""
-        k = int(np.searchsorted(self._spline.x[1:-1], u, "right"))
-        d = u - self._spline.x[k]  # ten times as fast as asking the spline for one value
+        k = int(np.searchsorted(self.spline.x[1:-1], u, "right"))
+        d = u - self.spline.x[k]  # ten times as fast as asking the spline for one value
         powers = np.array([[d**3, d**2, d, 1.0], [3.0 * d**2, 2.0 * d, 1.0, 0.0]])
-        return np.asarray(powers @ self._spline.c[:, k])
+        return np.asarray(powers @ self.spline.c[:, k])
 
 
 def _with_banks(
@@ -189,6 +179,8 @@ def _with_banks(
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid; where all other
     columns stand; the grids."""
+    from scipy.interpolate import CubicSpline
+
     own = [effect for effect, _, _ in wanted]
     fixed = [e for e in model.effects if not any(e is effect for effect in own)]
     first = sum(len(e.parameters) for e in fixed)
@@ -203,7 +195,8 @@ def _with_banks(
         parts.append(_Grid([alone(effect, joint, **{key: value}) for value in grid]))
         columns = first + np.arange(len(grid))
         first += len(grid)
-        banks.append(_Bank(alone(effect, joint), joint, key, now, np.array(grid), columns))
+        spline = CubicSpline(np.log(grid), np.eye(len(grid)))
+        banks.append(_Bank(alone(effect, joint), joint, key, now, spline, columns))
     return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
 
 
@@ -237,13 +230,20 @@ class _Grid(Effect):
 class _Profile:
     """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
 
-    shown (b, k) : what the data show of the other columns' coefficients, at unit norm of what they make;
-    variance : of a row times how often rows repeat each other; folds, weights : what it was made of.
+    parts : of each bank its columns at all values (K, r); now, ends (B,), (B, 2) : ln u as the model has
+    them, or the nearest that is known, and of their ranges; brakes (B,) : whose coefficients are not
+    negative; shown (b, k) : what the data show of the other columns' coefficients, at unit norm of what
+    they make; variance : of a row times how often rows repeat each other; folds, weights : what it was
+    made of.
     """
 
     columns: Array
     torque: Array
     banks: list[_Bank]
+    parts: list[Array]
+    now: Array
+    ends: Array
+    brakes: NDArray[np.bool_]
     shown: Array
     variance: float
     folds: Regression
@@ -265,29 +265,18 @@ class _Profile:
         error = max(error, 1e-12 * data.tau_squared) or 1.0
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
         variance = folds.oversampling * error / free
-        return cls(left[:, :-1], left[:, -1], banks, V, variance, folds, weights)
-
-    @cached_property
-    def now(self) -> Array:
-        """(B,) ln u as the model has them, or the nearest that is known."""
-        return np.array([np.clip(np.log(b.now), *b.ends) for b in self.banks])
-
-    @cached_property
-    def _parts(self) -> list[Array]:
-        """Of each bank its columns at all values (K, r)."""
-        ends = np.cumsum([len(b.values) for b in self.banks])[:-1]
-        return [np.ascontiguousarray(x) for x in np.split(self.columns.T, ends)]
+        parts = [np.ascontiguousarray(left.T[b.columns - len(base)]) for b in banks]
+        ends = np.array([b.spline.x[[0, -1]] for b in banks])
+        now = np.clip(np.log([b.now for b in banks]), *ends.T)
+        brakes = np.array([b.effect.parameters[0].lower == 0.0 for b in banks])
+        told = banks, parts, now, ends, brakes, V, variance, folds, weights
+        return cls(left[:, :-1], left[:, -1], *told)
 
     def _made(self, u: Array) -> tuple[Array, Array]:
         """The columns (r, B) at constants ln u (B,), and their derivatives."""
-        pairs = zip(self.banks, self._parts, u.tolist(), strict=True)
+        pairs = zip(self.banks, self.parts, u.tolist(), strict=True)
         A, D = np.array([bank.weights(x) @ part for bank, part, x in pairs]).transpose(1, 2, 0)
         return A, D
-
-    @cached_property
-    def _brakes(self) -> NDArray[np.bool_]:
-        """(B,) whose coefficients are not negative."""
-        return np.array([b.effect.parameters[0].lower == 0.0 for b in self.banks])
 
     def at(self, u: Array) -> tuple[Array, Array]:
         """What is left of the torque (r,) at constants ln u (B,), and its slopes (r, B); a column that
@@ -297,7 +286,7 @@ class _Profile:
         while pushes.any():
             U, V = visible(A[:, used])
             theta[used], theta[~used] = V @ (U.T @ self.torque), 0.0
-            pushes = self._brakes & (theta < 0.0)
+            pushes = self.brakes & (theta < 0.0)
             used = used & ~pushes
         slopes = D * theta
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
@@ -376,13 +365,13 @@ class _Profile:
     def from_grid(self) -> Array:
         """(B,) ln u, each in turn at the value of its grid that leaves least."""
         u, columns = self.now.copy(), self._made(self.now)[0]
-        for k, (bank, part) in enumerate(zip(self.banks, self._parts, strict=True)):
+        for k, (bank, part) in enumerate(zip(self.banks, self.parts, strict=True)):
             U = visible(np.delete(columns, k, axis=1))[0]
             left = part - (part @ U) @ U.T
             made = left @ self.torque
-            made = np.maximum(made, 0.0) if self._brakes[k] else made
+            made = np.maximum(made, 0.0) if self.brakes[k] else made
             best = int(np.argmax(made**2 / or_one(np.sum(left**2, axis=1))))
-            u[k], columns[:, k] = np.log(bank.values[best]), part[best]
+            u[k], columns[:, k] = bank.spline.x[best], part[best]
         return u
 
     def best(self, start: Array, free: NDArray[np.intp]) -> Array:
@@ -396,16 +385,16 @@ class _Profile:
             left, slopes = self.at(u)
             return left, slopes[:, free]
 
-        out, ends = start.copy(), np.transpose([self.banks[k].ends for k in free])
+        out, (low, high) = start.copy(), self.ends[free].T
         ftol = 1e-3 * self.variance / float(np.sum(self.at(start)[0] ** 2))  # of what noise decides
-        out[free] = least_squares(at, start[free], (ends[0], ends[1]), 1e-4, ftol, steps=50)[0]
+        out[free] = least_squares(at, start[free], (low, high), 1e-4, ftol, steps=50)[0]
         return out
 
     def estimates(self, u: Array) -> list[ShapeEstimate]:
         """What constants ln u (B,) are."""
         stds, out = np.sqrt(self.variance) * deviations(self.at(u)[1]), []
-        for bank, x, now, std in zip(self.banks, u.tolist(), self.now, stds.tolist(), strict=True):
-            low, high = bank.ends
+        each = self.banks, u.tolist(), self.now, stds.tolist(), self.ends.tolist()
+        for bank, x, now, std, (low, high) in zip(*each, strict=True):
             # As many digits as a written effect has; a spread wider than the range bounds nothing.
             after = bank.now if x == now else float(f"{np.exp(x):.6g}")
             std = after * std if std < (high - low) / np.sqrt(12.0) else np.inf

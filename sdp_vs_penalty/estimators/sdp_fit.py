@@ -118,6 +118,7 @@ class PosedSdp:
         if found is None:
             return None
         multipliers, slopes = cones.multipliers(found.multipliers)
+        said = f"relative gap {found.error:.1e} ({found.iterations})"
         return Fit(
             repair(self.constraints, found.theta, self.interior),
             objective,
@@ -126,7 +127,7 @@ class PosedSdp:
             slopes,
             self.interior,
             self.task.bound,
-            details={"solver": OWN, "solver_said": [found.said]},
+            details={"solver": OWN, "solver_said": [said]},
             central=found.central,
         )
 

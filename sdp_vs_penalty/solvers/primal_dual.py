@@ -30,10 +30,8 @@ _COLD = 1e-3
 _CENTRAL = 1e-2
 #: A step goes this share of the way to the boundary, more where the predictor came near the optimum.
 _SHARE, _MORE = 0.9, 0.099
-#: Relative change of H's diagonal: what rounding in H may cost its positive definiteness.
-_RIDGE = 1e-14
-#: A shorter step cannot be told from rounding.
-_SHORTEST = 1e-10
+#: Of the machine: what rounding in H may cost its positive definiteness is this times its order.
+_EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -52,10 +50,6 @@ class Optimum(Iterate):
     iterations: int
     error: float
     central: Iterate
-
-    @property
-    def said(self) -> str:
-        return f"relative gap {self.error:.1e} ({self.iterations})"
 
 
 def minimise(
@@ -101,7 +95,7 @@ class _Path:
     def begin(cls, cones: SmallCones, data: LeastSquares, start: Array | Iterate) -> _Path | None:
         """None where the start is not strictly inside."""
         path = cls(cones, data, start.theta if isinstance(start, Iterate) else start)
-        path.both[0] = cones.slacks(path.theta)
+        path.both[0] = cones.constant + cones.slack_map @ path.theta
         if not np.all(path.rows[0] > 0.0):
             return None
         try:
@@ -160,7 +154,7 @@ class _Path:
         H = self.data.curvature.copy()
         flat = H.ravel()
         flat[cones.places] += cones.curvature @ self.products
-        flat[:: len(H) + 1] *= 1.0 + _RIDGE
+        flat[:: len(H) + 1] *= 1.0 + len(H) * _EPS
         self.cholesky, failed = dpotrf(H.T, lower=1, overwrite_a=1, clean=0)
         if failed:
             raise np.linalg.LinAlgError
@@ -168,7 +162,7 @@ class _Path:
         self.leftover = self.gradient - cones.adjoint @ self.both[1]
         self.aim(0.0)
         both = np.array([cones.adjoint @ self.target - self.gradient, self.leftover])
-        self.step, self.correction = self.solved(both.T).T
+        self.step, self.correction = dpotrs(self.cholesky, both.T, lower=1)[0].T
         gap = float(self.both[0] @ self.both[1]) - ORDER * float(cones.weight.sum())
         logs = np.log(np.diagonal(self.factors, axis1=-2, axis2=-1)).sum(axis=(0, 2))
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
@@ -177,9 +171,6 @@ class _Path:
         scale = max(self.loss, 1e-12 * self.data.tau_squared) or 1.0
         error = float((max(gap, 0.0) + max(cost, 0.0)) / scale)
         return error if math.isfinite(error) else math.inf
-
-    def solved(self, right: Array) -> Array:
-        return np.asarray(dpotrs(self.cholesky, right, lower=1)[0])
 
     def aim(self, mu: float) -> None:
         """target : max(w, mu) S^-1, to which Z is to move."""
@@ -224,14 +215,15 @@ class _Path:
             self.ahead_rows[0], self.ahead_mats[1], self.ahead_mats[0], self.ahead_rows[1]
         )
         self.aim(centring * now / max(cones.degree, 1))
-        step = self.solved(cones.adjoint @ (self.target - second) - self.gradient)
+        right = cones.adjoint @ (self.target - second) - self.gradient
+        step = dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)
         share = min(1.0, (_SHARE + _MORE * reach**2) * longest)
-        if not share > _SHORTEST:
+        if not share > np.sqrt(_EPS):  # a shorter step cannot be told from rounding
             return False
         self.theta = self.theta + share * step
         self.both[1] += share * self.ahead[1]
-        self.both[0] = cones.slacks(self.theta)
+        self.both[0] = cones.constant + cones.slack_map @ self.theta
         return bool(np.all(self.rows[0] > 0.0))
 
     def polished(self) -> Iterate:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,7 +71,10 @@ class SmallCones:
         shape = (len(entries.constant), p)
         slack_map = sparse.csr_matrix((entries.value, (entries.row, entries.column)), shape)
         small = math.prod(shape) <= _DENSE
-        curvature = _csr(pairs, (p * p, count + len(weight) * ORDER**4))
+        none = np.zeros((2, 0), np.intp)
+        row, column, value = (np.concatenate(x) for x in zip((*none, none[0]), *pairs, strict=True))
+        wide = count + len(weight) * ORDER**4
+        curvature = sparse.csr_matrix((value, (row, column)), (p * p, wide))
         places = np.flatnonzero(np.diff(curvature.indptr))
         return cls(
             tuple(chosen),
@@ -91,9 +93,6 @@ class SmallCones:
     @property
     def degree(self) -> int:
         return self.rows + ORDER * len(self.weight)
-
-    def slacks(self, theta: Array) -> Array:
-        return np.asarray(self.constant + self.slack_map @ theta)
 
     def multipliers(self, flat: Array) -> tuple[dict[Constraint, Array], Array | None]:
         """Of each constraint that no other implies its multiplier, and of each link of the entropy the
@@ -164,10 +163,3 @@ def _block_pairs(kind: Alike, start: int, p: int) -> _Triplets:
     used = (row >= column) & (value != 0.0)
     where = start + np.arange(g)[:, None] * ORDER**4 + where
     return (column * p + row)[used], where[used], value[used]
-
-
-def _csr(parts: Sequence[_Triplets], shape: tuple[int, int]) -> sparse.csr_matrix:
-    if not parts:
-        return sparse.csr_matrix(shape)
-    row, column, value = (np.concatenate(x) for x in zip(*parts, strict=True))
-    return sparse.csr_matrix((value, (row, column)), shape)

@@ -195,7 +195,7 @@ def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
 
 
 #: A margin above this share of the constraint's terms is no matter of rounding, of either kind.
-_WELL_INSIDE = 1e-9
+_WELL_INSIDE = np.sqrt(np.finfo(float).eps)
 
 
 def _exact_value(constraint: Constraint, theta: Mapping[int, Fraction]) -> list[Fraction]:
