@@ -163,15 +163,11 @@ class TorqueFilter(Effect):
 
 def lagging(x: Array, t: Array, T: float) -> Array:
     """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear between samples."""
-    from scipy.linalg import solve_banded  # its import takes longer than all effects
+    from scipy.signal import lfilter  # its import takes longer than all effects
 
     if len(t) < 2:
         return x
     step = (t[-1] - t[0]) / (len(t) - 1)
     decay = np.exp(-step / T)
     mean = (1.0 - decay) * T / step
-    driven = (1.0 - mean) * x
-    driven[1:] += (mean - decay) * x[:-1]
-    driven[0] += mean * x[0]
-    bands = np.repeat([[1.0], [-decay]], len(t), axis=1)
-    return np.asarray(solve_banded((1, 0), bands, driven, overwrite_b=True, check_finite=False))
+    return np.asarray(lfilter([1.0 - mean, mean - decay], [1.0, -decay], x, 0, mean * x[:1])[0])

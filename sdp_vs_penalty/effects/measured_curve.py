@@ -186,32 +186,23 @@ class MeasuredCurve(JointEffect):
 
     def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""
+        who = f"effect {self.name}:"
         for key in ("xn", "yn"):
             if own[key] != int(own[key]) or not 1 <= own[key] <= _MOST:
-                raise InputError(
-                    f"effect {self.name}: {key} = {own[key]:g}", f"give a whole number from 1 to {_MOST}"
-                )
+                raise InputError(f"{who} {key} = {own[key]:g}", f"give a whole number from 1 to {_MOST}")
         count = int(own["xn"] * own["yn"])
         if not known or not 1 <= known[0] <= known[-1] <= count:
-            raise InputError(
-                f"effect {self.name}: the values do not fit a table of {count}",
-                f"name those that are known among v1 to v{count}",
-            )
+            remedy = f"name those that are known among v1 to v{count}"
+            raise InputError(f"{who} the values do not fit a table of {count}", remedy)
         if not (own["xlow"] < own["xhigh"] and own["ylow"] < own["yhigh"]):
-            raise InputError(
-                f"effect {self.name}: a table's low end is not below its high end", "swap the ends"
-            )
+            raise InputError(f"{who} a table's low end is not below its high end", "swap the ends")
         for key in ("xj", "yj", "xi", "yi"):
             if own[key] != int(own[key]) or not 0 <= own[key] <= robot.n:
-                raise InputError(
-                    f"effect {self.name}: {key} = {own[key]:g} is no joint",
-                    f"give one from 1 to {robot.n}, or 0 for {'none' if 'i' in key else 'its own'}",
-                )
+                remedy = f"give one from 1 to {robot.n}, or 0 for {'none' if 'i' in key else 'its own'}"
+                raise InputError(f"{who} {key} = {own[key]:g} is no joint", remedy)
             if "i" in key and own[key] and own[key[0]] not in (1.0, 2.0):
-                raise InputError(
-                    f"effect {self.name}: {key} adds a joint to what is no position or velocity",
-                    f"leave it out, or write {key[0]}=q or {key[0]}=dq",
-                )
+                what = f"{who} {key} adds a joint to what is no position or velocity"
+                raise InputError(what, f"leave it out, or write {key[0]}=q or {key[0]}=dq")
 
     @classmethod
     def _own_shapes(

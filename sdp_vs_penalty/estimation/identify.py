@@ -22,11 +22,10 @@ from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimation import pose
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, logged, readable
+from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, logged, pose, readable
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -187,18 +186,17 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     """The estimate, moved into the feasible set where the method promises that, and its certificate."""
-    theta, upper, lower, gap = fit.theta, None, None, None
+    theta = fit.theta
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
     # The loss is the same, but a link's known parameter may have been moved by constraints and priors.
     theta = task.model.with_known(theta)
+    certificate = Certificate(violations(fit.constraints, theta), task.data.loss(theta))
     if fit.multipliers is not None and fit.interior is not None:
-        upper = fit.objective.value(theta)
         same = np.array_equal(theta, fit.theta) and fit.bound is not None
-        lower = (fit if same else replace(fit, theta=theta, bound=task.bound)).lower
-        gap = fit.objective.least_squares.gap(upper, lower, theta)
-    worst = violations(fit.constraints, theta)
-    return theta, Certificate(worst, task.data.loss(theta), upper, lower, gap)
+        own = fit if same else replace(fit, theta=theta, bound=task.bound)
+        certificate = replace(certificate, upper=own.upper, lower=own.lower, gap=own.gap)
+    return theta, certificate
 
 
 def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:
@@ -328,7 +326,7 @@ def identify(
         known or {},
         instruments,
     )
-    posed = pose.posed(problem, data, options, progress, workers)
+    posed = pose(problem, data, options, progress, workers)
     posed.task.progress(f"estimating by {estimator.name}")
     try:
         fit = estimator.fit(posed.task)

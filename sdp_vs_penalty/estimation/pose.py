@@ -109,7 +109,7 @@ class Posed:
 
 def pose(
     problem: str | Path | Problem,
-    measurements: Source | BlackBox,
+    measurements: Source | FilteredRuns | BlackBox,
     options: PoseOptions | None = None,
     progress: Progress = no_progress,
     workers: Workers = ALONE,
@@ -120,19 +120,8 @@ def pose(
     some effects refer to; rows in these columns are compressed, and weighted by joint. A black box has
     no friction, filters or noise: one effect, equal weights. Raises InputError for unusable input.
     """
-    problem = as_problem(problem, "pose(problem=...)")
+    problem, options = as_problem(problem, "pose(problem=...)"), options or PoseOptions()
     data = readable(problem, measurements, "pose(measurements=...)")
-    return posed(problem, data, options or PoseOptions(), progress, workers)
-
-
-def posed(
-    problem: Problem,
-    data: Measurements | FilteredRuns | BlackBox,
-    options: PoseOptions,
-    progress: Progress = no_progress,
-    workers: Workers = ALONE,
-) -> Posed:
-    """The same of data that have been read (:func:`readable`)."""
     if options.instruments not in (None, "command", "none"):
         raise unknown("instruments", options.instruments, ("command", "none"))
     if isinstance(data, BlackBox):

@@ -44,7 +44,6 @@ __getattr__ = surface(
     {
         "Fit": "estimator",
         "LmiSdp": "lmi_sdp",
-        "LmiSdpEntropic": "lmi_sdp",
         "PenaltyPaper": "penalty_paper",
         "PosedSdp": "sdp_fit",
         "Task": "estimator",

@@ -83,12 +83,6 @@ def inertia_entries(matrix: ArrayLike) -> Array:
     return np.stack([m[..., i, j] for i, j in _ENTRIES], axis=-1)
 
 
-def _parallel_axis(mass: Array, c: Array) -> Array:
-    """m (c.c 1 - c c^T), shape (..., 3, 3): what moving the reference point by c adds (Steiner)."""
-    square = np.sum(c * c, axis=-1)[..., None, None] * np.eye(3)
-    return mass[..., None, None] * (square - c[..., :, None] * c[..., None, :])
-
-
 def standard_from_barycentric(p: ArrayLike) -> Array:
     """Standard parameters of (m, cx, cy, cz, six entries of I about the centre of mass), (..., 10).
 
@@ -97,20 +91,18 @@ def standard_from_barycentric(p: ArrayLike) -> Array:
     >>> standard_from_barycentric([2.0, 0.0, 0.0, 0.5, 0.1, 0.0, 0.1, 0.0, 0.0, 0.02])
     array([2.  , 0.  , 0.  , 1.  , 0.6 , 0.  , 0.6 , 0.  , 0.  , 0.02])
     """
-    p = np.asarray(p, float)
-    mass, c = p[..., 0], p[..., 1:4]
-    inertia = inertia_matrix(p[..., 4:]) + _parallel_axis(mass, c)
-    return np.concatenate([mass[..., None], mass[..., None] * c, inertia_entries(inertia)], axis=-1)
+    mass, c, about_centre = np.split(np.asarray(p, float), [1, 4], axis=-1)
+    steiner = np.einsum("...i,eij,...j->...e", c, STEINER_FORMS, c)
+    return np.concatenate([mass, mass * c, about_centre + mass * steiner], axis=-1)
 
 
 def barycentric_from_standard(theta: ArrayLike) -> Array:
     """Inverse of :func:`standard_from_barycentric`; a link of zero mass gets NaN for c and I."""
-    theta = np.asarray(theta, float)
-    mass = theta[..., 0]
+    mass, h, about_frame = np.split(np.asarray(theta, float), [1, 4], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        c = theta[..., 1:4] / mass[..., None]
-    inertia = inertia_matrix(theta[..., 4:]) - _parallel_axis(mass, c)
-    return np.concatenate([mass[..., None], c, inertia_entries(inertia)], axis=-1)
+        c = h / mass
+    steiner = np.einsum("...i,eij,...j->...e", c, STEINER_FORMS, c)
+    return np.concatenate([mass, c, about_frame - mass * steiner], axis=-1)
 
 
 def transform(placement: ArrayLike) -> Array:

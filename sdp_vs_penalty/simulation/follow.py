@@ -130,10 +130,7 @@ class Following(Shown):
     def _summary(self) -> Summary:
         return self.verdict, []
 
-    def _table(self) -> Table:
-        return self.table()
-
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def table(self) -> Table:
         """Headings, and one row a joint, in thousandths of its unit: velocity after one step, position
         0.1 s ahead with 5 and 95 % and what a constant velocity gives, the free run and its spread."""
         free, a = self.free[0], self.ahead
@@ -146,6 +143,8 @@ class Following(Shown):
             if free.loop is not None:
                 rows[j].append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
         return ["joint", "unit", *columns, *["loop"] * (free.loop is not None)], rows
+
+    _table = table
 
     @property
     def explained(self) -> str:

@@ -32,9 +32,7 @@ __getattr__ = surface(
         "Entropy": "objective",
         "Objective": "objective",
         "Solution": "conic",
-        "largest_margin": "identification",
         "least_squares_sdp": "identification",
-        "lower_bound": "certificate",
         "repair": "certificate",
     },
 )

@@ -172,17 +172,14 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
 
 def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> np.ndarray:
     """The feasible point farthest in a random direction among the parameters' axes."""
-    from sdp_vs_penalty.solvers import ConicProblem, solver
-    from sdp_vs_penalty.solvers.identification import RowBuilder
+    from sdp_vs_penalty.solvers import solver
+    from sdp_vs_penalty.solvers.identification import conic_problem, scaled
 
-    pieces = RowBuilder(p)
     inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)
-    pieces.constraints(demands.convex, np.zeros(p), np.ones(p), inside)
+    groups, _ = scaled(demands.convex, np.zeros(p), np.ones(p), inside)
     direction = np.zeros(p)
     direction[rng.integers(p)] = rng.choice([-1.0, 1.0])
-    from scipy import sparse
-
-    problem: ConicProblem = pieces.problem(sparse.csc_matrix((p, p)), direction)
+    problem = conic_problem(groups, None, direction)
     solution = solver("clarabel").solve(problem, 1e-9)
     assert solution.claims in ("optimal", "inaccurate")
     return np.asarray(solution.x)
