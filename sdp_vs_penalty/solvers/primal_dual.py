@@ -30,8 +30,10 @@ _COLD = 1e-3
 _CENTRAL = 1e-2
 #: A step goes this share of the way to the boundary, more where the predictor came near the optimum.
 _SHARE, _MORE = 0.9, 0.099
-#: Of the machine: what rounding in H may cost its positive definiteness is this times its order.
-_EPS = float(np.finfo(float).eps)
+#: Relative change of H's diagonal: what rounding in H may cost its positive definiteness.
+_RIDGE = 1e-14
+#: A shorter step cannot be told from rounding.
+_SHORTEST = float(np.sqrt(np.finfo(float).eps))
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ class _Path:
         H = self.data.curvature.copy()
         flat = H.ravel()
         flat[cones.places] += cones.curvature @ self.products
-        flat[:: len(H) + 1] *= 1.0 + len(H) * _EPS
+        flat[:: len(H) + 1] *= 1.0 + _RIDGE
         self.cholesky, failed = dpotrf(H.T, lower=1, overwrite_a=1, clean=0)
         if failed:
             raise np.linalg.LinAlgError
@@ -219,7 +221,7 @@ class _Path:
         step = dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)
         share = min(1.0, (_SHARE + _MORE * reach**2) * longest)
-        if not share > np.sqrt(_EPS):  # a shorter step cannot be told from rounding
+        if not share > _SHORTEST:
             return False
         self.theta = self.theta + share * step
         self.both[1] += share * self.ahead[1]
