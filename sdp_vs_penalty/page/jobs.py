@@ -38,9 +38,8 @@ from sdp_vs_penalty.page.run_jobs import Answer, Asked, placed, save_arrays
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import with_bounds, with_filters
 from sdp_vs_penalty.reports import report as write_report
-from sdp_vs_penalty.reports.parameters import caveats, link_rows, standard_rows
+from sdp_vs_penalty.reports.parameters import caveats, half_axes, link_rows, standard_rows
 from sdp_vs_penalty.reports.sections import JUDGED_HEADS, certificate_rows, judged_row
-from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
@@ -202,21 +201,6 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
             bodies.append({"link": k, "joint": joint, "half": half, "place": place})
     joints = [{"parent": j.parent, "at": j.placement[:3, 3]} for j in robot.tree]
     return {"bodies": bodies, "joints": joints}
-
-
-def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
-    """Of the uniform solid ellipsoid with these standard parameters half axes (3,) [m],
-    sqrt(5 eigenvalues of Sigma_c / m), their directions (3, 3) as columns, right-handed, and its centre
-    (3,) in the link's frame; None for a link without mass or thickness."""
-    mass = link[0]
-    if mass <= 0.0:
-        return None
-    pseudo, com = inertia.pseudo_inertia(link), link[1:4] / mass
-    spread = pseudo[:3, :3] / mass - np.outer(com, com)
-    values, axes = np.linalg.eigh(spread)
-    if values[0] <= 0.0:
-        return None
-    return np.sqrt(5.0 * values), axes * np.sign(np.linalg.det(axes)), com
 
 
 def _named(runs: Sequence[Measurements]) -> list[str]:

@@ -32,7 +32,7 @@ _SECTIONS = {
     "From model to model": sections.history,
     "Run forward": sections.forward,
     "Parameters": parameters.parameters,
-    "Links": parameters.links,
+    "Links on the arm": parameters.arm,
     "Friction": parameters.friction,
     "Certificate": sections.certificate,
     "Data check": sections.data,

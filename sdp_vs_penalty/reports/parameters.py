@@ -1,4 +1,6 @@
-"""The sections of the report about the parameters: intervals, links, friction."""
+"""The sections of the report about the parameters: intervals, consistency, the arm as a picture."""
+
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +12,10 @@ from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows, seen
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.reports.markup import Material, figure, table, text
-from sdp_vs_penalty.reports.plots import friction_figure
+from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, Figure, friction_figure, trace
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 
 
 def parameters(material: Material) -> str:
@@ -65,11 +70,20 @@ def caveats(estimate: Estimate) -> list[str]:
     return said
 
 
-def links(material: Material) -> str:
-    """Mass, centre of mass and size of every link beside the nominal ones."""
-    if not len(material.last.model.rigid_indices):
+def arm(material: Material) -> str:
+    """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and its margins."""
+    estimate = material.last
+    if not len(estimate.model.rigid_indices):
         return text("This model has no rigid_body effect.")
-    return text(" ".join(caveats(material.last))) + table(LINK_HEADS, link_rows(material.last))
+    robot, links = estimate.robot, estimate.links
+    (poses,) = robot.poses(robot.tree_state(material.measurements.q.mean(axis=0))[0])
+    caption = (
+        "Uniform ellipsoids with the identified masses and inertias, in the runs' mean pose. An "
+        "ellipsoid that leaves the picture belongs to a link that these data hardly determine. Zero "
+        "thickness (a rod or a sheet) is unphysical."
+    )
+    body = text(" ".join(caveats(estimate))) + table(LINK_HEADS, link_rows(estimate))
+    return body + figure(_picture(robot, links, poses), caption, 460)
 
 
 def friction(material: Material) -> str:
@@ -81,3 +95,59 @@ def friction(material: Material) -> str:
         plot = friction_figure(c.velocity, c.torque, NORMAL_95 * c.std, c.joint, unit)
         body += figure(plot, "", 250)
     return body
+
+
+def _picture(robot: Robot, links: Array, poses: Array) -> Figure:
+    """The skeleton and an ellipsoid a link."""
+    plot, look = Figure(), dict[str, Any]()
+    link = {carrier: place for place, carrier in enumerate(robot.link_joints)}
+    for i, joint in enumerate(robot.tree):
+        begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
+        x, y, z = np.stack([begin, poses[i][:3, 3]]).T
+        look = {"mode": "lines+markers", "showlegend": False, "hoverinfo": "skip"}
+        look |= {"line": {"color": MEASURED, "width": 6}, "marker": {"size": 3, "color": MEASURED}}
+        plot.add(trace("scatter3d", x=x, y=y, z=z, **look))
+        shape = ellipsoid(links[link[i]]) if i in link else None
+        if shape is None:
+            continue
+        frame = poses[i] @ joint.link_frame
+        x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
+        look = {"alphahull": 0, "color": COLOURS[i % len(COLOURS)], "opacity": 0.5, "showlegend": True}
+        plot.add(trace("mesh3d", x=x, y=y, z=z, name=f"link {link[i] + 1}", **look))
+    axis = {"title": "", "gridcolor": "rgba(128,128,128,0.3)", "backgroundcolor": "rgba(0,0,0,0)"}
+    # The picture is as large as the arm: an ellipsoid that leaves it belongs to a link whose mass
+    # and inertia are not those of one body of that size.
+    joints = np.array([np.zeros(3), *(pose[:3, 3] for pose in poses)])
+    room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
+    low, high = joints.min(axis=0) - room, joints.max(axis=0) + room
+    ends = zip("xyz", low.tolist(), high.tolist(), strict=True)
+    axes = {f"{name}axis": {**axis, "range": [a, b]} for name, a, b in ends}
+    camera = {"eye": {"x": 1.3, "y": 1.3, "z": 0.6}}
+    ratio = dict(zip("xyz", (1.2 * (high - low) / (high - low).max()).tolist(), strict=True))
+    plot.update_layout(scene={"aspectmode": "manual", "aspectratio": ratio, "camera": camera, **axes})
+    return plot
+
+
+def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
+    """(3, k) points on the uniform solid ellipsoid with these standard parameters, in the link frame;
+    None for a link without mass or thickness."""
+    if (body := half_axes(link)) is None:
+        return None
+    half, axes, com = body
+    u, v = np.meshgrid(np.linspace(0.0, np.pi, fineness), np.linspace(0.0, 2.0 * np.pi, 2 * fineness))
+    ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(3, -1)
+    return np.asarray(axes @ (half[:, None] * ball) + com[:, None], float)
+
+
+def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
+    """Half axes (3,) [m] of that ellipsoid, sqrt(5 eigenvalues of Sigma_c / m), their directions (3, 3)
+    as columns, right-handed, and its centre (3,)."""
+    mass = link[0]
+    if mass <= 0.0:
+        return None
+    pseudo, com = inertia.pseudo_inertia(link), link[1:4] / mass
+    spread = pseudo[:3, :3] / mass - np.outer(com, com)
+    values, axes = np.linalg.eigh(spread)
+    if values[0] <= 0.0:
+        return None
+    return np.sqrt(5.0 * values), axes * np.sign(np.linalg.det(axes)), com

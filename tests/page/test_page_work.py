@@ -21,13 +21,11 @@ from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page import worker
 from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
-from sdp_vs_penalty.page.jobs import half_axes
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import Curves, envelope
 from sdp_vs_penalty.reports.sections import judged_row
-from sdp_vs_penalty.robot import inertia
 
 #: A job of seconds.
 LONG = {
@@ -63,18 +61,6 @@ def test_what_changes_nothing_is_what_the_verbs_say(sessions, hidden, tmp_path):
     assert load_measurements(s.folder / "run-3.csv").data_hash == hidden.runs[2].data_hash
     s.forget_models()
     assert s.answer("methods") is None
-
-
-def test_the_ellipsoid_has_the_links_inertia():
-    """Second moments of the solid ellipsoid that is drawn are a fifth of its half axes squared."""
-    link = np.array([2.0, 0.2, -0.4, 0.6, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])
-    half, axes, centre = half_axes(link)
-    second = link[0] * ((axes * half**2 / 5.0) @ axes.T + np.outer(centre, centre))
-    assert second == pytest.approx(inertia.pseudo_inertia(link)[:3, :3], abs=1e-12)
-    assert centre == pytest.approx(link[1:4] / link[0])
-    assert np.linalg.det(axes) == pytest.approx(1.0)
-    assert half_axes(np.zeros(10)) is None
-    assert half_axes(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
 
 
 @pytest.mark.long

@@ -19,6 +19,8 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.reports.markup import bars
+from sdp_vs_penalty.reports.parameters import ellipsoid
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
 
 pytest.importorskip("plotly")
@@ -31,7 +33,7 @@ SECTIONS = (
     "history",
     "forward",
     "parameters",
-    "links",
+    "arm",
     "friction",
     "certificate",
     "data",
@@ -92,7 +94,7 @@ def test_one_file_with_every_section_and_no_request(made):
     for words in ("Error over the noise floor", "where 95 % of the errors", "cause \\ joint"):
         assert words in html
     drawn = "".join(figures_of(html))
-    for words in ("measured", "joint 1 [N m]", '"y domain"'):
+    for words in ("measured", "link 2", "joint 1 [N m]", '"y domain"'):
         assert words in drawn
 
 
@@ -131,6 +133,21 @@ def test_the_figures_are_those_of_the_models(made):
     assert f"numpy {np.__version__}" in text
 
 
+def test_the_ellipsoid_has_the_links_inertia(made):
+    """A solid ellipsoid of the drawn half axes and the link's mass has the link's inertia."""
+    link = np.array([2.0, 0.2, -0.4, 0.6, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])
+    points = ellipsoid(link, 60)
+    assert points is not None
+    com = link[1:4] / link[0]
+    centred = points - com[:, None]
+    spread = inertia.pseudo_inertia(link)[:3, :3] / link[0] - np.outer(com, com)
+    # On the surface x^T (5 spread)^-1 x = 1.
+    form = np.einsum("ak,ab,bk->k", centred, np.linalg.inv(5.0 * spread), centred)
+    assert form == pytest.approx(np.ones(form.size), abs=1e-9)
+    assert ellipsoid(np.zeros(10)) is None
+    assert ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
+
+
 def test_the_verb_and_short_runs(two_link, tmp_path):
     run = experiment(two_link).training_run(0)
     keep = (run.t > run.t[0] + 2.0) & (run.t < run.t[0] + 3.8)
@@ -157,7 +174,7 @@ def test_it_draws_in_chromium(made, tmp_path):
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("console", lambda said: faults.append(said.text) if said.type == "error" else None)
         page.goto(path.as_uri())
-        page.wait_for_function("document.querySelectorAll('.plot-container').length >= 4")
+        page.wait_for_function("document.querySelectorAll('.plot-container').length >= 5")
         page.wait_for_function("document.querySelectorAll('.js-line').length >= 2 * (3 + 2)")
     assert faults == []
 
