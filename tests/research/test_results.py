@@ -22,13 +22,15 @@ KEYS: dict[str, tuple[str, ...]] = {
     "V": ("engine", "motion"),
     "VI": ("i",),
     **dict.fromkeys(("VII", "VIII", "IX"), ("parameter",)),
+    "data": ("data", "seconds", "method"),
     "errata": ("number",),
     "methods": ("data", "method"),
     "unseen": ("method", "added_effects", "judged_on"),
+    "wrenches": ("joint", "component"),
 }
 #: Tables by problem, and where they are committed: those of the 2R's own are with the Panda's.
-MADE = [("panda", name, RESULTS) for name in KEYS if name not in ("VI", "VII")]
-MADE += [("two_link", "VI", RESULTS)]
+MADE = [("panda", name, RESULTS) for name in KEYS if name not in ("VI", "VII", "wrenches")]
+MADE += [("two_link", name, RESULTS) for name in ("VI", "wrenches")]
 MADE += [
     ("two_link", name, RESULTS / "two_link") for name in ("III", "IV", "VII", "VIII", "IX", "methods")
 ]
@@ -116,6 +118,8 @@ USUAL = {
     "VI": (1e-9, 1e-12),
     "methods": (0.02, 0.05),
     "unseen": (0.02, 1e-3),
+    "data": (0.02, 0.02),
+    "wrenches": (2e-2, 1e-3),
     "errata": (0.0, 0.0),
 }
 
@@ -136,6 +140,10 @@ def free(name: str, column: str, row: Row) -> bool:
         or (name == "methods" and method.startswith("penalty-paper"))
         or (name == "methods" and column in ("smallest_eigenvalue", "violated_family"))
         or (name == "methods" and column == "smallest_thickness_mm" and method != "lmi-sdp-thickness")
+        # An optimal set that is flat, where some joints do not reverse.
+        or (name == "data" and row["seconds"] in "12" and method in ("ols", "lmi-sdp-plain", "penalty"))
+        # Where among those of equal loss an estimate ends.
+        or (name == "wrenches" and not column.startswith(("true", "interval")))
     )
 
 

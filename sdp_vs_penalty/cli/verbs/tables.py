@@ -18,7 +18,7 @@ def verb(
     Example: sdp-vs-penalty tables III --out results
 
     names [III IV VIII IX ...]: Tables, of `sdp-vs-penalty list tables`; default: these four.
-    --all: All tables but the slow ones, such as methods and emps.
+    --all: All tables but the slow ones, such as methods and data.
     --problem: Problem: two_link or panda.
     --budget: Effort: quick, or paper (as many runs as there).
     """

@@ -9,8 +9,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.research.figures import style
 from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure, title
-from sdp_vs_penalty.research.figures.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.research.tables.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 

@@ -27,7 +27,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import measured_runs, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
-from sdp_vs_penalty.regression.regression import Regression, compress
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -41,7 +41,7 @@ Made = TypeVar("Made")
 class Effort:
     """What a budget stands for: noisy runs behind Table I's coverage, iterations of Table II's search,
     seconds of Table V's sinusoids, instants and relaxed retrievals of the wrenches, loss evaluations of
-    a run of the paper's method."""
+    a run of the paper's method, its runs at each weight, windows of each length to train on."""
 
     replicates: int
     iterations: int
@@ -49,11 +49,13 @@ class Effort:
     instants: int
     retrievals: int
     evaluations: int
+    runs: int
+    windows: int
 
 
 BUDGETS = {
-    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations),
-    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET),
+    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations, 2, 6),
+    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET, 2, 6),
 }
 _PLACED = by_word(
     ((kind.table_place, kind) for kind in estimator_types().values() if kind.table_place), "table_place"
@@ -108,12 +110,17 @@ class Frozen(Estimator):
     others: Array | float = np.nan
 
     def fit(self, task: Task) -> Fit:
-        theta, links, data = np.empty(len(task.bound)), task.model.rigid_indices, task.data
+        theta, links = np.empty(len(task.bound)), task.model.rigid_indices
         theta[links] = self.links.ravel()
         theta[np.delete(np.arange(len(theta)), links)] = self.others
-        free, left = np.isnan(theta), data.rho - data.R @ np.nan_to_num(theta)
-        theta[free] = np.linalg.lstsq(data.R[:, free], left, rcond=None)[0]
-        return Fit(theta, Objective(data), task.constraints)
+        return Fit(refitted(task.data, theta), Objective(task.data), task.constraints)
+
+
+def refitted(data: LeastSquares, given: Array) -> Array:
+    """theta (p,) as given, what is NaN in it fitted to the rows by least squares."""
+    free, theta = np.isnan(given), np.nan_to_num(given)
+    theta[free] = np.linalg.lstsq(data.R[:, free], data.rho - data.R @ theta, rcond=None)[0]
+    return theta
 
 
 @dataclass(frozen=True)
