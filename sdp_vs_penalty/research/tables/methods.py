@@ -1,7 +1,4 @@
-"""Methods compared: all of them on every data set, and the penalty method by its weight."""
-
-from itertools import product
-from typing import Any
+"""Methods compared: all of them on every data set."""
 
 import numpy as np
 
@@ -9,7 +6,6 @@ from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.identify import consistent, positive_mass_matrices
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.research.tables.study import FOLDS, WITH_PRIOR, Data, Frozen, Result, Study
 from sdp_vs_penalty.research.tables.table import Row, Table, makes
 from sdp_vs_penalty.robot import inertia
@@ -112,54 +108,3 @@ def _row(study: Study, data: Data, method: str, optimum: float) -> Row:
 
 def _excess(loss: float, optimum: float) -> float:
     return 100.0 * (loss / optimum - 1.0)
-
-
-#: Final weights [(N m)^2 per kg m^2, kg or m]; the authors' is 40.
-WEIGHTS = (40.0, 126.0, 400.0, 1260.0, 4000.0)
-
-
-@makes("weight", slow=True)
-def weight(study: Study) -> Table:
-    """Weight table: where the paper's penalty weight xi makes its penalties exact."""
-    rows: list[dict[str, Any]] = []
-    for data in study.judged:
-        optimum = certified_optimum(study, data)
-        for weight, more in product(WEIGHTS, (1, 10)):
-            budget = more * PenaltyPaper.evaluations  # loss evaluations of a run
-            study.progress(f"weight {weight:g}, {budget} evaluations, {data.label}")
-            steps = tuple(weight * share for share in (0.0, 0.25, 0.5, 0.75, 1.0))
-            method = PenaltyPaper(runs=study.effort.runs, evaluations=budget, weights=steps)
-            runs = method.fit(study.task(data)).details["runs"]
-            best = min(runs, key=lambda run: run["penalised"])
-            rows.append(
-                {
-                    "data": data.label,
-                    "weight_xi": weight,
-                    "evaluations": budget,
-                    # Violations below this are rounding of the search.
-                    "feasible_runs": sum(run["violation"] < 1e-6 for run in runs),
-                    "violation": float(best["violation"]),
-                    "excess_loss_percent": 100.0 * (float(best["loss"]) / optimum - 1.0),
-                }
-            )
-    # The authors' weight and the smallest feasible one, on the last data and budget.
-    last = [r for r in rows if all(r[k] == rows[-1][k] for k in ("data", "evaluations"))]
-    found = "no weight makes all runs feasible"
-    if row := next((r for r in last if r["feasible_runs"] == study.effort.runs), None):
-        found = f"from xi = {row['weight_xi']:g} on all runs are feasible, "
-        found += f"{row['excess_loss_percent']:.2g} % over the optimum"
-    return Table(
-        f"The penalty method's weight on {study.problem.title}",
-        rows,
-        (
-            f"penalty-paper with the weights 0, xi/4, xi/2, 3 xi/4, xi, {study.effort.runs} runs each, "
-            "of which the one of least penalised loss is shown; the authors' xi is 40. violation: the "
-            "worst of the demands that the method punishes; excess_loss_percent: over the certified "
-            "lower bound of the constrained optimum (that of lmi-sdp-plain), negative only for what is "
-            "not feasible.",
-            "A linear penalty is exact above the loss's own multiplier, which grows with the data: "
-            "below it no budget makes the answer feasible.",
-        ),
-        f"at xi = {last[0]['weight_xi']:g} the violation is {last[0]['violation']:.2g}; {found}.",
-        digits=3,
-    )

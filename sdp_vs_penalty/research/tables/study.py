@@ -41,7 +41,7 @@ Made = TypeVar("Made")
 class Effort:
     """What a budget stands for: noisy runs behind Table I's coverage, iterations of Table II's search,
     seconds of Table V's sinusoids, instants and relaxed retrievals of the wrenches, loss evaluations of
-    a run of the paper's method, its runs at each weight, windows of each length to train on."""
+    a run of the paper's method, windows of each length to train on."""
 
     replicates: int
     iterations: int
@@ -49,13 +49,12 @@ class Effort:
     instants: int
     retrievals: int
     evaluations: int
-    runs: int
     windows: int
 
 
 BUDGETS = {
-    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations, 2, 6),
-    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET, 2, 6),
+    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations, 6),
+    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET, 6),
 }
 _PLACED = by_word(
     ((kind.table_place, kind) for kind in estimator_types().values() if kind.table_place), "table_place"
