@@ -1,5 +1,5 @@
 """The page's charts, which are the report's figures, and the arm in 3D: ellipsoids of the links, moved
-with a run."""
+with a run, a simulated arm beside the measured one."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ from sdp_vs_penalty.page.session import ModelStep
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.reports import plots
 from sdp_vs_penalty.reports.markup import shades
-from sdp_vs_penalty.reports.plots import COLOURS, Curves, Figure, trace
+from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, Curves, Figure, trace
 
 
 def torque_chart(
@@ -126,22 +126,30 @@ _FULL = 4.0
 #: The camera's direction, and its angle of view [deg].
 _TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
 _ANGLE = 14.0
+#: Names, colours and solidity of an arm alone, and of the measured one beside the simulated one: those
+#: of their curves.
+_LOOKS = {1: [("link", COLOURS[0], 0.75)], 2: [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)]}
 
 
 def chart_and_arm(
-    view: View, options: Mapping[str, Any], label: str, about: Mapping[str, Any], said: str
+    view: View,
+    options: Mapping[str, Any],
+    label: str,
+    about: Mapping[str, Any],
+    said: str,
+    arms: int = 1,
 ) -> tuple[Any, Callable[..., None]]:
     """A chart over time (``options``, with ``label`` as its text) and beside it :func:`draw_arm`, where
     there are links to be drawn; returns the chart, and what to call with a recording."""
     with tag("div", style="pair"):
         drawn = chart(options, label).classes("timed")
-        move = draw_arm(view, about, said) if about["bodies"] else lambda *_: None
+        move = draw_arm(view, about, said, arms) if about["bodies"] else lambda *_: None
     return drawn, move
 
 
-def draw_arm(view: View, about: Mapping[str, Any], said: str) -> Callable[..., None]:
-    """The scene and its clock; returns what to call with a recording: its name, its t, tf and poses, and
-    the errors (F, n), 0 to 1, that colour the links, if any.
+def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> Callable[..., None]:
+    """The scene and its clock, of ``arms`` arms in one place; returns what to call with a recording: its
+    name, its t, tf and poses, and the errors (F, n), 0 to 1, that colour the first arm's links, if any.
 
     about : of a model (jobs.py). workbench.js moves what is drawn here once: a group a joint, in it
     the links that it carries.
@@ -150,7 +158,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str) -> Callable[..., N
     def clicked(event: Any) -> None:
         for hit in event.hits:
             name, _, link = hit.object_name.partition("-")
-            if name == "link" and link.isdigit():
+            if name in ("link", "measured") and link.isdigit():
                 view.look(joint=min(int(link), len(view.session.robot["joints"]) - 1))
                 return
 
@@ -158,13 +166,13 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str) -> Callable[..., N
         look = {"width": 360, "height": 330, "grid": False, "background_color": "#f8f9fb"}
         camera = ui.scene.perspective_camera(fov=_ANGLE)
         with ui.scene(**look, on_click=clicked, camera=camera) as scene:  # type: ignore[arg-type]
-            groups = _one_arm(scene, about)
+            groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, look)]
         frame.props["data-arm"] = scene.id
         scene.props.update({"role": "img", "aria-label": f"The arm in 3D: {said}"})
         with tag("div", style="row"):
             play = f"arms[{scene.id}]?.play()"
-            button("Play", lambda: ui.run_javascript(play), "play", data_play="")
-            bar = {"type": "range", "min": "0", "max": "1000", "value": "0", "data_key": "time"}
+            button("Play", lambda: ui.run_javascript(play), f"play-{arms}", data_play="")
+            bar = {"type": "range", "min": "0", "max": "1000", "value": "0", "data_key": f"time-{arms}"}
             tag("input", "", "", **bar, data_time=scene.id, aria_label="Time in the run")
             tag("span", "0.0 s", "soft", data_clock="")
         note(f"Ellipsoids of uniform density; {said}. Click a link to see its joint.")
@@ -184,15 +192,15 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str) -> Callable[..., N
             "poses": np.round(placed, 4).tolist(),
             "errors": [[0.0]] * len(read["tf"]) if errors is None else errors.tolist(),
         }
-        scene.move_camera(**_camera(poses, about), duration=0.0)
+        scene.move_camera(**_camera(poses[:, : len(about["joints"])], about), duration=0.0)
         ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")
 
     return load
 
 
-def _one_arm(scene: Any, about: Mapping[str, Any]) -> Any:
-    """Joints and links of an arm, a group a joint."""
-    thin = 0.02 * _reach(about)
+def _one_arm(scene: Any, about: Mapping[str, Any], look: tuple[str, str, float]) -> Any:
+    """Joints and links of an arm, a group a joint; look : of _LOOKS."""
+    (name, colour, solid), thin = look, 0.02 * _reach(about)
     groups = [scene.group() for _ in about["joints"]]
     for joint, group in zip(about["joints"], groups, strict=True):
         with scene if joint["parent"] < 0 else groups[joint["parent"]]:
@@ -204,8 +212,8 @@ def _one_arm(scene: Any, about: Mapping[str, Any]) -> Any:
     for body in about["bodies"]:
         with groups[body["joint"]]:
             place = np.array(body["place"])
-            ball = scene.sphere(1.0, 24, 16).scale(*body["half"]).material(COLOURS[0], 0.75)
-            ball.with_name(f"link-{body['link']}").move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
+            ball = scene.sphere(1.0, 24, 16).scale(*body["half"]).material(colour, solid)
+            ball.with_name(f"{name}-{body['link']}").move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
     return groups
 
 

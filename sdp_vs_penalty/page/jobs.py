@@ -43,6 +43,7 @@ from sdp_vs_penalty.reports.sections import JUDGED_HEADS, certificate_rows, judg
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.simulation.follow import follow
 
 
 def robot(asked: Asked) -> Answer:
@@ -172,6 +173,33 @@ def take(asked: Asked) -> Answer:
         lost = export(asked.model, out, given, flange=(x, y, z))
     said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
     return {"files": [name], "notice": [said] if lost else []}
+
+
+def forward(asked: Asked) -> Answer:
+    """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
+
+    Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf (F,), poses
+    (F, 2 joints, 4, 4), the measured arm before the simulated one.
+    """
+    estimate, drive = asked.model, asked["drive"]
+    made = follow(estimate, asked.runs.judge, drive=drive, seed=asked.seed, progress=asked.progress)
+    files = [f"forward-{made.drive}-{k}.npz" for k in range(len(made.free))]
+    for file, free in zip(files, made.free, strict=True):
+        both, t = (free.measured, free.simulated.q), free.simulated.t
+        (tf, one), (_, other) = (placed(estimate.robot, t, q) for q in both)
+        arrays = {"t": t, "measured": both[0], "simulated": both[1], "tf": tf}
+        save_arrays(asked.folder / file, {**arrays, "poses": np.concatenate([one, other], axis=1)})
+    heads, rows = made.table()
+    return {
+        "arrays": files,
+        "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
+        "verdict": made.verdict,
+        "explained": made.explained,
+        "units": list(made.units),
+        "heads": heads,
+        "rows": rows,
+        "left_out": list(made.left_out),
+    }
 
 
 def about(estimate: Estimate) -> dict[str, Any]:

@@ -408,6 +408,8 @@ class Session:
         async def do() -> None:
             model = self.model and self.model.file
             answer = await self._job(job, **on)
+            for file in answer.get("arrays", ()):
+                self._read.pop(file, None)
             if answer.get("notice"):
                 self.notice = Notice(tuple(answer["notice"]), error=False)
             self.answers[job] = {**answer, "model": model}

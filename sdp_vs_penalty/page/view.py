@@ -37,6 +37,7 @@ class View:
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
     methods: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(METHODS, True))
     folds: bool = False
+    drive: str = ""
     hiding: dict[str, Any] = field(
         default_factory=lambda: {"effect": HIDDEN, "joint": "0", "level": LEVEL, "seed": 7}
     )

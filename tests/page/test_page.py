@@ -97,6 +97,10 @@ def story(
         idle(page)
         seen["barriers"] += barriers(page)
         go(page, "use")
+        page.click(key("forward"))
+        page.wait_for_selector("[data-part=forward] .js-line")
+        idle(page)
+        seen["forward"] = page.inner_text("[data-part=forward]")
         seen["barriers"] += barriers(page)
         folder = tmp_path_factory.mktemp("taken")
         for name in ("model.json", "robot.urdf", "robot.xml", "report.html"):
@@ -126,6 +130,7 @@ def test_the_hidden_effect_is_named_and_its_error_falls(story, files):
     assert set(rows) == {"lmi-sdp", "ols", "penalty"}
     assert rows["lmi-sdp"][4] == "yes"
     assert rows["ols"][4] == "no"
+    assert re.search(r"0\.1 s ahead the worst joint", story["forward"])
 
 
 def test_one_grade_everywhere_and_no_stale_sentence(story, files):

@@ -15,7 +15,7 @@ import pytest
 from page_sessions import do, finish, opened, saved
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty import InputError, compare, identify, load_measurements
+from sdp_vs_penalty import InputError, compare, follow, identify, load_estimate, load_measurements
 from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page import worker
@@ -41,7 +41,7 @@ def numbers(packed: Any) -> Any:
 
 @pytest.mark.long
 def test_what_changes_nothing_is_what_the_verbs_say(sessions, hidden, tmp_path):
-    """Methods compared, and the runs taken away: the numbers of the functions behind the verbs."""
+    """Methods compared, run forward, runs taken away: the numbers of the functions behind the verbs."""
     made: list[str] = []
     # Two to identify from, for two processes.
     s = opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv", "b.csv", "test.csv"))
@@ -51,6 +51,7 @@ def test_what_changes_nothing_is_what_the_verbs_say(sessions, hidden, tmp_path):
         s.identify,
         lambda: s.ask("methods", "Comparing", methods=["ols"], folds=False),
         lambda: s.take("run-3.csv", made.append),
+        lambda: s.ask("forward", "Running forward", drive="torque"),
     )
     files = [tmp_path / name for name in ("a.csv", "b.csv", "test.csv")]
     runs = load_measurements(*files[:2], stop=8.0)
@@ -59,8 +60,14 @@ def test_what_changes_nothing_is_what_the_verbs_say(sessions, hidden, tmp_path):
     assert cells == judged_row(compare(own, files[2], noise_from=files)[0])[1:]
     assert made == ["run-3.csv"]
     assert load_measurements(s.folder / "run-3.csv").data_hash == hidden.runs[2].data_hash
+    ahead = s.answer("forward")
+    assert ahead["verdict"] == follow(load_estimate(s.model.file), files[2]).verdict
+    arrays = s.arrays(ahead["arrays"][0])
+    assert arrays["poses"].shape[1] == 2 * own.robot.n
+    assert arrays["simulated"][0] == pytest.approx(arrays["measured"][0])
     s.forget_models()
     assert s.answer("methods") is None
+    assert s.answer("forward") is None
 
 
 @pytest.mark.long

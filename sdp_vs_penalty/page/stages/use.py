@@ -1,10 +1,13 @@
-"""Use: the model's files, its runs, and the commands that make the same."""
+"""Use: the model's files, its runs, the commands that make the same, and the model run forward."""
 
 from functools import partial
+from typing import Any
 
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page import controls as draw
+from sdp_vs_penalty.page.charts import chart_and_arm, torque_chart
 from sdp_vs_penalty.page.view import Stage, View, after_model, identified
+from sdp_vs_penalty.reports.plots import Curves
 
 #: Files and what they are for.
 FILES = {
@@ -51,4 +54,71 @@ def take_away(view: View) -> None:
         draw.tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
-USE = Stage("use", "Use", "Identify a model first.", (take_away,), identified)
+_DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
+_SERVO = ("servo", "the commands alone, through the model's servos")
+
+
+@after_model("forward", "Run forward", lambda s: s.answer("forward"))
+def forward(view: View) -> None:
+    """The model run along the judged runs."""
+    session = view.session
+    drives = [_SERVO] * session.current.servo + list(_DRIVES)
+    if view.drive not in dict(drives):
+        view.drive = drives[0][0]
+
+    def run() -> None:
+        session.ask("forward", "Running the model forward", drive=view.drive)
+
+    with draw.tag("div", style="fields pick"):
+        draw.choice("Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive")
+    made = session.answer("forward")
+    draw.button("Run it forward", run, "forward", "primary" if made is None else "")
+    if made is None:
+        draw.note(
+            "The model is started from measured states and driven by the torque of the runs that it is "
+            "judged on: one step, 0.1 s, and as long as it stays with the measured motion. Simulators "
+            "and predictive controllers need this; a model of torques can be good without it."
+        )
+        return
+    draw.tag("p", made["verdict"], "words")
+    draw.table(made["heads"], made["rows"], "Errors of the simulated motion", "numbers")
+    draw.note(made["explained"])
+    if made["left_out"]:
+        draw.tag(
+            "p", f"Without meaning in a simulation, left out: {', '.join(made['left_out'])}.", "finding"
+        )
+    _replay(view, made)
+
+
+def _replay(view: View, made: dict[str, Any]) -> None:
+    """A free run of one joint as curves, and of the arm in 3D."""
+    session, about, units = view.session, view.session.current.about, made["units"]
+    shown, joint = {"run": 0}, min(view.joint or 0, len(units) - 1)
+
+    def curves(j: int) -> dict[str, Any]:
+        read = session.arrays(made["arrays"][shown["run"]])
+        modelled = {"simulated": read["simulated"]}
+        return torque_chart(Curves(read["t"], read["measured"], modelled), j, units)
+
+    def follow() -> None:
+        drawn.update_figure(curves(min(view.joint or 0, len(units) - 1)))
+        arm(str(shown["run"]), session.arrays(made["arrays"][shown["run"]]))
+
+    def look(run: str) -> None:
+        shown["run"] = int(run)
+        follow()
+
+    with draw.tag("div", style="fields pick"):
+        joints = [(str(j), f"{j + 1}") for j in range(len(units))]
+        draw.choice("Joint", joints, str(joint), lambda j: view.look(joint=int(j)), "forward-joint")
+        if len(made["runs"]) > 1:
+            draw.choice(
+                "Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run"
+            )
+    label, said = "Measured and simulated position, and what is left", "grey: measured, blue: simulated"
+    drawn, arm = chart_and_arm(view, curves(joint), label, about, said, arms=2)
+    view.followers["forward"] = follow
+    follow()
+
+
+USE = Stage("use", "Use", "Identify a model first.", (take_away, forward), identified)
