@@ -163,6 +163,15 @@ class FilteredRun:
         pieces = (kept.read() for kept in self._pieces(False))
         return _joined([(p.rows, p.torque) for p in pieces])
 
+    def states(self) -> Iterator[Motion]:
+        """The states at the rows, piece by piece."""
+        return (kept.read().rows for kept in self._pieces(False))
+
+    @property
+    def interval(self) -> float:
+        """From row to row [s]."""
+        return self.filters.step(OVERSAMPLING) * self.filters.dt
+
     @property
     def rows_per_sample(self) -> float:
         """How many rows hold as much of white torque noise as one independent sample.

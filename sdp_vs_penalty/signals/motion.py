@@ -9,19 +9,22 @@ comes back is kept once; both stay far below the distance, so that neither makes
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from itertools import groupby
+from operator import itemgetter
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.store import parts
+from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
 #: kept more coarsely, with a distance that grows alike; beyond the last distance, not at all.
@@ -30,8 +33,11 @@ DISTANCE, _COARSEST, _MOST = 0.1, 0.4, 100_000
 #: already, and the spacing at which lines are looked up.
 _NEAR = 0.2
 #: Rows of a path that are compared with the record at a time, at least; a quarter of all before, so that
-#: a long path takes few looks, and its first periods are enough for the later ones.
+#: a long path takes few looks, and its first periods are enough for the later ones; at most a part.
 _CHUNK = 200
+
+#: Consecutive rows (M, 2 n), M > 0, each with the number of the uninterrupted path that they are of.
+Pieces: TypeAlias = Iterator[tuple[int, Array]]
 
 
 @dataclass(frozen=True)
@@ -60,21 +66,18 @@ class MotionRecord(Plain):
 
     def new_share_of(self, runs: FilteredRuns) -> float | None:
         """The same of runs' filtered rows. None where none are left."""
-        paths = [path for run in runs.runs for path in _paths(run)]
-        if not paths:
-            return None
-        q, dq = np.split(np.concatenate(paths), 2, axis=1)
-        return self.new_share(q, dq)
+        each = [(self.new_share(*np.hsplit(x, 2)), len(x)) for _, x in _pieces(runs)]
+        return float(np.average(*np.transpose(each))) if each else None
 
     @cached_property
-    def _path(self) -> Array:
-        return _filled(self.lines, _NEAR * self.distance)
+    def _path(self) -> Any:
+        return _tree(self.lines, self.distance)
 
     def joined(self, other: MotionRecord) -> MotionRecord | None:
         """The motion of both, in units of this one's spread; None where that is too much to keep."""
         there = [(line * other.scale + other.centre - self.centre) / self.scale for line in other.lines]
         distance = max(self.distance, other.distance)
-        return _record(self.centre, self.scale, [*self.lines, *there], distance)
+        return _record(self.centre, self.scale, lambda: enumerate([*self.lines, *there]), distance)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -89,73 +92,106 @@ class MotionRecord(Plain):
 
 
 def record_motion(runs: FilteredRuns) -> MotionRecord | None:
-    """The record of the runs' rows.
+    """The record of the runs' rows, in the memory of a part of them.
 
     None where the filters leave no row, or where there is more motion than a record can keep.
     """
-    paths = [path for run in runs.runs for path in _paths(run)]
-    if not paths:
+    count, n = 0, runs.measurements.n
+    first = total = square = np.zeros(2 * n)
+    for _, rows in _pieces(runs):
+        first = first if count else rows[0]
+        count, away = count + len(rows), rows - first
+        total, square = total + away.sum(axis=0), square + np.sum(away**2, axis=0)
+    if not count:
         return None
-    rows = np.concatenate(paths)
-    n = runs.measurements.n
-    spread = rows.std(axis=0).reshape(2, n)
+    spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0)).reshape(2, n)
     # A coordinate that stays within that distance of the largest one's is measured in it instead: the
     # noise of a joint that hardly moves is no motion.
     scale = np.maximum(spread, DISTANCE * spread.max(axis=1, keepdims=True)).ravel()
-    centre = rows.mean(axis=0)
+    centre = first + total / count
     if not np.all(scale > 0.0):
         return None
-    return _record(centre, scale, [(path - centre) / scale for path in paths], DISTANCE)
+
+    def pieces() -> Pieces:
+        return ((path, (rows - centre) / scale) for path, rows in _pieces(runs))
+
+    return _record(centre, scale, pieces, DISTANCE)
 
 
-def _paths(run: FilteredRun) -> list[Array]:
-    """Uninterrupted paths (M, 2 n) of a run's filtered rows."""
-    try:
-        motion, _ = run.low_passed()
-    except InputError:  # none
-        return []
-    t, states = motion.t, np.hstack([motion.q, motion.dq])
-    apart = np.diff(t)
-    return np.split(states, np.flatnonzero(apart > 1.5 * apart.min(initial=np.inf)) + 1)
+def _pieces(runs: FilteredRuns) -> Pieces:
+    """Of the runs' filtered rows."""
+    path = 0
+    for run in runs.runs:
+        last = -np.inf
+        with suppress(InputError):  # none
+            for motion in run.states():
+                starts = np.flatnonzero(np.diff(motion.t, prepend=last) > 1.5 * run.interval)
+                for k, part in enumerate(np.split(np.hstack([motion.q, motion.dq]), starts)):
+                    path += k > 0
+                    if len(part):
+                        yield path, part
+                last = motion.t[-1]
 
 
-def _record(centre: Array, scale: Array, paths: Sequence[Array], distance: float) -> MotionRecord | None:
+def _record(
+    centre: Array, scale: Array, pieces: Callable[[], Pieces], distance: float
+) -> MotionRecord | None:
     """Paths (in units of the scale), thinned until the record is small enough."""
     while distance <= _COARSEST:
-        lines = _thinned(paths, distance)
+        lines = _thinned(pieces(), distance)
         if lines is not None:
             return MotionRecord(centre, scale, tuple(np.round(x, 3) + 0.0 for x in lines), distance)
         distance *= 2.0
     return None
 
 
-def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
+def _parts(pieces: Pieces, count: Callable[[], int]) -> Iterator[Array]:
+    """The rows of each path, so many at a time and one more, which the next part begins with."""
+    for _, path in groupby(pieces, key=itemgetter(0)):
+        each, ahead, ended = (rows for _, rows in path), np.zeros((0, 0)), False
+        while not ended or len(ahead):
+            most = count()
+            while len(ahead) <= most and not ended:
+                more = next(each, ahead[:0])
+                ahead, ended = np.concatenate([ahead, more]) if len(ahead) else more, not len(more)
+            yield ahead[: most + 1]
+            ahead = ahead[most:]
+
+
+def _thinned(pieces: Pieces, distance: float) -> list[Array] | None:
     """Few points of each path, and only where it has not been before; None for too many."""
     lines: list[Array] = []
-    before = 0
-    for path in paths:
-        start = 0
-        while start < len(path):
-            count = max(_CHUNK, before // 4)
-            rows = path[start : start + count + 1]  # one more, which the next piece begins with
-            start, before = start + count, before + count
-            fresh = np.ones(len(rows), bool)
-            if lines:
-                fresh = ~_near(_filled(lines, _NEAR * distance), rows, _NEAR * distance)
-            for piece in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(fresh)) + 1):
-                if fresh[piece[0]]:
-                    around = slice(max(piece[0] - 1, 0), piece[-1] + 2)
-                    lines.append(_straight(rows[around], _NEAR * distance))
-            if sum(line.size for line in lines) > _MOST:
-                return None
+    before = count = 0
+
+    def ahead() -> int:
+        nonlocal before, count
+        before += count
+        count = min(max(_CHUNK, before // 4), PART)
+        return count
+
+    for rows in _parts(pieces, ahead):
+        fresh = np.ones(len(rows), bool)
+        if lines:
+            fresh = ~_near(_tree(lines, distance), rows, _NEAR * distance)
+        for piece in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(fresh)) + 1):
+            if fresh[piece[0]]:
+                around = slice(max(piece[0] - 1, 0), piece[-1] + 2)
+                lines.append(_straight(rows[around], _NEAR * distance))
+        if sum(line.size for line in lines) > _MOST:
+            return None
     return lines
 
 
-def _near(points: Array, rows: Array, reach: float) -> NDArray[np.bool_]:
-    """(M,) whether rows (M, d) are less than ``reach`` from some point (K, d) in every coordinate."""
+def _tree(lines: Iterable[Array], distance: float) -> Any:
+    """Points on all lines, to look for the nearest."""
     from scipy.spatial import cKDTree
 
-    return np.isfinite(cKDTree(points).query(rows, p=np.inf, distance_upper_bound=reach)[0])
+    return cKDTree(_filled(lines, _NEAR * distance))
+
+
+def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
+    """(M,) whether rows (M, d) are less than ``reach`` from some point in every coordinate."""
+    return np.isfinite(tree.query(rows, p=np.inf, distance_upper_bound=reach)[0])
 
 
 def _straight(rows: Array, beside: float) -> Array:
