@@ -245,10 +245,9 @@ class Likelihood:
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(u * (s > 1e-6 * s.max(axis=1, keepdims=True))[:, None])
 
-    def slope(self, at: At, value: float, h: float, theta: Array) -> Array:
-        """(n, M) d(y - Y theta)/dx of a number at a value, by a difference forward."""
-        here, there = (self.channels(at(x)) - self.raw(at(x)) @ theta for x in (value, value + h))
-        return np.asarray((there - here) / h)
+    def unexplained(self, repair: Repair, theta: Array) -> Array:
+        """(n, M) what an arm (s,) leaves of the channels, its joints' own columns apart."""
+        return np.asarray(self.channels(repair) - self.raw(repair) @ theta)
 
     def parts(self, repair: Repair, count: int = PARTS, more: Array | None = None) -> tuple[Array, int]:
         """(count, n, w, w) Gram matrices of that many parts of the log, which add, and how many of their
@@ -305,15 +304,16 @@ class Likelihood:
         return arms, np.maximum(PARTS * rests.left_of(parts, arms) / whole, FLOOR)
 
     def steps(self, now: Repair, ats: Sequence[At], values: Array, h: float) -> tuple[Array, Array]:
-        """(r,) by how much each of some numbers would have to change alone, to first order, and (r,) the
-        standard deviations of that, infinite where the arm's parameters take its place: by a jackknife,
-        because what the model lacks varies from part to part, and noise alone would make it look exact.
+        """(r,) by how much each of some numbers of ``now`` would have to change alone, to first order,
+        and (r,) the standard deviations of that, infinite where the arm's parameters take its place: by
+        a jackknife, because what the model lacks varies from part to part: noise alone would look exact.
         With A, c the normal equations of the arm and a, b, c_x those of d(y - Y theta)/dx,
 
             change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b)."""
-        score, slopes = self.score(now), np.zeros((self.n, self.data.count, len(ats)))
+        score = self.score(now)
+        here, slopes = self.unexplained(now, score.theta), np.zeros((self.n, self.data.count, len(ats)))
         for r, at in enumerate(ats):
-            slopes[..., r] = self.slope(at, values[r], h, score.theta)
+            slopes[..., r] = (self.unexplained(at(values[r] + h), score.theta) - here) / h
         sizes = np.linalg.norm(slopes, axis=(0, 1))
         parts, k = self.parts(now, PARTS, -slopes / or_one(sizes))
         gram, cross = Equations.of_part(parts.sum(axis=0) - parts, k).normal(score.weights[:, None])

@@ -102,12 +102,18 @@ class Repair:
     def of_motion(self) -> Repair:
         """Without what is done to the torque's channels alone, and whichever way time runs."""
         same, one, zero = tuple(range(self.n)), (1.0,) * self.n, (0.0,) * self.n
-        return replace(self, reversed=False, tau_order=same, gain=one, lead=zero, lag=zero, bend=zero)
+        own = {"tau_order": same, "gain": one, "lead": zero, "lag": zero, "bend": zero}
+        return self._with(reversed=False, **own)
 
     @cached_property
     def of_arm(self) -> Repair:
         """What of it the columns depend on that joints share, with all of the arm's weight."""
-        return replace(self.of_motion, lacks=(0.0,) * self.n, events=())
+        return self.of_motion._with(lacks=(0.0,) * self.n, events=())
+
+    def _with(self, **entries: Any) -> Repair:
+        """With these entries; itself where it has them, as most hypotheses do."""
+        same = all(getattr(self, name) == value for name, value in entries.items())
+        return self if same else replace(self, **entries)
 
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""

@@ -313,17 +313,14 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     if repair.events or few or log.spare <= 0.0 or _dark(log.score(repair)) > c.UNRELATED:
         return
     parts, k = log.parts(repair, 2 * c.PARTS)
-
-    def apart(cut: int) -> float:
-        logs = [Equations.of_part(x.sum(axis=0), k) for x in (parts[:cut], parts[cut:])]
-        left = np.sum([x.fitted(log.moving)[1][:, 0] for x in logs], axis=0)
-        return float(np.log(left[log.moving]).sum())
-
-    cut = min(range(3, len(parts) - 2), key=apart)  # neither may be short
+    cuts = range(3, len(parts) - 2)  # neither may be short
+    both = [[x.sum(axis=0) for x in (parts[:cut], parts[cut:])] for cut in cuts]
+    left = Equations.of_part(np.array(both), k).fitted(log.moving)[1][..., 0].sum(axis=1)
+    cut = cuts[int(np.argmin(np.log(left[:, log.moving]).sum(axis=1)))]
     row = cut * log.data.count // len(parts)
-    t, both = float(log.data.motion.t[row]), [log.some(slice(row)), log.some(slice(row, None))]
+    t, sides = float(log.data.motion.t[row]), (slice(row), slice(row, None))
     names = f"the part before t = {t:.4g} s", f"the part from t = {t:.4g} s on"
-    logs = [(x, repair, name) for x, name in zip(both, names, strict=True)]
+    logs = [(log.some(rows), repair, name) for rows, name in zip(sides, names, strict=True)]
     for _, issue in compare(logs, c.TIMES**0.5):  # within a log, friction changes as well
         place = f"{issue.where}, t = {t:.4g} s" if issue.figures["joints"] else f"t = {t:.4g} s"
         yield replace(
@@ -336,13 +333,12 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
 
 def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
     """Kind, joint and columns (n, M, r) of what may be different in a run, beside an arm's torque."""
-    torque = log.raw(repair) @ theta
+    torque, here = log.raw(repair) @ theta, log.unexplained(repair, theta)
     for j in log.joints:
         yield "torque gain", j, (torque * np.eye(log.n)[j][:, None])[:, :, None]
         if j in log.revolute:
-            at = partial(repair.with_entries, "zero", (j,))
-            away = log.slope(at, repair.zero[j], 0.01, theta)
-            yield "encoder offset", j, -away[:, :, None]
+            shifted = repair.with_entries("zero", (j,), repair.zero[j] + 0.01)
+            yield "encoder offset", j, (here - log.unexplained(shifted, theta))[:, :, None] / 0.01
     if log.data.shared is not None:
         last = log.columns(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]
         yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last

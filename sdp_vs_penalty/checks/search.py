@@ -7,6 +7,7 @@ to lie beyond what arms and loggers differ by themselves, with its interval.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -32,9 +33,10 @@ class Search:
         self.log = log
         self.samples = log.score(log.none).samples
         self._posteriors: dict[Repair, float] = {}
+        self.elements = lru_cache(99)(self._elements)
 
-    def elements(self, repair: Repair) -> list[Element]:
-        return [e for t in TRANSFORMATIONS for e in t.elements(self.log, repair)]
+    def _elements(self, repair: Repair) -> tuple[Element, ...]:
+        return tuple(e for t in TRANSFORMATIONS for e in t.elements(self.log, repair))
 
     def likelihood(self, score: Score, repair: Repair) -> float:
         """Log-likelihood less the repair's cost."""

@@ -66,8 +66,8 @@ class MotionRecord(Plain):
 
     def new_share_of(self, runs: FilteredRuns) -> float | None:
         """The same of runs' filtered rows. None where none are left."""
-        each = [(self.new_share(*np.hsplit(x, 2)), len(x)) for _, x in _pieces(runs)]
-        return float(np.average(*np.transpose(each))) if each else None
+        each = [(len(x), self.new_share(*np.hsplit(x, 2))) for _, x in _pieces(runs)]
+        return sum(k * x for k, x in each) / sum(k for k, _ in each) if each else None
 
     @cached_property
     def _path(self) -> Any:
