@@ -13,7 +13,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 import sdp_vs_penalty
-from sdp_vs_penalty.effects import Effect, Model, effect_types
+from sdp_vs_penalty.effects import Effect, Model
 from sdp_vs_penalty.effects.effect import JointEffect
 from sdp_vs_penalty.estimators import Estimator, Fit, Task
 
@@ -84,11 +84,3 @@ def test_everything_that_users_hold_says_what_it_is():
     found = dict(held())
     assert len(found) > 150
     assert not [name for name, function in found.items() if not inspect.getdoc(function)]
-
-
-@pytest.mark.parametrize("kind", effect_types().values(), ids=effect_types())
-def test_effects_explain_themselves(kind):
-    """What `list effects`, the diagnosis and the report show of an effect."""
-    assert kind.equation
-    assert kind.explanation.rstrip(")").endswith(".")
-    assert kind.reference

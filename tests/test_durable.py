@@ -14,7 +14,6 @@ import pytest
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import alone
 from sdp_vs_penalty.research.shootout.runner import COLUMNS, Results
-from sdp_vs_penalty.research.tables.table import Table
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked and killed")
 STEPS = ("open", "write", "fsync", "close", "replace")
@@ -99,18 +98,3 @@ def test_of_two_writers_the_second_is_told(tmp_path):
         other.wait()
     with alone(tmp_path):  # a killed command holds no lock
         pass
-
-
-@pytest.mark.long
-def test_tables_killed_at_any_step_are_whole_and_made_again(tmp_path):
-    tables = [Table("t", [{"a": 1.0}, {"a": 2.0}], caption="c", name=n) for n in ("I", "II")]
-
-    def write(folder: Path) -> dict[str, str]:
-        for table in tables:
-            table.write(folder)
-        return {p.name: p.read_text() for p in folder.iterdir()}
-
-    right = write(tmp_path / "right")
-    for out, case in kills(tmp_path, write):
-        assert {p.name: p.read_text() for p in out.glob("table_*")}.items() <= right.items(), case
-        assert write(out) == right, case

@@ -62,18 +62,6 @@ def test_what_only_a_reader_opens_is_protected_too(log, tmp_path):
     assert (folder / "bounds.csv").read_bytes() == before
 
 
-def test_a_word_longer_than_a_file_name_is_no_trouble(log, tmp_path, capsys):
-    effects = ",".join(["rigid_body", "viscous_friction", "coulomb_friction", *["torque_offset:1"] * 20])
-    assert len(effects) > 255
-    assert (
-        run_cli(
-            "identify", "two_link", "--data", log, "--effects", effects, "--out", tmp_path / "m.json"
-        )
-        == 2
-    )
-    assert "appears twice" in capsys.readouterr().err
-
-
 def test_a_notebook_may_write_over_what_it_read(tmp_path):
     path = tmp_path / "model.json"
     path.write_text("old")

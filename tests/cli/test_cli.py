@@ -110,6 +110,7 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(run, mon
         kind = effect_types()[name]
         shown = " ".join(out.split())
         for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shapes):
+            assert text.strip()
             assert " ".join(text.split()) in shown
     code, _, err = run("list", "effects", "ether")
     assert code == 2

@@ -2,9 +2,11 @@
 
 import copy
 import json
+import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -13,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import run_cli
-from proofs import FALSE, judged, signed
+from proofs import FALSE, cases, signed
 from random_robots import posed_task
 
 from sdp_vs_penalty import load_problem
@@ -72,7 +74,7 @@ def test_a_true_proof_holds_and_its_interval_is_tight(proofs, method):
 )
 def test_a_false_claim_is_refused_though_it_is_signed(proofs, method):
     """The digest is no argument: whoever signs a false claim is refused by the arithmetic. Of an arm the
-    claims that `benchmarks/proofs.py` makes of small problems, and multipliers that prove nothing.
+    claims that `helpers/proofs.py` makes of small problems, and multipliers that prove nothing.
     """
     true, rng = proofs[method], np.random.default_rng(1)
     made = [false(true, rng) for false in FALSE.values() for _ in range(8)]
@@ -236,12 +238,20 @@ def test_a_byte_order_mark_is_no_json(proofs, tmp_path, encoding):
     assert not verify_proof_file(path)[0]
 
 
-def test_no_false_proof_is_accepted_and_no_genuine_one_refused():
-    """A sample of `benchmarks/proofs.py`, whose truth is known."""
-    right, wrong, longest = judged(500, seed=7)
-    assert not wrong
-    assert longest < 2.0
-    assert set(right) == {*FALSE, "unreadable", "genuine optimum", "genuine infeasible"}
+def test_no_false_proof_is_accepted_and_no_genuine_one_refused(tmp_path):
+    """SDP_VS_PENALTY_PROOFS=NUMBER:SEED puts others, and more of them, to the checker."""
+    count, seed = map(int, os.environ.get("SDP_VS_PENALTY_PROOFS", "500:7").split(":"))
+    file, judged = tmp_path / "proof.json", set()
+    for kind, content, true in cases(count, seed):
+        file.write_text(content)
+        begin, accepted = time.process_time(), False
+        with suppress(Exception):
+            verify_proof.check(verify_proof.read(file))
+            accepted = True
+        assert accepted == true, f"{kind}: {content}"
+        assert time.process_time() - begin < 2.0
+        judged.add(kind)
+    assert judged == {*FALSE, "unreadable", "genuine optimum", "genuine infeasible"}
 
 
 def test_huge_numbers_and_deep_files_are_refused_at_once(tmp_path):
