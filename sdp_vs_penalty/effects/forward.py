@@ -32,14 +32,6 @@ _SLIDES, _STEPS, _INNER = 20.0, 12, 9
 _ARRIVED = 1e-11
 
 
-@dataclass(frozen=True)
-class Contacts:
-    """directions (m, n) along which there may be dry friction, widths (m,) over which it turns round."""
-
-    directions: Array
-    widths: Array
-
-
 class State(NamedTuple):
     """W simulations at one instant: t (W,); q, dq, ddq (W, n), ddq of the last step; z (W, k);
     temperature (W, n) of the joints, NaN where it is not known, which stays as it is; sum (W, n) the
@@ -55,16 +47,6 @@ class State(NamedTuple):
 
     def rows(self, which: slice | NDArray[np.intp]) -> State:
         return State(*(x[which] for x in self))
-
-
-class Terms(NamedTuple):
-    """What moves W simulations: M (W, n, n), force (W, n) = b + f without dry friction, its slope (W, n)
-    over the velocity at the middle of a step, and the dry forces (W, m) along the contacts."""
-
-    mass: Array
-    force: Array
-    slope: Array
-    dry: Array
 
 
 @dataclass(frozen=True)
@@ -102,7 +84,8 @@ class Plant:
         links = self.theta[:, model.rigid_indices]
         different, which = np.unique(links, axis=0, return_inverse=True)
         self._rigid, self._which = [self.robot.mass_and_bias(row) for row in different], which.ravel()
-        self.contacts = self._contacts()
+        #: (m, n) directions along which there may be dry friction, (m,) over what widths it turns round.
+        self.contacts, self.widths = self._contacts()
         self.bristles = [e.bristles for e, _ in self.effects if isinstance(e, Remembering)]
         self.states = sum(len(b.distances) for b in self.bristles)
         self._moves = [(e, k) for e, k in self.effects if self._feels_acceleration(e)]
@@ -141,13 +124,15 @@ class Plant:
         """(W, n, n) M(q) at configurations (W, n)."""
         return self._mass_and_bias(q, np.zeros_like(q))[0]
 
-    def terms(self, state: State, h: float) -> Terms:
-        """At the middle of a step of h [s] from a state, if it went on as in the last step."""
+    def terms(self, state: State, h: float) -> tuple[Array, Array, Array, Array]:
+        """What moves W simulations at the middle of a step of h [s], if it went on as in the last one: M
+        (W, n, n), force (W, n) = b + f without dry friction, its slope (W, n) over the velocity there,
+        and the dry forces (W, m) along the contacts."""
         dq = state.dq + 0.5 * h * state.ddq
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
         mass, bias = self._mass_and_bias(state.q + travel, dq)
         delta = np.where(dq < 0.0, -_SLOPE, _SLOPE)
-        n, m = self.robot.n, len(self.contacts.directions)
+        n, m = self.robot.n, len(self.contacts)
         # Probes: nothing dry, all joints' friction forwards, each other contact's, a little faster.
         signs = np.zeros((3 + m - n, m))
         signs[1, :n] = 1.0
@@ -157,10 +142,10 @@ class Plant:
         dry = force[1] - force[0]
         others = [
             np.sum((f - force[0]) * c, axis=1) / float(c @ c)
-            for f, c in zip(force[2:-1], self.contacts.directions[n:], strict=True)
+            for f, c in zip(force[2:-1], self.contacts[n:], strict=True)
         ]
         slope = (force[-1] - force[0]) / delta
-        return Terms(mass, bias + force[0], slope, np.column_stack([dry, *others]))
+        return mass, bias + force[0], slope, np.column_stack([dry, *others])
 
     def _forces(
         self, state: State, moves: Sequence[tuple[Array, Array]], signs: Array, h: float
@@ -175,7 +160,7 @@ class Plant:
             dq,
             still,
             sign_width=self.model.sign_width,
-            contacts=self.contacts.directions,
+            contacts=self.contacts,
             signs=np.repeat(signs, size, axis=0),
             temperature=np.tile(state.temperature, (count, 1)),
         )
@@ -227,11 +212,11 @@ class Plant:
     def _added_mass(self, q: Array, theta: Array) -> Array:
         """(W, n, n) of the effects that feel an acceleration: rotors, a payload."""
         n, size = self.robot.n, len(q)
-        still, signs = np.zeros((size * n, n)), np.zeros((size * n, len(self.contacts.directions)))
+        still, signs = np.zeros((size * n, n)), np.zeros((size * n, len(self.contacts)))
         unit = np.tile(np.eye(n), (size, 1))
         theta = np.repeat(theta, n if len(theta) > 1 else 1, axis=0)
-        place, c = np.repeat(q, n, axis=0), self.contacts.directions
-        rows = _Probe(np.zeros(size * n), place, still, unit, contacts=c, signs=signs)
+        place, none = np.repeat(q, n, axis=0), np.zeros(size * n)
+        rows = _Probe(none, place, still, unit, contacts=self.contacts, signs=signs)
         z = np.zeros((size * n, self.states))
         moved = self._sum(self._moves, rows, z, theta)
         moved -= self._sum(self._moves, replace(rows, ddq=still), z, theta)
@@ -247,7 +232,7 @@ class Plant:
         before, after = ([b.columns for b in effect.blocks(motion)] for motion in motions)
         return not all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
 
-    def _contacts(self) -> Contacts:
+    def _contacts(self) -> tuple[Array, Array]:
         """One a joint, and one for each combination of joints on which dry friction acts."""
         n, widths = self.robot.n, list(self.model.sign_width)
         rows = list(np.eye(n))
@@ -256,7 +241,7 @@ class Plant:
             if ratios is not None and not any(np.array_equal(ratios, row) for row in rows):
                 rows.append(ratios)
                 widths.append(max(widths[j] for j in np.flatnonzero(ratios)))
-        return Contacts(np.array(rows), np.array(widths))
+        return np.array(rows), np.array(widths)
 
 
 def advance(plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None) -> State:
@@ -274,7 +259,7 @@ def advance(plant: Plant, state: State, torque: Array, h: float, damping: Array 
     # The force was taken at the velocity predicted for the middle, (dq + predicted) / 2.
     push = h * (torque - force) + np.einsum("kij,kj->ki", matrix, predicted)
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
-    dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts)
+    dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts, plant.widths)
     travel, ddq = 0.5 * h * (state.dq + dq), (dq - state.dq) / h
     z, path = plant.advanced(state.z, travel), state.sum + h * (state.q + 0.5 * travel)
     return State(state.t + h, state.q + travel, dq, ddq, z, state.temperature, path)
@@ -317,13 +302,13 @@ class ServoLoop:
 # One step with dry friction, its sticking and sliding solved for, not stepped over.
 
 
-def dry_step(matrix: Array, push: Array, before: Array, impulse: Array, contacts: Contacts) -> Array:
+def dry_step(matrix: Array, push: Array, before: Array, impulse: Array, c: Array, w: Array) -> Array:
     """(W, n) velocities after a step.
 
     matrix : (W, n, n) K; push : (W, n) [N m s]; before : (W, n) velocities before the step; impulse :
-    (W, m) p. What is negative of p (no friction) acts as the velocity before the step says.
+    (W, m) p; c (m, n), w (m,) : the contacts' directions and widths. What is negative of p (no friction)
+    acts as the velocity before the step says.
     """
-    c, w = contacts.directions, contacts.widths
     past = before @ c.T
     odd = np.minimum(impulse, 0.0)
     push = push - (odd * np.tanh(past / w)) @ c
