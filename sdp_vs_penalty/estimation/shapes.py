@@ -291,23 +291,6 @@ class _Profile:
         slopes = D * theta
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
-    def near(self, found: Sequence[ShapeEstimate]) -> tuple[Array, NDArray[np.intp], NDArray[np.bool_]]:
-        """Combinations (P, d) of the banks' columns in which a fit near what was found is linear: each
-        bank's at the value that the model has, and, of a constant that moves, those at its new value
-        and, within its range, their derivative. Of these (d,) whose each is, and whether it is new.
-        """
-        parts = list[tuple[Array, int, bool]]()
-        for k, (bank, s) in enumerate(zip(self.banks, found, strict=True)):
-            parts.append((bank.weights(self.now[k])[0], k, False))
-            if s.after != s.before:
-                several = bank.weights(float(np.log(s.after)))
-                parts += [(x, k, True) for x in several[: 1 if s.at_end else 2]]
-        T = np.zeros((self.columns.shape[1], len(parts)))
-        for out, (weights, k, _) in zip(T.T, parts, strict=True):
-            out[self.banks[k].columns - len(self.shown)] = weights
-        of, new = (np.array([part[i] for part in parts]) for i in (1, 2))
-        return T, of, new
-
     @cached_property
     def _left_out(self) -> tuple[Array, Array, Array]:
         """(F, P + 1, P + 1) products of the banks' columns and of the torque in each fold and in all
@@ -339,8 +322,19 @@ class _Profile:
         taken, needed = np.zeros((2, len(found)))
         if not moved or count < 2:
             return taken, needed
-        T, of, new = self.near(found)
-        T = np.pad(T, (0, 1))
+        # Combinations T (P + 1, d + 1) of columns in which a fit near what was found is linear:
+        # each bank's at the value that the model has, and, of a constant that moves, those at its new
+        # value and, within its range, their derivative. Of these whose each is, and whether it is new.
+        parts = list[tuple[Array, int, bool]]()
+        for k, (bank, s) in enumerate(zip(self.banks, found, strict=True)):
+            parts.append((bank.weights(self.now[k])[0], k, False))
+            if s.after != s.before:
+                several = bank.weights(float(np.log(s.after)))
+                parts += [(x, k, True) for x in several[: 1 if s.at_end else 2]]
+        of, new = (np.array([part[i] for part in parts]) for i in (1, 2))
+        T = np.zeros((self.columns.shape[1] + 1, len(parts) + 1))
+        for out, (weights, k, _) in zip(T.T, parts, strict=False):
+            out[self.banks[k].columns - len(self.shown)] = weights
         T[-1, -1] = 1.0  # the torque
         grams, rest, total = (T.T @ x @ T for x in self._left_out)
         # Of a direction that hardly changes anything, rounding leaves as much as of none.

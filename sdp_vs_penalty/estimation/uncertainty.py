@@ -68,7 +68,13 @@ def intervals_of(
         half, one = NORMAL_95 * std, Interval(name, unit, value)
         if not np.isnan(std):
             low, high = min(max(least - half, lowest), value), max(min(least + half, highest), value)
-            one = replace(one, std=std, lower=low, upper=high, verdict=_verdict(half, abs(least), size))
+            rough = size if np.isfinite(size) else 0.0
+            enough = (
+                verdict
+                for verdict, (own, absolute) in WIDTHS.items()
+                if half <= max(own * min(abs(least), size), absolute * rough)
+            )
+            one = replace(one, std=std, lower=low, upper=high, verdict=next(enough, NOT_SEEN))
         out.append(one)
     return tuple(out)
 
@@ -83,13 +89,6 @@ def physical_limits(task: Task) -> Array:
             own = body.indices[[0, 4, 6, 9]]
             low[own] = np.maximum(low[own], 0.0)
     return np.column_stack([low, task.bound])
-
-
-def _verdict(half: float, value: float, largest: float) -> str:
-    for verdict, (own, absolute) in WIDTHS.items():
-        if half <= max(own * min(value, largest), absolute * largest if np.isfinite(largest) else 0.0):
-            return verdict
-    return NOT_SEEN
 
 
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:

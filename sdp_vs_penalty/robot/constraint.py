@@ -182,14 +182,10 @@ class BarycentricBound:
     upper: float
     family: str = "barycentric inertia"
 
-    def value(self, theta: ArrayLike) -> float:
-        """The inertia about the centre of mass at theta (p,) [kg m^2]."""
-        part = np.asarray(theta, float)[self.indices]
-        return float(inertia.barycentric_from_standard(part)[4 + self.entry])
-
     def margin(self, theta: ArrayLike) -> float:
         """How far it lies inside its bounds [kg m^2]; negative outside, 0 without a mass."""
-        x = self.value(theta)
+        part = np.asarray(theta, float)[self.indices]
+        x = float(inertia.barycentric_from_standard(part)[4 + self.entry])
         if not np.isfinite(x):  # a massless link: no inertia about a centre of mass
             return 0.0
         return min(x - self.lower, self.upper - x)

@@ -37,16 +37,11 @@ class Entropy:
         """The links' pseudo-inertias as functions of theta."""
         return Entries.of(alike(self.links))
 
-    @cached_property
-    def _roots(self) -> Array:
-        """L^-1 of P_0 = L L^T, in the order of ``entries``."""
-        order = np.concatenate([group.places for group in self.entries.groups])
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.nominal[order])))
-
     def value(self, theta: Array) -> float:
         """At theta (p,); infinite outside of its domain."""
         matrices = self.entries.at(theta).reshape(-1, 4, 4)
-        ratios = np.linalg.eigvalsh(self._roots @ matrices @ np.swapaxes(self._roots, 1, 2))
+        roots = np.linalg.inv(np.linalg.cholesky(self.nominal))  # L^-1 of P_0 = L L^T
+        ratios = np.linalg.eigvalsh(roots @ matrices @ np.swapaxes(roots, 1, 2))
         if ratios.min() <= 0.0:  # not the determinant's sign: two negative eigenvalues hide in it
             return np.inf
         return self.weight * float(np.sum(ratios - np.log(ratios) - 1.0))

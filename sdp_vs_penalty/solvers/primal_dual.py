@@ -85,6 +85,7 @@ class _Path:
         self.target = np.empty(self.both.shape[1])
         self.target_rows, self.target_mats = (view[0] for view in self._views(self.target[None]))
         self.weight = cones.weight[:, None, None]
+        self.degree = max(cones.rows + ORDER * len(cones.weight), 1)
         self.logs = float(cones.weight @ np.log(or_one(cones.weight)))
         self.products = np.empty(cones.curvature.shape[1])
         self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
@@ -108,7 +109,7 @@ class _Path:
             path.both[1] = start.multipliers
         else:
             path.evaluate()
-            mu = _COLD * abs(path.value) / max(cones.degree, 1) or 1.0
+            mu = _COLD * abs(path.value) / path.degree or 1.0
             path.rows[1] = mu / path.rows[0]
             path.mats[1] = np.maximum(path.weight, mu) * np.linalg.inv(path.mats[0])
         return path if np.all(np.isfinite(path.both)) else None
@@ -216,7 +217,7 @@ class _Path:
         second = self.scaled(
             self.ahead_rows[0], self.ahead_mats[1], self.ahead_mats[0], self.ahead_rows[1]
         )
-        self.aim(centring * now / max(cones.degree, 1))
+        self.aim(centring * now / self.degree)
         right = cones.adjoint @ (self.target - second) - self.gradient
         step = dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)

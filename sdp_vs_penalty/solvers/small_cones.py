@@ -90,10 +90,6 @@ class SmallCones:
             places,
         )
 
-    @property
-    def degree(self) -> int:
-        return self.rows + ORDER * len(self.weight)
-
     def multipliers(self, flat: Array) -> tuple[dict[Constraint, Array], Array | None]:
         """Of each constraint that no other implies its multiplier, and of each link of the entropy the
         slope S (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""

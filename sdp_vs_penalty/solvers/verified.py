@@ -154,7 +154,9 @@ def lower_bound(
     left_at_most = np.abs(left) + gamma * (slope[1] + sizes) + _TINY
     cost = left_at_most @ limit
     size = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
-    return _down(constant[0] + floor - 2 * (y @ rho) - y @ y - cost - gamma * size - _TINY)
+    least = constant[0] + floor - 2 * (y @ rho) - y @ y - cost - gamma * size - _TINY
+    double = float(least)  # the largest that is not above it
+    return double if double <= least else float(np.nextafter(double, -np.inf))
 
 
 #: Corrections of y at most, and what a leftover slope may cost of the loss without another one.
@@ -209,9 +211,3 @@ def _exact_value(constraint: Constraint, theta: Mapping[int, Fraction]) -> list[
         return out
     d = len(constraint.constant)
     return [(out[i * d + j] + out[j * d + i]) / 2 for i in range(d) for j in range(d)]
-
-
-def _down(x: Any) -> float:
-    """The largest double that is not above x."""
-    double = float(x)
-    return double if double <= x else float(np.nextafter(double, -np.inf))
