@@ -161,16 +161,8 @@ def proved(
     if fit.multipliers is None:
         what = f"method {method} has no lower bound to prove"
         raise InputError(what, "choose one that solves the SDP, such as lmi-sdp, or penalty")
-    return optimum_proof(
-        fit.objective,
-        fit.constraints,
-        fit.multipliers,
-        theta,
-        task.bound,
-        fit.entropy_slopes,
-        [p.name for p in task.model.parameters],
-        made_of,
-    )
+    known = replace(fit, theta=theta, bound=task.bound)
+    return optimum_proof(known, [p.name for p in task.model.parameters], made_of)
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:

@@ -5,10 +5,10 @@ estimator sees compressed data and constraints as arrays; it knows neither files
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,7 @@ from sdp_vs_penalty.regression.regression import LeastSquares, Regression, neare
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.solvers.certificate import lower_bound
-from sdp_vs_penalty.solvers.objective import Objective
-from sdp_vs_penalty.solvers.primal_dual import Iterate
+from sdp_vs_penalty.solvers.certificate import Fit as Fit
 
 #: Called with a short text of where a long computation stands.
 Progress = Callable[[str], None]
@@ -107,49 +105,6 @@ class Task:
         """Sigma_c >= m radius^2 1 for every link; nothing for radius 0."""
         links = enumerate(self.links if radius > 0.0 else (), start=1)
         return [build.minimum_thickness(f"link {k}", indices, radius) for k, indices in links]
-
-
-@dataclass(frozen=True)
-class Fit:
-    """theta (p,); for convex problems what the certificate needs to bound the optimum.
-
-    bound (p,) : |theta_k| <= bound_k for every feasible theta; central : a start for similar data.
-    """
-
-    theta: Array
-    objective: Objective
-    constraints: ConstraintSet
-    multipliers: Sequence[Array] | None = None
-    entropy_slopes: Array | None = None
-    interior: Array | None = None
-    bound: Array | None = None
-    details: dict[str, Any] = field(default_factory=dict)
-    central: Iterate | None = None
-
-    @cached_property
-    def upper(self) -> float:
-        """The objective at theta."""
-        return self.objective.value(self.theta)
-
-    @cached_property
-    def lower(self) -> float:
-        """The certified lower bound on the optimum that follows from the multipliers: computed once."""
-        assert self.multipliers is not None
-        assert self.bound is not None
-        return lower_bound(
-            self.objective,
-            self.constraints,
-            self.multipliers,
-            self.theta,
-            self.bound,
-            self.entropy_slopes,
-            self.upper,
-        )
-
-    @cached_property
-    def gap(self) -> float:
-        """From the lower bound to the objective, relative to the loss."""
-        return self.objective.least_squares.gap(self.upper, self.lower, self.theta)
 
 
 class Estimator(ABC):

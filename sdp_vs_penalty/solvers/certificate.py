@@ -13,8 +13,9 @@ give a tight one. Nothing a solver says about itself enters.
 
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -24,47 +25,58 @@ from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, cone_depths, project, safe_depth
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.primal_dual import Iterate
 from sdp_vs_penalty.solvers.verified import DualEvidence
 
 
-def lower_bound(
-    objective: Objective,
-    constraints: ConstraintSet,
-    multipliers: Sequence[Array],
-    theta: Array,
-    bound: Array,
-    entropy_slopes: Array | None = None,
-    upper: float | None = None,
-) -> float:
-    """A rigorous lower bound on min objective over the constraints, from any multipliers.
+@dataclass(frozen=True)
+class Fit:
+    """theta (p,); for convex problems what the certificate needs to bound the optimum.
 
-    Proved from the multipliers as they are, and, unless that bound is tight, also from polished ones.
-    upper : the objective at theta, where it is known. Other arguments as of :func:`dual_evidence`.
+    multipliers : one a convex constraint, near its cone; entropy_slopes : the dual's own S for
+    P(theta)^-1, where a solver gives it; interior (p,) : strictly inside; bound (p,) : |theta_k| <=
+    bound_k for every feasible theta; central : a start for similar data.
     """
-    upper = objective.value(theta) if upper is None else upper
-    evidence = partial(dual_evidence, objective, constraints, multipliers, theta, bound, entropy_slopes)
-    lower = verified.lower_bound(objective, constraints.entries, evidence(polished=False), bound)
-    if objective.least_squares.gap(upper, lower, theta) <= 0.5 * TIGHT:
-        return lower
-    return max(lower, verified.lower_bound(objective, constraints.entries, evidence(), bound))
+
+    theta: Array
+    objective: Objective
+    constraints: ConstraintSet
+    multipliers: Sequence[Array] | None = None
+    entropy_slopes: Array | None = None
+    interior: Array | None = None
+    bound: Array | None = None
+    details: dict[str, Any] = field(default_factory=dict)
+    central: Iterate | None = None
+
+    @cached_property
+    def upper(self) -> float:
+        """The objective at theta."""
+        return self.objective.value(self.theta)
+
+    @cached_property
+    def lower(self) -> float:
+        """A rigorous lower bound on the optimum, from any multipliers: as they are, and, unless that is
+        tight, also from polished ones."""
+        assert self.bound is not None
+        objective, entries, bound = self.objective, self.constraints.entries, self.bound
+        lower = verified.lower_bound(objective, entries, dual_evidence(self, polished=False), bound)
+        if objective.least_squares.gap(self.upper, lower, self.theta) <= 0.5 * TIGHT:
+            return lower
+        return max(lower, verified.lower_bound(objective, entries, dual_evidence(self), bound))
+
+    @cached_property
+    def gap(self) -> float:
+        """From the lower bound to the objective, relative to the loss."""
+        return self.objective.least_squares.gap(self.upper, self.lower, self.theta)
 
 
-def dual_evidence(
-    objective: Objective,
-    constraints: ConstraintSet,
-    multipliers: Sequence[Array],
-    theta: Array,
-    bound: Array,
-    entropy_slopes: Array | None = None,
-    polished: bool = True,
-) -> DualEvidence:
-    """Multipliers, polished so that little of the slope is left, and the tangent that they go with.
-
-    theta : where the objective is linearised (the closer to the optimum, the tighter the bound);
-    bound : (p,) |theta_k| <= bound_k for every feasible theta; entropy_slopes : P(theta)^-1 by default,
-    the dual's own S where a solver gives it.
-    """
-    data, slopes = objective.least_squares, entropy_slopes
+def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
+    """Multipliers, polished so that little of the slope is left, and the tangent that they go with, at
+    theta: the closer to the optimum, the tighter the bound."""
+    assert fit.multipliers is not None
+    assert fit.bound is not None
+    objective, theta, bound = fit.objective, fit.theta, fit.bound
+    data, slopes = objective.least_squares, fit.entropy_slopes
     if objective.entropy is not None:
         own = np.zeros_like(objective.entropy.nominal) if slopes is None else slopes
         definite = np.linalg.eigvalsh(own)[:, 0] > 0.0
@@ -83,8 +95,8 @@ def dual_evidence(
 
     # What rounding in theta leaves of the slope goes into y.
     y = data.R.astype(verified.Long) @ theta - data.rho
-    given = DualEvidence(multipliers, y, () if slopes is None else tuple(slopes), push)
-    return _polished(given, objective, constraints, bound) if polished else given
+    given = DualEvidence(fit.multipliers, y, () if slopes is None else tuple(slopes), push)
+    return _polished(given, objective, fit.constraints, bound) if polished else given
 
 
 def _polished(

@@ -17,7 +17,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import solver
-from sdp_vs_penalty.solvers.certificate import dual_evidence, repair
+from sdp_vs_penalty.solvers.certificate import Fit, dual_evidence, repair
 from sdp_vs_penalty.solvers.identification import SdpProblem, conic_problem, largest_margin, scaled
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.verified import lower_bound
@@ -89,7 +89,8 @@ class Slice:
         solution = solver("clarabel").solve(replace(self.sdp.conic, q=g), 1e-10)
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.filled(self.sdp.multipliers(solution))
-        found = dual_evidence(objective, self.reduced, multipliers, solution.x, self.limit)
+        fit = Fit(solution.x, objective, self.reduced, multipliers, bound=self.limit)
+        found = dual_evidence(fit)
         return solution.x, lower_bound(objective, self.reduced.entries, found, self.limit)
 
 

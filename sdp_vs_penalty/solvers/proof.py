@@ -27,7 +27,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.certificate import TIGHT, dual_evidence
+from sdp_vs_penalty.solvers.certificate import TIGHT, Fit, dual_evidence
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.verified import CORRECTIONS, DualEvidence, factor
 
@@ -38,33 +38,27 @@ _ROUNDING = 1e-14
 
 
 def optimum_proof(
-    objective: Objective,
-    constraints: ConstraintSet,
-    multipliers: Sequence[Array],
-    theta: Array,
-    bound: Array,
-    entropy_slopes: Array | None = None,
-    parameters: Sequence[str] = (),
-    made_of: Mapping[str, str] | None = None,
+    fit: Fit, parameters: Sequence[str] = (), made_of: Mapping[str, str] | None = None
 ) -> Proof:
-    """The proof that min objective lies between a lower bound and the objective of ``theta``.
+    """The proof that the least objective lies between a lower bound and that of the fit's theta.
 
-    theta (p,) : feasible exactly, as its decimal text says (:func:`verified.certainly_feasible`);
-        made_of : hashes of the "model" and the "data".
+    fit : with its multipliers and bound, theta feasible exactly, as its decimal text says
+    (:func:`verified.certainly_feasible`); made_of : hashes of the "model" and the "data".
     Raises ValueError where it is not, or the multipliers prove nothing.
     """
-    evidence = dual_evidence(objective, constraints, multipliers, theta, bound, entropy_slopes)
-    problem = stated(objective, constraints.convex, bound, parameters)
+    assert fit.bound is not None
+    evidence, convex = dual_evidence(fit), fit.constraints.convex
+    problem = stated(fit.objective, convex, fit.bound, parameters)
     proof: Proof = {
-        **_proof("optimum", problem, constraints.convex, evidence, objective.entropy),
-        "theta": [repr(float(x)) for x in theta],
+        **_proof("optimum", problem, convex, evidence, fit.objective.entropy),
+        "theta": [repr(float(x)) for x in fit.theta],
         "y": _texts(evidence.y),
         "lower": "0",
         "upper": "0",
         **(made_of or {}),
     }
     exact = verify_proof.typed(_signed(proof), verify_proof.OPTIMUM, {})
-    proof["y"] = [_text(x) for x in _polished(exact, evidence, bound)]
+    proof["y"] = [_text(x) for x in _polished(exact, evidence, fit.bound)]
     proof["lower"], proof["upper"] = _interval(exact)
     return _checked(proof)
 
@@ -77,9 +71,8 @@ def infeasibility_proof(
 ) -> Proof:
     """The proof (Farkas) that no |theta_k| <= bound_k satisfies all constraints."""
     nothing = Objective.without_data(len(bound))
-    evidence = dual_evidence(
-        nothing, ConstraintSet(tuple(constraints)), multipliers, np.zeros(len(bound)), bound
-    )
+    demands, zero = ConstraintSet(tuple(constraints)), np.zeros(len(bound))
+    evidence = dual_evidence(Fit(zero, nothing, demands, multipliers, bound=bound))
     problem = stated(nothing, constraints, bound, parameters)
     return _checked({**_proof("infeasible", problem, constraints, evidence), "y": []})
 

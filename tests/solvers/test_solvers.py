@@ -20,7 +20,6 @@ from sdp_vs_penalty.solvers import (
     Entropy,
     Objective,
     Solution,
-    certificate,
     least_squares_sdp,
     repair,
     rewrite,
@@ -72,14 +71,8 @@ class Link:
         """Certified relative gap after feasible repair, and the relative violation before it."""
         sdp = self.sdp
         theta = sdp.theta(solution)
-        lower = certificate.lower_bound(
-            self.objective,
-            self.constraints,
-            self.constraints.filled(sdp.multipliers(solution)),
-            theta,
-            self.bound,
-            sdp.entropy_slopes(solution),
-        )
+        own = self.constraints.filled(sdp.multipliers(solution)), sdp.entropy_slopes(solution)
+        lower = Fit(theta, self.objective, self.constraints, *own, bound=self.bound).lower
         point = repair(self.constraints, theta, self.nominal)
         assert certainly_feasible(self.constraints.convex, point)
         upper = self.objective.value(point)

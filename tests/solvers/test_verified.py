@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sdp_vs_penalty.estimators import Fit
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import Constraint, ConstraintSet, cone_margin, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import cone_depths, safe_depth
-from sdp_vs_penalty.solvers import Objective, certificate, repair, verified, verify_proof
+from sdp_vs_penalty.solvers import Objective, repair, verified, verify_proof
 from sdp_vs_penalty.solvers.proof import optimum_proof
 
 
@@ -178,7 +179,7 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
     scale = 10.0**exponent if noise else 1.0
     multipliers = [scale * (s + noise * rng.normal(size=s.shape)) for s in known.multipliers]
     theta = known.theta + noise * rng.normal(size=3)
-    lower = certificate.lower_bound(known.objective, known.constraints, multipliers, theta, known.bound)
+    lower = Fit(theta, known.objective, known.constraints, multipliers, bound=known.bound).lower
     assert Fraction(lower) <= known.optimum
     if noise == 0.0:  # and it is not merely low
         assert known.optimum - Fraction(lower) <= Fraction(1, 10**12) * (1 + known.optimum)
@@ -188,7 +189,7 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
 def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(seed):
     known, rng = KnownSdp(seed, 1), np.random.default_rng(seed)
     near = [s - 1e-9 * rng.random(s.shape) for s in known.multipliers]
-    made = optimum_proof(known.objective, known.constraints, near, known.theta, known.bound)
+    made = optimum_proof(Fit(known.theta, known.objective, known.constraints, near, bound=known.bound))
     lower, upper = verify_proof.check(made)
     assert lower <= known.optimum <= upper
     assert upper - lower <= Fraction(1, 10**6) * (1 + known.optimum)

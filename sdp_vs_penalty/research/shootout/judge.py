@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.research.shootout.instance import Instance
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
-from sdp_vs_penalty.solvers.certificate import lower_bound
+from sdp_vs_penalty.solvers.certificate import Fit
 from sdp_vs_penalty.solvers.conic import ConicProblem, unsvec
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
@@ -55,9 +55,7 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
         # Nothing in between: what the rational checker does not accept is not called proved.
         try:
             fit = solve_sdp(task, instance.objective, constraints, "clarabel", LmiSdp.accuracy)
-            assert fit.multipliers is not None
-            known = fit.multipliers, fit.theta, task.bound, fit.entropy_slopes, names
-            return "optimum proved", optimum_proof(instance.objective, constraints, *known)
+            return "optimum proved", optimum_proof(fit, names)
         except Infeasible as error:
             if error.proof is not None:
                 return "proved infeasible", infeasibility_proof(*error.proof, task.bound, names)
@@ -214,9 +212,9 @@ def _dual(instance: Instance, answer: Answer) -> float:
         return -np.inf
     if slopes is not None and not np.all(np.isfinite(slopes)):
         slopes = None
-    posed = instance.objective, instance.constraints, own, answer.theta, instance.task.bound
+    posed = answer.theta, instance.objective, instance.constraints, own, slopes
     with suppress(np.linalg.LinAlgError):
-        return float(np.nan_to_num(lower_bound(*posed, slopes), nan=-np.inf))
+        return float(np.nan_to_num(Fit(*posed, bound=instance.task.bound).lower, nan=-np.inf))
     return -np.inf
 
 
