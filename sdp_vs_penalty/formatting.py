@@ -108,3 +108,28 @@ def number(x: float | None, digits: int = 3) -> str:
 def count(number: int, noun: str) -> str:
     """ "1 problem", "2 problems"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def change_of(before: float, after: float) -> str:
+    """How much smaller or larger an error is, in per cent."""
+    if before <= 0.0:
+        return "-"
+    percent = 100.0 * (after / before - 1.0)
+    return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
+
+
+def error_table(
+    names: Sequence[str], errors: Sequence[Any], floor: Any, units: Sequence[str], r2: Any = ()
+) -> tuple[list[str], list[list[str]]]:
+    """Headings, and of each joint a row: number and unit, RMS error of each model, the change from the
+    first to the last (of a model alone R2), noise floor where it is known.
+
+    errors (models, n), floor (n,) or None, r2 (n,) : arrays or lists.
+    """
+    rows = []
+    for j, unit in enumerate(units):
+        own = [each[j] for each in errors]
+        change = change_of(own[0], own[-1]) if len(own) > 1 else f"{r2[j]:.4f}"
+        known = number(None if floor is None else floor[j])
+        rows.append([f"{j + 1} [{plain_unit(unit)}]", *map(number, own), change, known])
+    return ["joint", *names, "change" if len(errors) > 1 else "R2", "noise floor"], rows

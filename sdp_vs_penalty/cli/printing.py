@@ -147,19 +147,11 @@ def comparison(
     Several models are columns [1], [2], ... so that figures stay readable in a narrow terminal, or have
     ``names``.
     """
-    first, last, several = results[0], results[-1], len(results) > 1
-    floor = last.noise_floor
-    heads = list(names) or [f"RMSE [{k}]" for k in range(1, len(results) + 1)] if several else ["RMSE"]
-    rows = []
-    for j, torque in enumerate(units):
-        old, new = first.rmse[j], last.rmse[j]
-        change = f"{100.0 * (new / old - 1.0) if old > 0.0 else 0.0:+.1f} %"
-        errors = (number(result.rmse[j]) for result in results)
-        cells = [str(j + 1), plain_unit(torque), *errors, change if several else f"{first.r2[j]:.4f}"]
-        rows.append([*cells, "-" if floor is None else number(floor[j])])
-    heads = ["joint", "unit", *heads, "change" if several else "R2", "noise floor"]
-    table(f"{title} below {number(last.band_hz)} Hz", heads, rows, words=2)
-    for k, result in enumerate(results if several and not names else [], start=1):
+    last, numbered = results[-1], results if len(results) > 1 and not names else []
+    heads = list(names) or [f"RMSE [{k}]" for k, _ in enumerate(numbered, start=1)] or ["RMSE"]
+    made = formatting.error_table(heads, [r.rmse for r in results], last.noise_floor, units, last.r2)
+    table(f"{title} below {number(last.band_hz)} Hz", *made)
+    for k, result in enumerate(numbered, start=1):
         say(f"[{k}] {result.name}")
 
 

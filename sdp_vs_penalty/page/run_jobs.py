@@ -11,7 +11,6 @@ import numpy as np
 
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.cli_parsing import pairs, time_windows
-from sdp_vs_penalty.data.datasets import DATASETS, cache_folder
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
@@ -20,7 +19,6 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.problem.load import convert, load_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import real_data_folder
 from sdp_vs_penalty.reports.plots import POINTS
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -100,18 +98,6 @@ class Asked(dict[str, Any]):
 SPLIT = 0.7
 
 
-def real_files(problem: str) -> tuple[str, list[Path]]:
-    """The data set of a problem, "" where there is none, and its runs: those that `fetch` has left in
-    the cache, or in the folder that is named."""
-    name = next((d.name for d in DATASETS.values() if d.problem == problem), "")
-    for root in filter(None, (real_data_folder(), cache_folder())) if name else ():
-        if runs := sorted((root / name / "runs").glob("*.csv")):
-            return name, runs
-        if (root / name / "exciting_traj_time.txt").is_file():
-            return name, [root / name]
-    return name, []
-
-
 def read(asked: Asked) -> Answer:
     """files : {path, name} of each; those that can be used become runs, the others a sentence each."""
     problem = asked.problem
@@ -126,8 +112,7 @@ def read(asked: Asked) -> Answer:
             remarks += [str(w.message) for w in heard if w.category is Remark]
             for twin in (run for run in (*asked["runs"], *runs) if run["hash"] == part.data_hash):
                 raise InputError(f"holds the same samples as {twin['name']}", "name each run once", path)
-            given = file.get("given", file["name"])
-            runs.append(keep(asked, problem, part, file["name"], given=given))
+            runs.append(keep(asked, problem, part, file["name"]))
         except InputError as error:
             refused.append(str(error))
     return {"runs": runs, "refused": refused, "remarks": remarks}
@@ -155,9 +140,9 @@ def _loaded(asked: Asked, problem: Problem, path: Path) -> Measurements:
 
 def look_again(asked: Asked) -> Answer:
     """The runs, checked for the robot as it is now."""
-    problem, names = asked.problem, ("name", "use", "given")
+    problem = asked.problem
     parts = ((load_measurements(asked.folder / run["file"]), run) for run in asked["runs"])
-    return {"runs": [keep(asked, problem, part, *map(run.get, names)) for part, run in parts]}
+    return {"runs": [keep(asked, problem, part, run["name"], run["use"]) for part, run in parts]}
 
 
 def simulate(asked: Asked) -> Answer:
@@ -186,12 +171,12 @@ def mend(asked: Asked) -> Answer:
 
 
 def keep(
-    asked: Asked, problem: Problem, part: Measurements, name: str, use: str = "train", given: str = ""
+    asked: Asked, problem: Problem, part: Measurements, name: str, use: str = "train"
 ) -> dict[str, Any]:
     """Write a run into the session's folder; what the page shows of it.
 
-    given : how the command line names it; split : the windows of the use "split", by phase where the
-    motion repeats, None where it does so too fast.
+    split : the windows of the use "split", by phase where the motion repeats, None where it does so too
+    fast.
     """
     asked.progress(f"checking {name}")
     part = replace(concatenate([part]), names=(name,))
@@ -204,7 +189,6 @@ def keep(
         "file": file,
         "view": view,
         "name": name,
-        "given": given or name,
         "use": use,
         "hash": part.data_hash,
         "samples": part.samples,

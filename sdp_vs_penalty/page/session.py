@@ -18,7 +18,6 @@ from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.page.run_jobs import real_files
 from sdp_vs_penalty.page.worker import WorkerPool, Working, internal_error
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
 
@@ -199,7 +198,7 @@ class Session:
         if not self.robot or not self.history:
             return []
         robot = self.robot["file"] or self.robot["source"]
-        data = ["--data", *(r["given"] for r in self.runs if r["use"] in ("train", "split"))]
+        data = ["--data", *(r["name"] for r in self.runs if r["use"] in ("train", "split"))]
         if len(self.runs) == 1 and self.runs[0]["use"] == "split":
             windows = self.runs[0]["split"]["train"]
             data += ["--window", ",".join(f"{a!r}:{b!r}" for a, b in windows)]
@@ -315,13 +314,6 @@ class Session:
         at = ":" + "+".join(map(str, joints)) if joints else ""
         hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
         self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
-
-    @background("Reading measurements")
-    async def real(self) -> None:
-        """The real runs of this robot that are on the computer, instead of those that are there."""
-        _, files = real_files(self.robot["source"])
-        listed = [{"path": str(p), "name": p.stem, "given": str(p)} for p in files]
-        await self._take_runs("read", [], files=listed, options={})
 
     def use(self, file: str, use: str) -> None:
         """Use a run for training, for testing, or not at all ("")."""

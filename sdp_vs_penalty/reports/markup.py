@@ -17,7 +17,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, JointFailure
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
-from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.formatting import change_of, plain_unit
 from sdp_vs_penalty.reports.plots import Figure, styled
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import Rows
@@ -85,14 +85,6 @@ def bars(
     if after is not None:
         caption += "; upper bar before, lower after"
     return f'<table class="bars"><caption>{caption}</caption><tbody>{"".join(rows)}</tbody></table>'
-
-
-def change_of(before: float, after: float) -> str:
-    """How much smaller or larger an error is, in per cent."""
-    if before <= 0.0:
-        return "-"
-    percent = 100.0 * (after / before - 1.0)
-    return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
 
 
 def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:

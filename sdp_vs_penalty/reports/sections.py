@@ -111,26 +111,16 @@ def _bands(material: Material, moved: Sequence[float]) -> list[tuple[Array, Arra
 
 
 def history(material: Material) -> str:
-    """The error of every joint, model by model, above the noise."""
-    compared, floor = material.comparisons, material.comparisons[-1].noise_floor
-    heads = ["joint", *(head for c in compared for head in (f"RMSE {c.name}", "R2"))]
-    rows = [
-        [
-            f"{j + 1} [{formatting.plain_unit(unit)}]",
-            *(number(x[j], 4) for c in compared for x in (c.rmse, c.r2)),
-            "-" if floor is None else number(floor[j], 4),
-        ]
-        for j, unit in enumerate(material.last.robot.torque_units)
-    ]
-    whole = (cell for c in compared for cell in (f"{c.relative_error_percent:.3f} %", ""))
-    rows.append(["all, relative error", *whole, ""])
-    made, known = [], set[str]()
+    """What each model added, and the error of every joint, model by model, above the noise."""
+    compared, made, known = material.comparisons, [], set[str]()
     for name, estimate in material.models.items():
         new = ", ".join(e.brief for e in estimate.model.effects if e.text not in known)
         made.append((name, estimate.method, len(estimate.theta), new or "the same effects"))
         known |= {e.text for e in estimate.model.effects}
     body = table(("model", "method", "parameters", "new effects"), made, numbers_from=4)
-    body += table([*heads, "noise floor"], rows)
+    names, errors = [f"RMSE {c.name}" for c in compared], [c.rmse for c in compared]
+    floor, units = compared[-1].noise_floor, material.last.robot.torque_units
+    body += table(*formatting.error_table(names, errors, floor, units, compared[-1].r2))
     if floor is None:
         body += text("No motion repeats in these runs: the noise floor is unknown.")
     return body

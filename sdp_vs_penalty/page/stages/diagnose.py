@@ -11,12 +11,11 @@ from nicegui import ui
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, event_lines
 from sdp_vs_penalty.estimation.verdict import changes
-from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model
-from sdp_vs_penalty.reports.markup import bars, change_of
+from sdp_vs_penalty.reports.markup import bars
 
 
 @after_model("history", "The model so far", lambda s: len(s.undone))
@@ -36,12 +35,9 @@ def models(view: View) -> None:
     floor = history[-1].comparison["noise_floor"]
     known = None if None in floor else floor
     ui.html(bars(errors[0], errors[-1], known, units), sanitize=False)
-    rows = []
-    for j, unit in enumerate(units):
-        cells = [*(figure(e[j]) for e in errors), change_of(errors[0][j], errors[-1][j])]
-        rows.append([f"{j + 1} [{unit}]", *cells, figure(floor[j])])
-    heads = ["joint", *(str(k) for k in range(1, len(history) + 1)), "change", "noise"]
-    draw.table(heads, rows, "RMS error of each joint, model by model", "numbers history")
+    names = [str(k) for k in range(1, len(errors) + 1)]
+    made = formatting.error_table(names, errors, floor, units)
+    draw.table(*made, "RMS error of each joint, model by model", "numbers history")
     draw.note(f"RMS error on {', '.join(history[-1].judged_on)}.")
 
 

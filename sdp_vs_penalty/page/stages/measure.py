@@ -5,12 +5,10 @@ from functools import partial
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
-from sdp_vs_penalty.page.run_jobs import real_files
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import ROBOT_SUFFIXES, RUN_SUFFIXES
 from sdp_vs_penalty.page.view import Stage, Verdict, View, part
@@ -87,11 +85,7 @@ _USES = (
 @part("runs", "Measurements", lambda s: bool(s.robot), lambda s: (s.robot["source"], s.runs, s.refusals))
 def runs(view: View) -> None:
     """The ways to get measurements, and the runs that are there."""
-    ways = {
-        "Your runs": _own,
-        "Simulated, with a hidden effect": _simulated,
-        "Real measurements": _real,
-    }
+    ways = {"Your runs": _own, "Simulated, with a hidden effect": _simulated}
     with draw.tag("div", style="ways"):
         for title, fill in ways.items():
             with draw.tag("section", style="way"):
@@ -145,18 +139,6 @@ def _simulated(view: View) -> None:
         view.session.simulate(hiding["effect"], at, hiding["level"], hiding["seed"])
 
     draw.button("Simulate four runs", simulate, "simulate")
-
-
-def _real(view: View) -> None:
-    name, files = real_files(view.session.robot["source"])
-    if files:
-        draw.note(DATASETS[name].title)
-        draw.button("Use the real runs", view.session.real, "real")
-    elif name:
-        draw.note("Not downloaded. Run:")
-        draw.tag("code", f"sdp-vs-penalty fetch {name}")
-    else:
-        draw.note(f"Public measurements exist for {formatting.words(list(DATASETS))}.")
 
 
 def _list(view: View) -> None:
