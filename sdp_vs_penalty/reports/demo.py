@@ -44,12 +44,6 @@ class Demo:
         """The model that the effects were added to."""
         return self.compared[-1]
 
-    @property
-    def joint(self) -> int:
-        """The joint (from 0) whose error fell most."""
-        share = self.after.rmse / self.before.rmse
-        return int(share.argmin())
-
 
 def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) -> Demo:
     """Simulate, identify by three methods, look where the model fails, diagnose, add; all in ``folder``.

@@ -22,7 +22,7 @@ def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     assert time.process_time() - begin < 20.0  # 13 s where nothing else runs
     text = " ".join(shown.out.split())
     assert f"Missing: {HIDDEN} on joint 7" in text
-    fall = text.partition("4. Add it joint 7: ")[2].partition(" %)")[0]
+    fall = text.partition("neither has seen: joint 7: ")[2].partition(" %)")[0]
     assert int(fall.rpartition("(")[2]) <= -60
     readme = re.sub("<!--.*?-->", "", (Path(__file__).parents[2] / "README.md").read_text())
     for figure in re.findall(r"-?[\d.]+", fall.replace("->", "")):

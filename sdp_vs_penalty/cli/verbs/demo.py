@@ -12,31 +12,22 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     --seed: Seed of the simulated arm.
     """
     from sdp_vs_penalty.cli import printing
-    from sdp_vs_penalty.estimation.verdict import changes
     from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
     from sdp_vs_penalty.reports.sections import JUDGED_HEADS, judged_row
 
     with console.progress("simulating") as progress:
         made = demo(out, seed, progress)
-    before, after, j = made.before, made.after, made.joint
+    before, units = made.before, made.model.robot.torque_units
     console.say(f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out}).")
     console.say("1. Identify: the same runs by three methods", style="bold")
     rows = list(map(judged_row, made.compared))
     console.table("On motion that no model has seen", ("method", *JUDGED_HEADS), rows, words=2)
     console.say("2. Compare: where the physically consistent model fails", style="bold")
-    printing.where_it_fails(made.failures, made.model.robot.torque_units, before.name)
+    printing.where_it_fails(made.failures, units, before.name)
     console.say("3. Diagnose", style="bold")
     console.explain(made.found.headline)
     console.say("4. Add it", style="bold")
-    said = changes(before.rmse, after.rmse, after.noise_floor)
-    console.explain(said or "No joint's error changed.")
-    if after.noise_floor is not None:
-        largest, wide = before.rmse[j] / after.noise_floor[j], console.out.width // 2
-        for name, result in (("before", before), ("after", after)):
-            ratio = result.rmse[j] / after.noise_floor[j]
-            bar = "#" * max(1, round(wide * ratio / largest))
-            console.say(f"  joint {j + 1} {name:7}{bar} {ratio:.3g} x noise")
-    printing.verdict(after.verdict)
+    printing.before_after(before, made.after, units, "motion that neither has seen")
     console.say(f"Hidden was: {made.truth}.")
     console.written(out / "report.html", "open it in a browser")
     runs = [out / name for name in RUNS]
