@@ -9,7 +9,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.research.figures import style
-from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure, title
+from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table_v import EngineResult, measured_runs, sinusoidal_runs
 from sdp_vs_penalty.robot.arrays import Array
@@ -50,8 +50,7 @@ def figure_1(study: Study) -> Any:
     axes[0, 1].set_title("error: estimated less " + data.label)
     legend_below(figure, axes[0, 0])
     errors = ", ".join(f"{method} {error:.2f} %" for method, error in found.items())
-    title(
-        figure,
+    figure.suptitle(
         f"Exciting trajectory, {data.label}: relative error {errors} (the paper: 1.41 %, CLS), "
         f"below {data.preprocessing.torque_cutoff:g} Hz",
     )
@@ -75,7 +74,7 @@ def figure_2(study: Study) -> Any:
         axes[0, k].set_title(f"{data.label} ({first})")
     label_joints(axes, study.problem.robot.position_units, "position")
     legend_below(figure, axes[0, 0])
-    title(figure, "Validation trajectories (the paper's own are not public)")
+    figure.suptitle("Validation trajectories (the paper's own are not public)")
     return figure
 
 
@@ -93,7 +92,7 @@ def figure_3(study: Study) -> Any:
         notes.append(f"{data.label} {found['lmi-sdp']:.2f} %")
     label_joints(axes, study.problem.robot.torque_units, "torque")
     legend_below(figure, axes[0, 0])
-    title(figure, "Held-out torques; relative error of lmi-sdp: " + ", ".join(notes))
+    figure.suptitle("Held-out torques; relative error of lmi-sdp: " + ", ".join(notes))
     return figure
 
 
@@ -106,7 +105,7 @@ def _present(results: Sequence[EngineResult]) -> list[EngineRun]:
 def _engines_title(figure: Any, text: str, results: Sequence[EngineResult]) -> None:
     """The title, with the engines that are not there."""
     absent = [r.engine for r in results if r.run is None]
-    title(figure, text + (f"\n(absent here: {', '.join(absent)})" if absent else ""))
+    figure.suptitle(text + (f"\n(absent here: {', '.join(absent)})" if absent else ""))
 
 
 def _engines(
@@ -129,7 +128,7 @@ def _engines(
         axis.tick_params(labelbottom=True)
     last = axes.flat[-1]
     last.axis("off")
-    last.legend(*axes.flat[0].get_legend_handles_labels(), loc="center", frameon=False, handlelength=5)
+    last.legend(*axes.flat[0].get_legend_handles_labels(), loc="center", handlelength=5)
     _engines_title(figure, text, results)
     return figure, axes
 

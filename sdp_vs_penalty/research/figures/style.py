@@ -2,6 +2,7 @@
 in pattern, so that they survive a black-and-white printer."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.formatting import plain_unit
@@ -30,24 +31,7 @@ def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[
     """A figure of page width and its axes (rows, columns), with this package's settings."""
     import matplotlib.pyplot as plt
 
-    plt.rcParams.update(
-        {
-            "font.size": 8,
-            "axes.labelsize": 8,
-            "axes.titlesize": 8,
-            "legend.fontsize": 7.5,
-            "xtick.labelsize": 7,
-            "ytick.labelsize": 7,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "axes.grid": True,
-            "axes.xmargin": 0.0,
-            "grid.color": "#dddddd",
-            "grid.linewidth": 0.5,
-            "pdf.fonttype": 42,
-            "figure.constrained_layout.use": True,
-        }
-    )
+    plt.style.use(Path(__file__).with_name("paper.mplstyle"))
     # Full width of a two-column page [inch].
     figure, axes = plt.subplots(rows, columns, figsize=(7.16, height), squeeze=False, **options)
     return figure, axes
@@ -66,8 +50,4 @@ def legend_below(figure: Any, axis: Any) -> None:
     """One legend for the whole figure, under the axes, each label once."""
     handles, labels = axis.get_legend_handles_labels()
     own = dict(zip(labels, handles, strict=True))
-    figure.legend(own.values(), own, loc="outside lower center", ncols=min(len(own), 5), frameon=False)
-
-
-def title(figure: Any, text: str) -> None:
-    figure.suptitle(text, fontsize=8.5)
+    figure.legend(own.values(), own, loc="outside lower center", ncols=min(len(own), 5))

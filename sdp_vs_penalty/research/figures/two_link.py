@@ -8,7 +8,7 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.research.figures import style
-from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure, title
+from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.robot import inertia
@@ -37,8 +37,7 @@ def figure_8(study: Study) -> Any:
             c = links[link, 1:4] / links[link, 0]
             axis.plot(*c[list(plane)], marker=marker, markersize=4, label=name, **look)
     legend_below(figure, axes[0, 1])
-    title(
-        figure,
+    figure.suptitle(
         "The 2R from its parameters. Sections: link shapes, and where a centre of mass can be (grey);\n"
         "centres of mass, and uniform ellipsoids with the same mass and inertia (cut off at the frame)",
     )
@@ -130,8 +129,7 @@ def figure_9(study: Study) -> Any:
         axis.set_ylabel("error [mN m]")
     label_joints(axes, robot.torque_units, "torque")
     legend_below(figure, axes[0, 0])
-    title(
-        figure,
+    figure.suptitle(
         f"2R, identified from one noisy simulated run: largest torque errors {', '.join(worst)};\n"
         f"certified gaps {', '.join(gaps)} of the loss",
     )
@@ -171,8 +169,7 @@ def figure_10(study: Study) -> Any:
     figure.align_ylabels()
     legend_below(figure, axes[0, 0])
     worst = max((float(np.abs(v).max()) for v in unfeasible), default=0.0)
-    title(
-        figure,
+    figure.suptitle(
         "Internal wrenches of the 2R in the joint frames; unfeasible parameters make the same torques "
         f"and leave the\npanels (worst here {worst:.1e}; without bounds there is no largest)",
     )
