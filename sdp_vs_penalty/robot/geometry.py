@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.files import LARGEST_MESH, LARGEST_TEXT, reading
+from sdp_vs_penalty.files import LARGEST_TEXT, reading
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.urdf import load_urdf, numbers_of, placed_links, pose_of
 
@@ -134,7 +134,7 @@ def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
     try:
         import coal
 
-        with reading(file, LARGEST_MESH):
+        with reading(file, LARGEST_TEXT):
             model = coal.MeshLoader().load(str(file), scale)
             points = np.array(model.vertices(), float).reshape(-1, 3)
             volume = abs(float(model.computeVolume()))
