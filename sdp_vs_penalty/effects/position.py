@@ -32,6 +32,18 @@ class JointSpring(JointEffect):
 _TRAVEL, _FINEST, _MOST = 0.5, 2.0 * np.pi / 0.005, 200
 
 
+def _orders(robot: Robot, joint: int, turns: Sequence[float], finest: float) -> list[float]:
+    """Waves per turn; on a prismatic joint neighbours half a wave apart over the travel; without one,
+    that of a common axis."""
+    own = robot.joints[joint]
+    if own.kind != "prismatic":
+        return list(turns)
+    travel = own.upper - own.lower
+    step = np.pi / (travel if 0.0 < travel < np.inf else _TRAVEL)
+    every = np.arange(2.0 * step, finest, step)[:_MOST].tolist()
+    return [float(f"{k:.6g}") for k in every]  # as many digits as a written effect has
+
+
 class TorqueRipple(JointEffect):
     equation = "a_r cos(k q) + b_r sin(k q)"
     explanation = (
@@ -67,13 +79,7 @@ class TorqueRipple(JointEffect):
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """Waves per turn; on a prismatic joint screws of 1 to 100 mm, and what the travel may hold."""
-        grid: Sequence[float] = cls.shapes["k"].grid
-        if robot.joints[joint].kind == "prismatic":
-            travel = robot.joints[joint].upper - robot.joints[joint].lower
-            # Neighbours half a wave apart over the travel; without one, that of a common axis.
-            step = np.pi / (travel if 0.0 < travel < np.inf else _TRAVEL)
-            grid = np.arange(2.0 * step, _FINEST, step)[:_MOST].tolist()
-        return [{"k": float(f"{k:.6g}")} for k in grid]  # as many digits as a written effect has
+        return [{"k": k} for k in _orders(robot, joint, cls.shapes["k"].grid, _FINEST)]
 
     def column(self, motion: Motion, joint: int) -> Array:
         phase = self.shape["k"] * motion.q[:, joint]
@@ -111,8 +117,10 @@ class PositionDependentFriction(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        grid = [{"k": k, "waves": 1.0} for k in cls.shapes["k"].grid]
-        return [*grid, *({"k": k, "waves": 2.0} for k in (1.0, 2.0, 3.0))]
+        shape = cls.shapes["k"]
+        grid = _orders(robot, joint, shape.grid, (shape.bounds or (0.0, np.inf))[1])
+        every = [(k, 1.0) for k in grid] + [(k, 2.0) for k in grid[: len(grid) // 2]]
+        return [{"k": k, "waves": waves} for k, waves in every]
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         waves = range(1, self._columns // 2 + 1)
