@@ -25,7 +25,7 @@ APART = 10.0
 #: Evidence by which another form must fall short to be told from a term: odds of 20 to 1, "strong"
 #: (ibid.).
 EQUIVALENT = 6.0
-#: A law is right to this share of what it explains: so much of it looks like something else.
+#: A law is right to this share of what it explains: so much of it looks like what acts where it does.
 FORM = 0.04
 #: Candidates that are looked at closely.
 CLOSELY = 4

@@ -39,12 +39,14 @@ DEPENDENT = 1e-5
 @dataclass(frozen=True, eq=False)
 class Term:
     """A form with its white columns (M, k) by joint, its score beside what it was judged with, its
-    coefficients (k,), and the forms that do as well. Equal to itself alone."""
+    coefficients (k,), made (n, M) the root of each row's share in the score, and the forms that do as
+    well. Equal to itself alone."""
 
     form: Form
     columns: dict[int, Array]
     J: float = -np.inf
     beta: Array = field(default_factory=lambda: np.zeros(0))
+    made: Array = field(default_factory=lambda: np.zeros((1, 1)))
     rivals: tuple[Term, ...] = ()
 
     @property
@@ -234,7 +236,8 @@ class Score:
         A = D + np.diag(known**-2.0)
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
         beta = _bounded(A, flat.T @ fit.residual.ravel(), form.nonnegative)
-        left = fit.residual - T @ beta
+        torque = T @ beta
+        left = fit.residual - torque
         drop = fit.deviance(least.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
         drop -= float(np.sum((beta / known) ** 2))
         on, size = list(columns), float(np.trace(inverse @ D))
@@ -244,12 +247,15 @@ class Score:
             energy = float(np.sum(T**2))
             if not DEPENDENT**2 * float(np.sum(flat**2)) < energy:
                 return none
-            inverse = np.array([[1.0 / energy]])
-            left = left - T[:, :, 0] * float(np.sum(T[:, :, 0] * left)) / energy
+            inverse, torque = np.array([[1.0 / energy]]), T[:, :, 0]
+            left = left - torque * float(np.sum(torque * left)) / energy
         v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
         J = float(drop) / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)
-        return replace(none, J=J, beta=beta)
+        made = np.zeros(torque.shape)
+        made[on] = np.abs(torque[on])
+        made *= np.sqrt(max(J, 0.0) / max(float(np.sum(made**2)), 1e-200))
+        return replace(none, J=J, beta=beta, made=made)
 
     def apart(self, fit: Fit, form: Form, columns: dict[int, Array]) -> tuple[Array, Array]:
         """(n, M, k) what a fit leaves of a form's columns, all of them weighted, nothing of those that

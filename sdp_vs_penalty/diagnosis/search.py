@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence, Set
+from collections.abc import Hashable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -94,12 +94,12 @@ class Search:
 
     # Which forms there are beside a fit.
 
-    def margin(self, joints: Iterable[int], terms: Sequence[Term]) -> float:
-        """Evidence that a further term needs: what the others get wrong looks like something else, in
-        proportion to all that they make."""
-        on = set(joints)
-        shared = (t.J * len(t.joints & on) / len(t.joints) for t in terms if t.joints)
-        return APART + FORM * max(shared, default=0.0)
+    @staticmethod
+    def margin(made: Array, terms: Sequence[Term]) -> float:
+        """Evidence that needs what makes the torque |made| (n, M) besides terms: what these get wrong is
+        in proportion to what they make, of any sign, and looks like something else where both act."""
+        wrong = np.sqrt(sum((t.made**2 for t in terms), np.zeros((1, 1))))
+        return APART + FORM * float(np.sum(made * wrong) ** 2 / max(np.sum(made**2), 1e-200))
 
     def top_candidates(
         self,
@@ -165,7 +165,7 @@ class Search:
                 again = self.score.judged(fit, term.form, term.columns)
                 if term.joints & newest:
                     again = self.refined(fit, again)
-                if self.margin(again.joints, others) >= again.J:
+                if self.margin(again.made, others) >= again.J:
                     terms, moved = others, True
                     continue
                 if again.text != term.text:
@@ -192,7 +192,7 @@ class Search:
             fit, J = self.score.fit(rest, self.fit), self.worth([term], rest)
             found = self.top_candidates(fit, rest, term.joints, J)
             told.append(replace(term, rivals=self.equivalent(term, J, found)))
-            other = self.simplest([t for t in found if self.margin(t.joints, rest) < t.J])
+            other = self.simplest([t for t in found if self.margin(t.made, rest) < t.J])
             if other is None or other.key == term.key:
                 continue
             old, least = term.form, APART + FORM * max(J, 0.0)
@@ -221,7 +221,7 @@ class Search:
         for _ in range(3 * self.library.candidates):  # each joins, gives way and goes once at most
             self.fit = self.score.fit(self.terms, self.fit)
             found = self.top_candidates(self.fit, self.terms)
-            enough = (t for t in found if self.margin(t.joints, self.terms) < t.J)
+            enough = (t for t in found if self.margin(t.made, self.terms) < t.J)
             best = self.simplest([t for t in enough if t.key not in refused])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
@@ -271,6 +271,6 @@ def _as_good(term: Term, best: Term) -> bool:
     return bool(best.J - term.J < EQUIVALENT + FORM * best.J)
 
 
-def simplicity(form: Form) -> tuple[int, int, int]:
+def simplicity(form: Form) -> tuple[int, int, bool]:
     """Fewest constants, fewest joints, what refines nothing else."""
-    return form.k + form.constants, len(form.effect.joints), len(form.effect.refines)
+    return form.k + form.constants, len(form.effect.joints), bool(form.effect.refines)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.constants import ALPHA, APART, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.measure import _instead
 from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.diagnosis.library import Batch, Form
@@ -107,6 +107,18 @@ def test_more_rows_of_a_law_that_is_only_nearly_right_do_not_make_it_sure():
         score = Score(d, 10)
         scores.append(score.judged(score.fit(()), form(), {0: own}).J)
     assert scores[1] < 2.5 * max(scores[0], 10.0)
+
+
+def test_errors_of_a_law_look_like_what_acts_where_it_does():
+    """All of its share where both make the same torque, whatever the sign; none of it elsewhere."""
+    data, z = made(size=1.0)
+    score = Score(data, 10)
+    term = score.judged(score.fit(()), form(), {0: z})
+    assert np.sum(term.made**2) == pytest.approx(term.J)
+    assert Search.margin(3.0 * term.made, [term]) == pytest.approx(APART + FORM * term.J)
+    assert Search.margin(3.0 * term.made, [term, term]) == pytest.approx(APART + 2.0 * FORM * term.J)
+    assert Search.margin(np.where(term.made > 0.1, 0.0, 1.0), [term]) < APART + 0.01 * FORM * term.J
+    assert Search.margin(term.made, ()) == APART
 
 
 def test_what_the_model_makes_itself_is_no_candidate():

@@ -303,6 +303,11 @@ class SplineFit:
         """(k,) coefficients."""
         return np.asarray(np.linalg.solve(self.columns.D + self.P, self.columns.s))
 
+    @property
+    def made(self) -> Array:
+        """(n, M) magnitude of its torque that nothing else makes."""
+        return np.abs(self.columns.fit.beside({self.joint: self.columns.z}) @ self.c)
+
     @cached_property
     def projector(self) -> Array:
         """(k, k) onto what the model's own columns cannot make, nor the smoothing alone decides."""

@@ -144,8 +144,8 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     rough = sorted((r for r in rough if r[0] > APART), key=lambda r: -r[0])
     close = [b for n in (1, 2) for b in [b for _, b in rough if len(b.axes) == n][: CLOSELY // 2]]
     exact = [fitted(b, variables.exact(b), True) for b in close]
-    least = max([search.margin((joint,), terms), *((1.0 - FORM) * f.J - EQUIVALENT for f in exact)])
-    alike = [f for f in exact if least < f.J]
+    least = max(((1.0 - FORM) * f.J - EQUIVALENT for f in exact), default=0.0)
+    alike = [f for f in exact if max(least, search.margin(f.made, terms)) < f.J]
     if not alike:
         return None
     best = min(alike, key=lambda f: (len(f.basis.axes), -f.J))
