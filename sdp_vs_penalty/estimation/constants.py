@@ -1,5 +1,6 @@
 """Decisions of this folder that are numbers, each with its unit, its meaning and where it is from."""
 
+import numpy as np
 from scipy.special import ndtri
 
 
@@ -31,6 +32,9 @@ ROUNDING = 1e-9
 #: rows outside of a measured curve, before it is said, coloured or counted [-].
 CHANGES = 0.05
 
+#: Steps of central differences, in states (rad, rad/s, rad/s^2) and in scales of shape constants, where
+#: truncation and rounding cost the same (Press et al., Numerical Recipes, 5.7).
+DIFFERENCE = float(np.cbrt(np.finfo(float).eps))
 #: Folds of the motion by which a shape constant is confirmed, and a servo's law chosen [-]; stretches of
 #: it whose errors an interval takes for independent, where no torque is logged.
 SHAPE_FOLDS = 10

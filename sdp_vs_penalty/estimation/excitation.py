@@ -28,6 +28,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.estimation.constants import DIFFERENCE
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
@@ -77,9 +78,6 @@ class Regressor:
 
 
 OBJECTIVES = ("condition", "d-optimal")
-#: Steps of the central differences in the states (rad, rad/s, rad/s^2), where truncation and rounding
-#: cost the same (Press et al., Numerical Recipes, 5.7).
-_DIFFERENCE = float(np.cbrt(np.finfo(float).eps))
 
 
 @dataclass(frozen=True)
@@ -283,9 +281,9 @@ class _Search:
         slope = np.zeros_like(x)
         for (which, linear), j in product(enumerate(self.maps), self.joints):
             step = np.zeros_like(states)
-            step[which, :, j] = _DIFFERENCE
+            step[which, :, j] = DIFFERENCE
             above, below = (self.regressor.at(self.t, *(states + s * step)) for s in (1.0, -1.0))
-            rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * _DIFFERENCE)
+            rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * DIFFERENCE)
             slope[j] += rate @ linear
         return value, slope
 

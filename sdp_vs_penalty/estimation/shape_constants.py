@@ -10,7 +10,7 @@ least squares leave, with the same columns; a step is a pass over the data.
 """
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import Self
@@ -19,14 +19,13 @@ import numpy as np
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model, turning
+from sdp_vs_penalty.estimation.constants import DIFFERENCE
 from sdp_vs_penalty.estimation.sandwich import white_variance
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.regression.partial import least_squares, partialled, smallest
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Step of the central differences, in the constant's own scale: a thousandth of its value, or of a wave.
-_STEP = 1e-3
 #: Kinds of parameters of :class:`ShapeSensitivity`: constants that are refined, and those that only have
 #: the values of a grid.
 REFINED, ON_A_GRID = "refined constant", "constant on a grid"
@@ -96,7 +95,7 @@ class ShapeSensitivity(Effect):
     @cached_property
     def _varied(self) -> list[tuple[Effect, Effect, float]]:
         """For each constant the effect a step above and below, and the unit over their distance."""
-        e, step = self.effect, _STEP
+        e, step = self.effect, DIFFERENCE
         ends = [(moved(e, k, step), moved(e, k, -step)) for k in self.keys]
         return [(*x, 0.5 * prior_deviation(e, k) / step) for x, k in zip(ends, self.keys, strict=True)]
 
@@ -157,42 +156,44 @@ def settled(
     compressed : the measurements in the columns of a model; weighting : of the joints' rows, "noise" or
     "none". Effects with a wanted constant act on one joint each.
     """
-    rows = _Rows.of(model, wanted, compressed, weighting)
+    first = _Descent.of(model, frozenset(wanted), compressed, weighting)
     grids = {
         (k, key): effect.shapes[key].grid
         for k, effect in enumerate(model.effects)
-        for name, joint, key in rows.keys_of(effect)
-        if (name, joint, key) in rows.wanted and effect.shapes[key].bounds is None
+        for name, joint, key in first.keys_of(effect)
+        if (name, joint, key) in wanted and effect.shapes[key].bounds is None
     }
     found = []
     for values in product(*grids.values()):  # every choice of the constants on a grid
         effects = list(model.effects)
         for (k, key), value in zip(grids, values, strict=True):
             effects[k] = effects[k].with_shape(**{key: value})
-        found.append(_Descent(replace(model, effects=tuple(effects)), rows).settled())
+        found.append(replace(first, model=replace(model, effects=tuple(effects))).settled())
     return min(found, key=lambda s: s.error)
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Measurements in the columns of a model whose shape constants vary.
+@dataclass
+class _Descent:
+    """Gauss-Newton steps (d,) of the wanted constants of a model that have a range, in their scales.
 
-    compressed : they in the columns of any model; wanted : the constants that are looked for; weights
-    (n,) : of the joints' rows; white : variance of an independent row; theta (p,) : least squares of the
-    model as it was.
+    compressed : the measurements in the columns of any model; weights (n,) : of the joints' rows;
+    white : variance of an independent row; theta (p,) : least squares where the steps are, first of the
+    model as it was; variances : of an independent row, at each of the steps that were looked at.
     """
 
-    compressed: Callable[[Model], Regression]
+    model: Model
     wanted: frozenset[Key]
+    compressed: Callable[[Model], Regression]
     weights: Array
     white: float
     theta: Array
+    variances: dict[bytes, float] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls,
         model: Model,
-        wanted: Collection[Key],
+        wanted: frozenset[Key],
         compressed: Callable[[Model], Regression],
         weighting: str,
     ) -> Self:
@@ -200,40 +201,32 @@ class _Rows:
         data = first.least_squares()
         least = 1e-24 * data.tau_squared / max(data.rows, 1)
         white = max(white_variance(data, first.oversampling), least)
-        rows = cls(compressed, frozenset(wanted), equal, white, np.zeros(len(model.parameters)))
-        theta = rows.solved(model, first)[1]
-        weights = joint_weights(first, theta) if weighting == "noise" else equal
-        return replace(rows, weights=weights, theta=theta)
+        own = cls(model, wanted, compressed, equal, white, np.zeros(len(model.parameters)))
+        theta = own.solved(first)[1]
+        return replace(
+            own, weights=joint_weights(first, theta) if weighting == "noise" else equal, theta=theta
+        )
 
-    def solved(self, model: Model, wide: Regression) -> tuple[LeastSquares, Array]:
+    def __post_init__(self) -> None:
+        effects = self.model.effects
+        every = [(k, key) for k, effect in enumerate(effects) for key in self.keys_of(effect)]
+        moves = [key in self.wanted and effects[k].shapes[key[2]].bounds is not None for k, key in every]
+        #: Which of the constants' columns behind the parameters' are of those that move: their places.
+        self.mine = np.array(moves)
+        self.free = [x for x, moving in zip(every, moves, strict=True) if moving]
+        self.unit = np.array([prior_deviation(effects[k], key[2]) for k, key in self.free])
+
+    def solved(self, wide: Regression) -> tuple[LeastSquares, Array]:
         """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
-        data, p = wide.least_squares(self.weights), len(model.parameters)
-        if np.isfinite(model.plausible).any():
-            data = data.with_prior(np.append(model.plausible, np.full(wide.p - p, np.inf)), self.white)
+        data, p, known = wide.least_squares(self.weights), len(self.theta), self.model.plausible
+        if np.isfinite(known).any():
+            data = data.with_prior(np.append(known, np.full(wide.p - p, np.inf)), self.white)
         return data, smallest(data.R[:, :p], data.rho)
 
     def keys_of(self, effect: Effect) -> list[Key]:
         """All free constants of an effect of which one is wanted."""
         own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
         return [] if self.wanted.isdisjoint(own) else own
-
-
-class _Descent:
-    """Gauss-Newton steps (d,) of the wanted constants of a model that have a range, in their scales."""
-
-    def __init__(self, model: Model, rows: _Rows) -> None:
-        self.model, self.rows, self.theta = model, rows, rows.theta
-        effects = model.effects
-        every = [(k, key) for k, effect in enumerate(effects) for key in rows.keys_of(effect)]
-        moves = [key in rows.wanted and effects[k].shapes[key[2]].bounds is not None for k, key in every]
-        #: Which of the constants' columns behind the parameters' are of those that move: their places.
-        self.mine, self.free = (
-            np.array(moves),
-            [x for x, moving in zip(every, moves, strict=True) if moving],
-        )
-        self.unit = np.array([prior_deviation(effects[k], key[2]) for k, key in self.free])
-        #: Of an independent row, at each of the steps that were looked at.
-        self.variances: dict[bytes, float] = {}
 
     def at(self, steps: Array) -> Model:
         """The model that many steps away."""
@@ -245,11 +238,9 @@ class _Descent:
     def left(self, steps: Array) -> tuple[Array, Array]:
         """What least squares leave (m,), and its slopes (m, d) with the parameters eliminated."""
         there, p = self.at(steps), len(self.theta)
-        wanted = with_sensitivities(there, self.theta, lambda e: bool(self.rows.keys_of(e)))
-        wide = self.rows.compressed(wanted)
-        data, self.theta = self.rows.solved(
-            self.model, wide.keeping(np.append(np.ones(p, bool), self.mine))
-        )
+        wanted = with_sensitivities(there, self.theta, lambda e: bool(self.keys_of(e)))
+        wide = self.compressed(wanted)
+        data, self.theta = self.solved(wide.keeping(np.append(np.ones(p, bool), self.mine)))
         self.variances[steps.tobytes()] = white_variance(data, wide.oversampling)
         columns = -partialled(data.R[:, :p], data.R[:, p:]) / self.unit
         rest = np.append(data.rho - data.R[:, :p] @ self.theta, data.residual_norm)

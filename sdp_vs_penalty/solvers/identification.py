@@ -15,6 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
 
+from sdp_vs_penalty.regression.partial import UNSEEN
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Alike, Constraint, Entries, alike
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
@@ -23,8 +24,6 @@ from sdp_vs_penalty.solvers.objective import Entropy, Objective
 #: A unit of a scaled parameter that the data do not see moves no matrix farther than this, in the
 #: matrix's size: its bound alone (100 kg, metres) can make columns of a million beside those of one.
 _FARTHEST = 100.0
-#: A parameter whose largest torque is below this share of the measured one is seen by rounding alone.
-_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def least_squares_sdp(
     centre = np.zeros(p) if centre is None else centre
     torque = float(np.sqrt(data.tau_squared)) or 1.0
     norms = np.linalg.norm(data.R, axis=0)
-    seen = norms * bound > _ROUNDING * torque
+    seen = norms * bound > UNSEEN * torque
     unit = np.where(
         seen, torque / np.where(seen, norms, 1.0), moving_scale(constraints, reference, bound)
     )

@@ -145,7 +145,7 @@ def lower_bound(
     for _ in range(CORRECTIONS if evidence.push else 0):
         assert evidence.push is not None
         leftover = np.asarray(limit * left, float)
-        if np.abs(leftover).sum() <= _MATTERS * float(y @ y + floor):
+        if np.abs(leftover).sum() <= np.finfo(float).eps * float(y @ y + floor):
             break
         y = y - evidence.push(leftover)
         left = slope[0] + 2 * (y @ R)
@@ -159,8 +159,8 @@ def lower_bound(
     return double if double <= least else float(np.nextafter(double, -np.inf))
 
 
-#: Corrections of y at most, and what a leftover slope may cost of the loss without another one.
-CORRECTIONS, _MATTERS = 3, 1e-12
+#: Corrections of y at most; none more where a leftover slope costs less of the loss than rounding does.
+CORRECTIONS = 3
 
 
 def proves_infeasible(
