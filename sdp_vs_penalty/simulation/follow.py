@@ -2,12 +2,14 @@
 
 Windows of a tenth of a second are started from the measured state and driven by the measured torque,
 a sample or 2.5 ms a step; the free run is started once. With ``drive="servo"`` the command drives it,
-through the identified law of its servos.
+through the identified law of its servos. With ``drive="pd"`` a proportional and
+derivative loop on the measured motion acts beside the measured torque, so that the arm stays with it:
+what the loop has to add is then the model's error as a torque.
 """
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,7 @@ from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array, or_least
 
-Drive = Literal["torque", "servo"]
+Drive = Literal["torque", "pd", "servo"]
 
 #: A free run has left the measured one beyond this error [rad, m].
 _LEFT = {"rad": 0.5, "m": 0.1}
@@ -55,14 +57,15 @@ class Ahead(Plain):
 class FreeRun:
     """One run from its first state: errors (n,) until ``seconds``, where it ``left`` the measured motion
     or that ended; spread : half a 95 % band that the parameters' intervals make of it, where they are
-    known; torque : (n,) root mean square of the measured one [N m, N]; simulated : the motion;
-    measured : (N, n) positions then; cut : whether the run goes on."""
+    known; loop : (n,) root mean square of what the loop added [N m, N], torque : of the measured one;
+    simulated : the motion; measured : (N, n) positions then; cut : whether the run goes on."""
 
     seconds: float
     left: bool
     rms: Array
     largest: Array
     spread: Array | None
+    loop: Array | None
     torque: Array
     simulated: Measurements
     measured: Array
@@ -77,6 +80,7 @@ class FreeRun:
             "rms": self.rms.tolist(),
             "largest": self.largest.tolist(),
             "spread": None if self.spread is None else self.spread.tolist(),
+            "loop": None if self.loop is None else self.loop.tolist(),
             "torque": self.torque.tolist(),
         }
 
@@ -95,8 +99,11 @@ class Following(Shown):
 
     @property
     def share(self) -> Array:
-        """(n,) error a tenth of a second ahead over that of going on at constant velocity."""
-        return np.asarray(self.ahead.rms / or_least(self.ahead.naive))
+        """(n,) error a tenth of a second ahead over that of going on at constant
+        velocity; with a loop, the torque that it adds over the measured one."""
+        pairs = [(f.loop, f.torque) for f in self.free if f.loop is not None]
+        shares = [a / or_least(b) for a, b in pairs or [(self.ahead.rms, self.ahead.naive)]]
+        return np.asarray(np.max(shares, axis=0))
 
     @property
     def verdict(self) -> str:
@@ -107,6 +114,11 @@ class Following(Shown):
         worst = max(self.free, key=lambda f: float(f.rms.max()))
         k = int(np.argmax(worst.rms))
         stays = f"stays within {said(worst.rms[k], self.units[k])} RMS over {worst.seconds:.3g} s"
+        if self.drive == "pd":
+            return (
+                f"Simulated under control, joint {j + 1} needs {share} "
+                f"its measured torque from the loop, the others less; the arm {stays}."
+            )
         first = min(self.free, key=lambda f: f.seconds if f.left else np.inf)
         end = f"leaves the measured motion after {first.seconds:.2g} s" if first.left else stays
         return (
@@ -125,10 +137,12 @@ class Following(Shown):
         columns = {"step/s": self.one_step.rms, "0.1 s": a.rms, "5 %": a.band[0], "95 %": a.band[1]}
         columns |= {"const.": a.naive, "free": free.rms}
         columns |= {} if free.spread is None else {"+-": free.spread}
-        return ["joint", "unit", *columns], [
-            [f"{j + 1}", f"m{unit}", *(f"{1e3 * x[j]:.3g}" for x in columns.values())]
-            for j, unit in enumerate(self.units)
-        ]
+        rows = []
+        for j, unit in enumerate(self.units):
+            rows.append([f"{j + 1}", f"m{unit}", *(f"{1e3 * x[j]:.3g}" for x in columns.values())])
+            if free.loop is not None:
+                rows[j].append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
+        return ["joint", "unit", *columns, *["loop"] * (free.loop is not None)], rows
 
     _table = table
 
@@ -143,7 +157,7 @@ class Following(Shown):
         )
         if free.spread is not None:
             said += " (+-: half the 95 % band that the parameters' intervals make of it)"
-        return f"{said}."
+        return said + ("; loop: what the control loop had to add." if free.loop is not None else ".")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
@@ -176,21 +190,23 @@ def follow(
     steps: int | None = None,
     progress: Progress = no_progress,
     horizon: float = 0.1,
+    bandwidth: float = 5.0,
     draws: int = 8,
     windows: int = 200,
 ) -> Following:
     """Run a model forward along measured runs and compare the motion.
 
     model : an Estimate or a model.json; measurements : as for ``compare``; drive : "torque" (the
-    measured torque) or "servo" (the command, through the model's servos); seed : of the ``draws`` of
-    parameters from their intervals for the band of the free run; steps : of the free runs at most,
-    together; progress : hears where the computation stands; horizon : length of a window [s], of which
-    there are ``windows`` a run at most.
+    measured torque alone), "pd" (and a loop on the measured motion) or "servo" (the command, through
+    the model's servos); seed : of the ``draws`` of parameters from their intervals for the band of the
+    free run; steps : of the free runs at most, together; progress : hears where the computation stands;
+    horizon : length of a window [s], of which there are ``windows`` a run at most; bandwidth : of the
+    loop [Hz].
     Raises InputError for a model that cannot accelerate, or runs too short for its filters.
     """
     estimate = as_estimate(model, "follow(model=...)")
-    if drive not in get_args(Drive):
-        raise InputError(f"unknown drive {drive!r}", "choose torque or servo")
+    if drive not in ("torque", "pd", "servo"):
+        raise InputError(f"unknown drive {drive!r}", "choose torque, pd or servo")
     runs = as_measurements(
         measurements, estimate.robot.n, estimate.robot.joint_names, "follow(measurements=...)"
     )
@@ -204,8 +220,9 @@ def follow(
         remedy = "identify with a method that imposes consistency (lmi-sdp, penalty)"
         raise InputError(what, remedy, f"model {estimate.problem.name}")
     courses = [c for run in runs.runs() for c in courses_of(run, estimate, plant, 2.0 * horizon)]
+    loop = (plant, 2.0 * np.pi * bandwidth) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
-    rides = [_Ride(plant, course, servo) for course in courses]
+    rides = [_Ride(plant, course, loop, servo) for course in courses]
     progress("simulating windows")
     ahead = zip(*(_windows(ride, horizon, windows) for ride in rides), strict=True)
     one, far, naive_one, naive_far = (np.concatenate(x) for x in ahead)
@@ -227,16 +244,29 @@ def follow(
 
 @dataclass(frozen=True)
 class _Ride:
-    """Plants along a measured course, and what drives them: the measured torque, or a servo."""
+    """Plants along a measured course, and what drives them: the measured torque, a loop of the model's
+    own mass beside it, at w [rad/s], or a servo."""
 
     plant: Plant
     course: Course
+    loop: tuple[Plant, float] | None
     servo: ServoLoop | None
 
     @property
     def substeps(self) -> int:
         """Steps within a sample, no longer than the simulation's."""
         return int(np.ceil(self.course.dt / STEP - 1e-9))
+
+    def added(self, state: State, k: NDArray[np.intp], share: float, h: float) -> tuple[Array, Array]:
+        """M(q) (w^2 e + 2 w de/dt), critically damped: (W, n) at the middle of a step of h [s], between
+        samples k and k + 1, and (W, n, n) its fall with the velocity there."""
+        assert self.loop is not None
+        (mass, w), seen = self.loop, self.course.states
+        q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (seen.q, seen.dq))
+        half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
+        pull = w * w * (q - state.q - half) + 2.0 * w * (dq - state.dq - 0.5 * h * state.ddq)
+        M = mass.mass(seen.q[k])
+        return np.einsum("kij,kj->ki", M, pull), (2.0 * w + 0.5 * h * w * w) * M
 
     def step(self, state: State, k: NDArray[np.intp]) -> State:
         """From sample k (W,) of the course to the next. InputError where a servo has no command."""
@@ -247,9 +277,12 @@ class _Ride:
                     raise InputError("this run holds no commands", "log qcmd1..qcmdn", course.name)
                 state = self.servo.step(state, course.command, h)
                 continue
-            share = (m + 0.5) / self.substeps
+            share, damping = (m + 0.5) / self.substeps, None
             torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
-            state = advance(self.plant, state, torque, h)
+            if self.loop is not None:
+                more, damping = self.added(state, k, share, h)
+                torque = torque + more
+            state = advance(self.plant, state, torque, h, damping)
         return state
 
 
@@ -288,10 +321,13 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
     limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
     state = seen.rows(np.full(size, start))
-    q, left = [state.q], False
+    q, added, left = [state.q], [], False
     end = len(course.torque) - 1 if most is None else min(start + most, len(course.torque) - 1)
     for k in range(start, end):
-        state = ride.step(state, np.full(size, k))
+        at = np.full(size, k)
+        if ride.loop is not None:
+            added.append(ride.added(state, at, 0.0, 0.0)[0][0])
+        state = ride.step(state, at)
         q.append(state.q)
         if not np.all(np.abs(state.q[0] - seen.q[k + 1]) <= limit):
             left = True
@@ -308,6 +344,7 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
         rms=_rms(error),
         largest=np.abs(error).max(axis=0),
         spread=spread,
+        loop=_rms(np.array(added)) if added else None,
         torque=_rms(torque),
         simulated=Measurements(t, motion[:, 0], torque, names=(course.name,)),
         measured=seen.q[start:until],

@@ -151,6 +151,9 @@ def test_the_truth_follows_itself(known):
     assert not made.free[0].left
     assert made.free[0].seconds > 5.5
     assert np.all(made.free[0].rms < 2e-3)
+    loop = follow(estimate, run, drive="pd")
+    assert np.all(loop.share < 0.02)
+    assert loop.to_dict()["free_run"][0]["loop"] is not None
     assert "follow" not in made.verdict
     assert made.verdict.startswith("Run forward, 0.1 s ahead the worst joint")
 
@@ -162,6 +165,7 @@ def test_a_wrong_model_is_found_out(known):
     theta[estimate.model.rigid_indices] *= 1.3
     wrong = replace(estimate, theta=theta)
     assert np.all(follow(wrong, run).ahead.rms > 5.0 * follow(estimate, run).ahead.rms)
+    assert follow(wrong, run, drive="pd").share.max() > 0.1
 
 
 def test_what_cannot_move_is_refused(known):

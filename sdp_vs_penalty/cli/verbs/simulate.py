@@ -27,7 +27,7 @@ def verb(
     --hide EFFECT[:joints]: Effect to hide; repeatable. Default: none.
     --level: Size: strong, medium, weak, or the hidden torque's RMS over the raw noise.
     --follow RUN.csv ...: Runs along which the model is run forward.
-    --drive: Drive: torque (as measured) or servo (the command).
+    --drive: Drive: torque (as measured), pd (and a loop on the motion), or servo (the command).
     --json out.json: JSON file for the errors of --follow.
     """
     if follow:
