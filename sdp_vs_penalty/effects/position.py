@@ -117,10 +117,10 @@ class PositionDependentFriction(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        # Two waves are not looked for: along less than a whole one they fit anything that is seen.
         shape = cls.shapes["k"]
         grid = _orders(robot, joint, shape.grid, (shape.bounds or (0.0, np.inf))[1])
-        every = [(k, 1.0) for k in grid] + [(k, 2.0) for k in grid[: len(grid) // 2]]
-        return [{"k": k, "waves": waves} for k, waves in every]
+        return [{"k": k, "waves": 1.0} for k in grid]
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         waves = range(1, self._columns // 2 + 1)

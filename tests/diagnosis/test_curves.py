@@ -14,6 +14,10 @@ from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_prob
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
+from sdp_vs_penalty.diagnosis.curves.measure import measured_curves
+from sdp_vs_penalty.diagnosis.library import Library
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
@@ -149,3 +153,17 @@ def test_a_wave_of_two_joints_is_one_law_of_both():
     assert curve.formula is not None
     numbers = [float(x) for x in re.findall(r"\d+\.?\d*(?= q\d)", curve.formula)]
     assert sorted(numbers) == pytest.approx([3.0, 3.9], rel=0.05)
+
+
+@pytest.mark.long
+def test_a_fold_beside_which_a_joint_turned_one_way_knows_nothing_of_what_differs_by_direction():
+    """Its table had a single point on one axis: a division by zero."""
+    made = diagnosed(lambda m: np.sign(np.sin(5.0 * m.q[:, JOINT])) * np.sign(m.dq[:, JOINT]))
+    rows = diagnosis_rows(made.data, made.estimate, made.estimate.preprocessing.resolve(made.data))
+    dq = rows.dq[:, JOINT]
+    fold = (dq > -0.02 * dq.max()).astype(int)
+    (curve,) = measured_curves(Search(prepare(rows, made.estimate), Library()), [JOINT], [], fold)
+    motion = rows.segments[0].motion
+    assert curve.fitted.basis.of[1] == f"sign(dq{JOINT + 1})"
+    assert not any(b.columns.any() for table in curve.by_fold for b in table.blocks(motion))
+    assert any(b.columns.any() for b in curve.table.blocks(motion))

@@ -185,6 +185,8 @@ def _measured(
         there = np.ones(len(points), bool)
         if law is None:  # a table knows nothing of where only the fold has been
             there = variables.met(f.basis, variables.keep & (fold != k))[known]
+        if not np.diff(points[there], axis=0).any(axis=0).all():  # nothing at all of a single value
+            there[:], c = True, np.zeros_like(c)
         own = points[there], (grid @ c)[there], min(measured, int(there.sum()))
         by_fold.append(table_effect(robot, f.joint, f.basis.of, *own))
     return Measured(f, law, table, tuple(by_fold), variables, replaced, f.J)
