@@ -24,18 +24,6 @@ COMMANDS = [
 ]
 
 
-def test_the_two_commands_are_those_promised():
-    first, *_, last = (text.splitlines()[0] for language, text in BLOCKS if language == "console")
-    assert first == (
-        "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt '.[report]' "
-        "&& .venv/bin/sdp-vs-penalty demo"
-    )
-    assert last == ".venv/bin/pip install -c constraints.txt '.[test]' && .venv/bin/pytest"
-    script = (ROOT / ".ci" / "run").read_text()  # runs the same, read from the README
-    assert re.search(r'grep -m 1 -F "([^"]*)" README.md', script)[1] in last
-    assert 'eval "$command"' in script
-
-
 def test_constraints_pin_exact_versions_and_name_no_host():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pins = [line for line in lines if line and not line.startswith("#")]

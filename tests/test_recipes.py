@@ -204,7 +204,3 @@ def test_one_file_is_hidden_found_added_and_saved(added, two_link, tmp_path):
     assert bigger.model.effects[-1].shape["q_0"] == pytest.approx(first.shape["q_0"], rel=0.1)
     before, after = compare({"before": estimate, "after": bigger}, made.runs[3])
     assert after.rmse[1] < 0.6 * before.rmse[1]
-
-
-def test_without_the_file_nothing_of_it_is_left():
-    assert NAME not in effect_types()

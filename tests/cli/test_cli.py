@@ -136,13 +136,8 @@ def test_identify_writes_a_model_and_a_summary(run, runs, tmp_path):
         assert words in out
     assert re.search(r"positive definite +at every pose", out)
     assert "RMSE" in out
-    data = json.loads(out_file.read_text())
-    assert data["method"] == "lmi-sdp"
-    assert data["provenance"]["seed"] == 3
-    assert data["provenance"]["runs"] == ["run1.csv", "run2.csv"]
-    assert {"name", "value", "unit", "std", "effect", "joint", "nominal", "source"} <= set(
-        data["parameters"][0]
-    )
+    made = json.loads(out_file.read_text())["provenance"]
+    assert (made["seed"], made["runs"]) == (3, ["run1.csv", "run2.csv"])
 
 
 def test_identify_options_reach_the_model(run, runs, tmp_path):

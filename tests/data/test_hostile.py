@@ -1,6 +1,5 @@
 """Input that would fill the memory, wait for ever or overflow: each ends in a sentence."""
 
-import asyncio
 import bz2
 import json
 import struct
@@ -20,7 +19,6 @@ from small_runs import small_run, write_bag
 from sdp_vs_penalty import InputError, Measurements, check, files, identify, load_problem
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.files import as_measurements, load_measurements
-from sdp_vs_penalty.page.sessions import receive
 from sdp_vs_penalty.signals.runs import sample_rate
 
 
@@ -107,16 +105,6 @@ def test_joints_behind_one_prefix_are_the_robots(two_link, tmp_path):
     assert np.allclose(read.q, run.q)
     with pytest.raises(InputError, match=r"there are: .*panda_joint1"):
         read_run(tmp_path / "bag", 2, ["axis1", "axis2"])
-
-
-def test_an_upload_of_any_announced_size_is_answered(tmp_path):
-    async def nothing():
-        return
-        yield
-
-    with pytest.raises(InputError, match=r"\d+ MB; the page takes files up to 1024 MB"):
-        asyncio.run(receive(tmp_path, "run.csv", 10**400, nothing(), "runs"))
-    assert not list(tmp_path.iterdir())
 
 
 CORPUS = Path(__file__).parent / "corpus"

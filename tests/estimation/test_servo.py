@@ -169,16 +169,6 @@ def test_a_motor_constant_sets_the_scale(arm):
         identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
 
 
-@pytest.mark.long
-def test_law_and_delay_do_not_depend_on_what_is_known(arm):
-    run = log(1e-3, ki=700.0, delay=0.02)
-    told = [{"m1": MASS}, {"m1": 50.0 * MASS}, {"kp1": KP}, {}]
-    found = [identify(arm, run, effects=EFFECTS, known=known).details["servo"] for known in told]
-    assert {f["law"] for f in found} == {"PID"}
-    assert np.ptp([f["delay"] for f in found]) < 1e-5
-    assert found[0]["delay"] == pytest.approx(0.02, abs=3e-3)
-
-
 def test_the_law_is_chosen_and_its_delay_found(arm):
     pid = identify(arm, log(ki=700.0, delay=0.03), effects=EFFECTS, known={"m1": MASS})
     assert pid.details["servo"]["law"] == "PID"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arms import SCARA, write_urdf
 from numpy.typing import NDArray
-from scipy import linalg, signal
+from scipy import signal
 
 from sdp_vs_penalty import Estimate, InputError, Measurements, compare, follow, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
@@ -15,28 +15,6 @@ from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
 
 Array = NDArray[np.float64]
-
-
-def repetition_noise(
-    run: Measurements, period: float, rate: float, order: int = 4, edge: float = 0.7
-) -> tuple[Array, Array]:
-    """Standard deviation (n,) and autoregressive coefficients (n, order) of a log's torque noise.
-
-    From tau(t + T) - tau(t) over sqrt(2), for a motion with period T [s]: whatever a model would get
-    wrong repeats and drops out. Nearest samples are taken (interpolation would average noise away);
-    the first and last ``edge`` seconds, the blends, do not repeat and are left out.
-    """
-    first, last = run.t[0] + edge, run.t[-1] - edge - period
-    grid = np.arange(first, last, 1.0 / rate)
-    middle = 0.5 * (run.t[1:] + run.t[:-1])
-    early, late = (run.tau[np.searchsorted(middle, grid + shift)] for shift in (0.0, period))
-    noise = (late - early) / np.sqrt(2.0)
-    noise = noise - noise.mean(axis=0)
-    coefficients = []
-    for x in noise.T:
-        r = np.array([x[: len(x) - lag] @ x[lag:] for lag in range(order + 1)])
-        coefficients.append(linalg.solve_toeplitz(r[:order], r[1:]))
-    return noise.std(axis=0), np.array(coefficients)
 
 
 def step_size(values: Array) -> float:
@@ -103,19 +81,6 @@ def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda):
     for j, step in enumerate(experiment(panda).sensor.torque_step):
         np.testing.assert_allclose(m.tau[:, j] / step, np.round(m.tau[:, j] / step), atol=1e-6)
     assert step_size(m.q[:, 0]) == pytest.approx(1e-5)
-
-
-@pytest.mark.real_data
-def test_the_committed_sensor_is_what_the_real_run_shows(panda, panda_run):
-    sensor = experiment(panda).sensor
-    std, ar = repetition_noise(panda_run, 2.0 / 0.15, sensor.rate)
-    np.testing.assert_allclose(sensor.torque_std, std, atol=6e-5)
-    np.testing.assert_allclose(sensor.torque_ar, ar, atol=6e-5)
-    # The step sizes are rounded to the digits in which all levels of one joint agree.
-    np.testing.assert_allclose(sensor.torque_step, [step_size(x) for x in panda_run.tau.T], rtol=3e-3)
-    steps = np.diff(panda_run.t)
-    assert sensor.log_step == pytest.approx(steps.mean(), rel=1e-4)
-    assert sensor.log_jitter == pytest.approx(steps.std(), rel=1e-3)
 
 
 def test_any_robot_has_an_experiment(tmp_path):
