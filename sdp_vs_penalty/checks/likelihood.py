@@ -54,14 +54,15 @@ class Equations:
     own: Array
 
     @classmethod
-    def of(cls, gram: Array, cross: Array, whole: Array, k: int) -> Equations:
+    def of(cls, gram: Array, cross: Array, whole: Array, k: int, apart: bool = False) -> Equations:
         """gram (..., n, w, w) of k own columns and the shared ones, cross (..., n, w, K), whole (..., n,
-        K)."""
+        K); apart : whether own columns are orthogonal, as they are over the whole log."""
         full, s = np.concatenate([gram, cross], axis=-1), gram.shape[-1] - k
         size = np.trace(gram[..., :k, :k], axis1=-2, axis2=-1)[..., None, None] / max(k, 1)
         # A joint that rests in these rows has nothing of its own there.
         mine = gram[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
-        own = np.linalg.solve(mine, full[..., :k, k:])
+        own = full[..., :k, k:]
+        own = own / np.einsum("...ii->...i", mine)[..., None] if apart else np.linalg.solve(mine, own)
         rest = full[..., k:, k:] - gram[..., k:, :k] @ own
         energy = np.maximum(whole - np.sum(cross[..., :k, :] * own[..., s:], axis=-2), 0.0)
         whole = np.maximum(whole, 1e-12 * whole.max(axis=-2, keepdims=True, initial=0.0) + 1e-280)
@@ -277,7 +278,7 @@ class Likelihood:
             gram = np.stack([rows.gram for _, rows, _ in found])
             cross = np.stack([np.swapaxes(rows.both, 1, 2) @ y for _, rows, y in found])
             whole = np.stack([np.sum(y**2, axis=1) for _, _, y in found])
-            fit = Equations.of(gram, cross, whole, k)
+            fit = Equations.of(gram, cross, whole, k, apart=True)
             theta, left = fit.fitted(self.moving)
             for i, (some, rows, y) in enumerate(found):
                 for j, r in enumerate(some):

@@ -303,9 +303,10 @@ def frozen_packets(g: Glance) -> Iterator[Issue]:
     parts = spans(g.held)
     lengths = np.diff(parts)[:, 0] if len(parts) else np.zeros(0)
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
+    if not len(long := parts[lengths >= max(STUCK, TIMES * usual)]):
+        return
     steps = np.abs(np.diff(g.run.q, axis=0))
     least = 4.0 * np.median(steps, axis=0)
-    long = parts[lengths >= max(STUCK, TIMES * usual)]
     found = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
     what = (
         "all channels repeat one row for up to {seconds:.3g} s, {parts} times, while the arm moves on: "
@@ -361,12 +362,16 @@ def interpolated_rows(g: Glance) -> Iterator[Issue]:
     """Rows that lie on straight lines in every channel: a gap that was filled in."""
     if not g.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
-    x, steps = np.column_stack([g.run.q, g.run.tau]), g.steps[:, None]
-    x = x[:, np.ptp(x, axis=0) > 0.0]
-    slope = np.diff(x, axis=0) / np.maximum(steps, 1e-300)
-    size = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1]))
-    bends = np.abs(np.diff(slope, axis=0)) > 1e-6 * size + 1e-9 * np.ptp(x, axis=0) / steps[1:]
-    inside = np.concatenate([[False], ~np.any(bends, axis=1) & np.any(size > 0.0, axis=1), [False]])
+    straight, changes = np.full((2, len(g.steps) - 1), [[True], [False]])
+    for _, _, x in reversed(g.channels):
+        slope, span = np.diff(x) / np.maximum(g.steps, 1e-300), np.ptp(x)
+        size = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1]))
+        if span > 0.0:
+            straight &= ~(np.abs(np.diff(slope)) > 1e-6 * size + 1e-9 * span / g.steps[1:])
+            changes |= size > 0.0
+        if not straight.any():
+            return
+    inside = np.concatenate([[False], straight & changes, [False]])
     edges, moves = spans(inside), g.movement.moves
     # A converter that interpolates every row makes lines everywhere; a gap is far longer than those.
     least = max(STUCK, TIMES * float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0)

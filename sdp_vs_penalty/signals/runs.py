@@ -74,7 +74,7 @@ class Movement:
         def travel(t: Array) -> Array:
             """(n, M) how far each joint comes within half a second."""
             far = interpolated(t + 0.25, run.t, run.q) - interpolated(t - 0.25, run.t, run.q)
-            return np.abs(np.ascontiguousarray(far.T))
+            return np.abs(far.T)
 
         for _, t in parts(run.t):
             own = travel(t)
@@ -137,16 +137,17 @@ def _integral(t: Array, values: Array) -> Array:
 
 
 def interpolated(at: Array, t: Array, values: Array) -> Array:
-    """(len(at), n) values (N, n), known at instants t, at other ones in order, piece by piece."""
-    out = np.empty((len(at), values.shape[1]))
+    """(len(at), n) values (N, n), known at instants t, at other ones in order, piece by piece; each
+    column contiguous, as they are worked on one by one."""
+    out = np.empty((values.shape[1], len(at)))
     for start in range(0, len(at), PART):
         few = at[start : start + PART]
         # Of a long run only what lies around: interpolation copies what it is given.
         first = max(int(np.searchsorted(t, few[0], "right")) - 1, 0)
         around = slice(first, int(np.searchsorted(t, few[-1])) + 1)
-        for j, known in enumerate(values[around].T):
-            out[start : start + PART, j] = np.interp(few, t[around], known)
-    return out
+        for row, known in zip(out, values[around].T, strict=True):
+            row[start : start + PART] = np.interp(few, t[around], known)
+    return out.T
 
 
 def stretches(run: Measurements) -> Iterator[Stretch]:
