@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from effect_contract import robots, steady_motion, wide_columns
 from random_robots import sines
+from scipy import interpolate
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.effects import CurrentModel, Model, Motion, Seen, effect_types, parse_effects
@@ -74,6 +75,34 @@ def test_a_curve_reads_a_combination_of_joints():
         np.testing.assert_array_equal(effect.outside(motion), np.abs(x) > 9.0)
     with pytest.raises(InputError, match="adds a joint to what is no position"):
         parse_effects(f"measured_curve:2@x=ddq@xi=3{ends}", robot)
+
+
+def test_a_curve_is_its_values_between_its_ends_and_constant_beyond():
+    """Against SciPy's interpolation, over one variable and over two; and tables that cannot be."""
+    robot, motion, kind = (
+        robots()["arm"],
+        steady_motion(robots()["arm"]),
+        effect_types()["measured_curve"],
+    )
+    values = np.random.default_rng(3).normal(size=12)
+    q, dq = motion.q[:, 1], motion.dq[:, 1]
+    low, high = np.quantile(q, (0.1, 0.8)).tolist()  # beyond both it is held
+    table = {f"v{k}": float(v) for k, v in enumerate(values, start=1)} | {"xlow": low, "xhigh": high}
+    one = kind(robot, [1], xn=12.0, **table)
+    along = np.interp(q, np.linspace(low, high, 12), values)
+    np.testing.assert_allclose(wide_columns(one, motion)[1, :, 0], along, atol=1e-12)
+    np.testing.assert_array_equal(one.outside(motion), (q < low) | (q > high))
+    two = kind(robot, [1], xn=3.0, y=2.0, yn=4.0, ylow=dq.min(), yhigh=dq.max(), **table)
+    knots = np.linspace(low, high, 3), np.linspace(dq.min(), dq.max(), 4)
+    both = interpolate.RegularGridInterpolator(knots, values.reshape(3, 4))
+    expected = both(np.column_stack([np.clip(q, low, high), dq]))
+    np.testing.assert_allclose(wide_columns(two, motion)[1, :, 0], expected, atol=1e-12)
+    for key, value, said in (
+        ("xn", 12.5, "whole number"), ("xn", 0.0, "whole number"), ("xn", 11.0, "table of 11"),
+        ("xlow", high, "low end"), ("xj", 4.0, "no joint"), ("xi", -1.0, "no joint"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=said):
+            kind(robot, [1], **{"xn": 12.0, **table, key: value})
 
 
 @pytest.mark.parametrize(
