@@ -1,17 +1,22 @@
-"""The documentation works: its commands run in order, its notebook runs, its links lead somewhere."""
+"""The documentation works: its commands run in order, its notebook and its Python run, its links lead
+somewhere, its figures are those of results/.
+"""
 
+import csv
 import os
 import re
+import runpy
 import shlex
 import shutil
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from arms import SCARA, write_urdf
 from commands import run_cli
-from printed_pages import check_printed
 from small_runs import small_run, write_run
 
 import sdp_vs_penalty
@@ -19,18 +24,37 @@ from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.cli.main import VERBS, named
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data import DATASETS, save
+from sdp_vs_penalty.reports.demo import HIDDEN
 from sdp_vs_penalty.simulation import experiment
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(text: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
 def commands(page: str) -> list[str]:
-    """The lines of a page's console blocks."""
-    text = (DOCS / page).read_text(encoding="utf-8")
-    blocks = re.findall(r"^```console\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    return [line for block in blocks for line in block.splitlines()]
+    """The lines of a page's console blocks that are ours."""
+    text = "".join(blocks((DOCS / page).read_text(encoding="utf-8"), "console"))
+    return [line for line in text.splitlines() if page != "../README.md" or line.startswith("sdp-vs-")]
+
+
+def printed(page: str) -> list[str]:
+    """The lines of a page's output blocks; * stands for anything."""
+    text = "".join(blocks((DOCS / page).read_text(encoding="utf-8"), "output"))
+    return [" ".join(line.split()) for line in text.splitlines()]
+
+
+def check_printed(page: str, said: str) -> None:
+    """Every line that a page shows of outputs stands in them, however wide the terminal is."""
+    whole = " ".join(said.split())
+    for line in printed(page):
+        pattern = re.escape(line).replace(r"\*", ".*?").replace(r"\?", ".").replace(r"\ ", r"\s*")
+        assert re.search(pattern, whole), f"{page}: {line}\n{said}"
 
 
 #: Verbs of docs/commands.md that take long or need the network or another program's file.
@@ -147,16 +171,43 @@ def test_the_hobby_arm(tmp_path, monkeypatch, capsys):
     """The identified MJCF follows an unseen command better than the given one, on every joint."""
     pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)
-    text = (DOCS / "hobby-arm.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    before, after = blocks((DOCS / "hobby-arm.md").read_text(encoding="utf-8"), "python")
     names: dict[str, Any] = {}
-    exec(blocks[0], names)  # our own page
+    exec(before, names)  # our own page
     said = run_all(commands("hobby-arm.md"), capsys)[""]
-    exec(blocks[1], names)
+    exec(after, names)
     followed = capsys.readouterr().out
     check_printed("hobby-arm.md", said + followed)
     given, identified = ([float(x) for x in line.split()[1:-1]] for line in followed.splitlines())
     assert all(2.0 * better < worse for better, worse in zip(identified, given, strict=True))
+
+
+@pytest.mark.long
+def test_the_demo_tells_the_whole_story(tmp_path, capsys):
+    """What is hidden is found without being told, and the error of its joint falls."""
+    pytest.importorskip("plotly")
+    begin = time.process_time()
+    code = run_cli("demo", "--out", tmp_path / "demo")
+    shown = capsys.readouterr()
+    assert code == 0, shown.err
+    assert time.process_time() - begin < 20.0  # 13 s where nothing else runs
+    text = " ".join(shown.out.split())
+    assert f"Missing: {HIDDEN} on joint 7" in text
+    fall = text.partition("neither has seen: joint 7: ")[2].partition(" %)")[0]
+    assert int(fall.rpartition("(")[2]) <= -60
+    readme = re.sub("<!--.*?-->", "", README)
+    for figure in re.findall(r"-?[\d.]+", fall.replace("->", "")):
+        assert f"{figure} times" in readme or f"({figure} %)" in readme
+    for method in ("ols", "penalty", "lmi-sdp"):
+        assert f"{method} " in text
+    assert "ols do not use" in text
+    assert "Good. Error over noise" in text
+    check_printed("demo.md", shown.out)
+    html = (tmp_path / "demo" / "report.html").read_text()
+    assert '<p class="verdict good">' in html
+    assert {p.name for p in (tmp_path / "demo").iterdir()} == {
+        "run1.csv", "run2.csv", "test.csv", "model.json", "better.json", "report.html",
+    }  # fmt: skip
 
 
 @pytest.mark.slow
@@ -181,9 +232,8 @@ def test_the_notebook_runs(tmp_path, data_folder, monkeypatch):
 
 
 def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
-    text = (DOCS / "performance.md").read_text(encoding="utf-8")
-    found = re.search(r"## In a control loop.*?^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    recipe = found.group(1).replace('"panda"', '"two_link"')
+    _, _, text = (DOCS / "performance.md").read_text(encoding="utf-8").partition("## In a control loop")
+    recipe = blocks(text, "python")[0].replace('"panda"', '"two_link"')
     assert len(recipe.splitlines()) <= 30
     run = experiment(load_problem("two_link")).training_run(seed=0)
     middle, end = (float(run.t[0] + share * (run.t[-1] - run.t[0])) for share in (0.5, 1.0))
@@ -214,5 +264,107 @@ def test_no_sentence_is_longer_than_35_words(page):
     assert not long, "\n".join(long)
 
 
-def test_the_documentation_is_short():
+def test_the_documentation_is_short_and_says_what_the_tests_leave_out():
     assert sum(len(p.read_text(encoding="utf-8").split()) for p in PAGES) <= 25_000
+    assert len(README.split()) <= 900
+    left_out = re.findall(r"not (\w+)", (ROOT / "pyproject.toml").read_text().partition("-m '")[2][:60])
+    assert left_out
+    assert all(f"`{marker}`" in README for marker in left_out)
+
+
+# --- the README -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files that the README's examples name."""
+    out = tmp_path_factory.mktemp("readme")
+    problem = load_problem(write_urdf(out / "my_arm.urdf", "my_arm", SCARA[1:3]))
+    for seed, name in enumerate(("run1.csv", "run2.csv", "test.csv")):
+        write_run(out / name, problem, seed=seed)
+    return out
+
+
+def test_your_robot_in_four_commands(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert len(commands("../README.md")) == 4
+    run_all(commands("../README.md"), capsys)
+    assert (folder / "report.html").exists()
+
+
+def test_the_python_runs(folder, monkeypatch, capsys):
+    (code,) = blocks(README, "python")
+    assert sum(1 for line in code.splitlines() if line.strip()) <= 11
+    (folder / "example.py").write_text(code)
+    monkeypatch.chdir(folder)
+    runpy.run_path("example.py")
+    assert "certified lower bound" in capsys.readouterr().out
+    assert (folder / "model.json").exists()
+
+
+def test_the_table_equals_the_generated_one():
+    tool = runpy.run_path(str(ROOT / "tools" / "update_readme.py"))
+    assert tool["with_results"](README, tool["headline"]()) == README
+    assert tool["with_results"](README, tool["headline"]() + "\nchanged") != README
+    for picture in re.findall(r"\]\(([^):]*)\)", README):
+        assert (ROOT / picture).exists(), picture
+
+
+def test_constraints_pin_exact_versions_and_name_no_host():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pins = [line for line in lines if line and not line.startswith("#")]
+    assert pins
+    for line in pins:
+        assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.+!]+", line), line
+    assert not re.search(r"://|--", "\n".join(lines))
+
+
+# --- figures whose cell a comment names: 93.2<!--speed.md | one; two | seconds--> -------------------
+
+NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+MARK = re.compile(rf"({NUMBER})<!--([^|>]+)\|([^|>]+)\|([^>]+?)-->")
+MARKED = [ROOT / "README.md", ROOT / "results" / "README.md", *PAGES]
+
+
+def cell(file: str, words: str, column: str) -> str:
+    """The cell of the first row that holds all words (between semicolons), in any table of the file."""
+    path, wanted = ROOT / "results" / file, [w.strip() for w in words.split(";")]
+    if path.suffix == ".csv":
+        rows = list(csv.reader(path.read_text().splitlines()))
+    else:
+        lines = (line.strip() for line in path.read_text().splitlines())
+        rows = [[c.strip() for c in s.strip("|").split("|")] for s in lines if s.startswith("|")]
+    heads: list[str] = []
+    for row in rows:
+        if column in row:
+            heads = row
+        elif heads and all(word in row for word in wanted):
+            return row[heads.index(column)]
+    raise AssertionError(f"{file}: no row with {wanted} under {column!r}")
+
+
+def wrong(text: str) -> list[str]:
+    """What of a page's marked figures is not its source's: a file in results/, cells of its row, heading
+    of its column. The digits that are said decide how exact."""
+    out = []
+    for said, file, words, column in MARK.findall(text):
+        source = cell(file.strip(), words.strip(), column.strip())
+        found = re.search(NUMBER, source)
+        assert found, f"{file}: {source!r} is no number"
+        half = 0.5 * 10.0 ** -len(said.partition(".")[2])
+        if abs(float(said) - float(found.group())) > half * (1.0 + 1e-9):
+            out.append(f"{said} is {source} in {file} ({words})")
+    return out
+
+
+@pytest.mark.parametrize("page", MARKED, ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_marked_figures_are_their_sources(page):
+    assert not wrong(page.read_text())
+
+
+def test_a_stale_figure_is_found():
+    said = "7.1<!--coverage_in_life.md | closed loop; friction | coverage [%]-->"
+    assert wrong(said)
+    with pytest.raises(AssertionError, match="no row"):
+        wrong(said.replace("friction", "fraction"))
+    assert sum(len(MARK.findall(page.read_text())) for page in MARKED) >= 10

@@ -6,8 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from effect_contract import check_units_are_those_of_the_columns
-from hidden_contract import check_columns_are_the_hidden_torque, check_every_form_is_met, hidden_cases
+from effect_contract import (
+    check_columns_are_the_hidden_torque,
+    check_every_form_is_met,
+    check_units_are_those_of_the_columns,
+    hidden_cases,
+)
 from numpy.typing import NDArray
 
 import sdp_vs_penalty.effects

@@ -2,7 +2,7 @@
 
     python tools/update_readme.py
 
-tests/test_readme.py checks that the block holds what results/ say. The pictures, results/data.png and
+tests/test_docs.py checks that the block holds what results/ say. The pictures, results/data.png and
 results/joint_7.png, need the extra [plot].
 """
 

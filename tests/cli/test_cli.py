@@ -215,10 +215,42 @@ def test_identify_refuses_in_one_sentence(run, runs, tmp_path, arguments, words)
         (["identify", "two_link", "--out", "m.json"], ["--data"]),
         (["identify", "two_link", "--data", "nowhere.csv", "--out", "m.json"], ["nowhere.csv"]),
         (["tables", "--budget", "endless"], ["endless", "quick", "paper"]),
+        (["shootout", "--solvers", "gurobi"], ["solver 'gurobi' is unknown: there are: clarabel"]),
+        (["shootout", "--problems", "pandas"], ["'pandas' is unknown"]),
+        (["shootout", "--accuracy", "small"], ["--accuracy 'small'"]),
+        (["shootout", "--accuracy", "2"], ["--accuracy"]),
+        (["shootout", "--time-limit", "0"], ["--time-limit"]),
     ],
 )
-def test_usage_errors_are_one_sentence(run, arguments, words):
+def test_usage_errors_are_one_sentence(run, arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     refused(run, arguments, *words)
+
+
+def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
+    code, said, _ = run("shootout", "--list")
+    assert code == 0
+    for name in (
+        "panda gram g mm",
+        "chain of 60 links gyration 0",
+        "log-cholesky L-BFGS",
+        "sdpa-program",
+    ):
+        assert name in said
+    choice = ("--solvers", "clarabel,lmi-sdp", "--problems", "two_link simulated one-step plain")
+    code, said, _ = run("shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", tmp_path)
+    assert code == 0
+    assert "Take " in said
+    for name in ("runs.csv", "summary.md", "summary.csv"):
+        assert str(tmp_path / name) in said
+        assert (tmp_path / name).is_file()
+
+
+def test_what_is_no_single_sdp_is_not_exported(run, runs, tmp_path):
+    of = ("export-sdp", "two_link", "--data", runs[0], "--out")
+    refused(run, (*of, tmp_path / "a.mps"), ".dat-s")
+    refused(run, (*of, tmp_path / "a.cbf", "--method", "penalty"), "not a single SDP")
+    assert not [*tmp_path.iterdir()]
 
 
 def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(

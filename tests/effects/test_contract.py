@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from effect_contract import (
+    check_columns_are_the_hidden_torque,
+    check_every_form_is_met,
     check_units_are_those_of_the_columns,
     robots,
     steady_motion,
@@ -14,7 +16,6 @@ from effect_contract import (
     variants,
     wide_columns,
 )
-from hidden_contract import check_columns_are_the_hidden_torque, check_every_form_is_met
 from random_robots import link_parameters, sines
 
 from sdp_vs_penalty import InputError
