@@ -20,7 +20,7 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.identify import identify as _identify
-from sdp_vs_penalty.estimation.pose import logged, readable
+from sdp_vs_penalty.estimation.pose import behind_filters, logged, readable
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict, judge, noise_level
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem.load import as_problem
@@ -365,7 +365,7 @@ def identified(
     problem = as_problem(problem, "identify(problem=...)")
     data = readable(problem, measurements, "identify(measurements=...)")
     if isinstance(data, Measurements) and data.torque_logged:  # filtered once, for both
-        data = FilteredRuns.of(data, named.pop("preprocessing", None) or problem.preprocessing)
+        data = behind_filters(problem, data, named.pop("preprocessing", None))
     estimate = _identify(problem, data, *settings, **named)
     if isinstance(data, BlackBox):
         return estimate, None

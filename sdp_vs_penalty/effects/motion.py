@@ -259,10 +259,15 @@ def smooth_sign(
     reach = 20.0 * width + 0.5 * within.count * within.dt * np.abs(rate)
     near = np.flatnonzero(np.abs(velocity) < reach)
     half = within.count // 2
-    offsets, weights = within.dt * np.arange(-half, half + 1), np.full(2 * half + 1, 1.0 / within.count)
+    weights = np.full(2 * half + 1, 1.0 / within.count)
     if within.count % 2 == 0:  # two at the ends share a place
         weights[[0, -1]] *= 0.5
-    out[near] = _tanh((velocity[near, None] + rate[near, None] * offsets) / width) @ weights
+    step = 2.0 * within.dt / width * rate[near]
+    twice, below = 2.0 / width * velocity[near] - half * step, np.zeros(len(near))
+    for weight in weights.tolist():  # one after the other: what fits into the cache
+        below += weight / (np.exp(np.minimum(twice, 40.0)) + 1.0)
+        twice += step
+    out[near] = 1.0 - 2.0 * below
     return out
 
 

@@ -25,7 +25,15 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, in_columns, logged, pose, readable
+from sdp_vs_penalty.estimation.pose import (
+    Posed,
+    PoseOptions,
+    behind_filters,
+    in_columns,
+    logged,
+    pose,
+    readable,
+)
 from sdp_vs_penalty.estimation.shape_constants import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -306,8 +314,10 @@ def identify(
     ):
         if wrong:
             raise InputError(what, "choose another method, or leave the proof out")
-    if refined and not isinstance(data, BlackBox):
-        logged(data).require_torque(f"method {OUTPUT_ERROR}")
+    if not isinstance(data, BlackBox):
+        if refined:
+            logged(data).require_torque(f"method {OUTPUT_ERROR}")
+        data = behind_filters(problem, data, preprocessing)
     options = PoseOptions(
         effects,
         preprocessing,

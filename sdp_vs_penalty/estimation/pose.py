@@ -130,12 +130,8 @@ def pose(
         regression = compress_black_box(data, model)
         task = make_task(problem, model, regression, "none", options.seed, progress)
         return Posed(problem, data, regression, task, "none")
-    if isinstance(data, FilteredRuns):
-        runs, data = data, data.measurements
-    else:
-        settings = options.preprocessing or problem.preprocessing
-        runs = FilteredRuns.of(data, settings if data.torque_logged else servo_filters(settings, data))
-    model = problem.model(options.effects)
+    runs = behind_filters(problem, data, options.preprocessing)
+    data, model = runs.measurements, problem.model(options.effects)
     if options.effects is not None:
         options = replace(options, effects=model.effects)
     details: dict[str, Any] = {}
@@ -215,16 +211,27 @@ def logged(data: Measurements | FilteredRuns) -> Measurements:
 def readable(
     problem: Problem, measurements: Source | FilteredRuns | BlackBox, what: str
 ) -> Measurements | FilteredRuns | BlackBox:
-    """What was given as measurements, read; InputError where it cannot be this robot's."""
+    """What was given as measurements, read; InputError where it cannot be this robot's. What lies behind
+    filters has been read."""
     n, names = problem.robot.n, problem.robot.joint_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(measurements, n, names, what)
     data = measurements if isinstance(measurements, BlackBox) else logged(measurements)
     if data.n != n:
         raise other_robot(data.n, n, f"measurements for {problem.name}")
-    if isinstance(data, Measurements):
-        check_plausible(problem.robot, data)
+    if isinstance(measurements, Measurements):
+        check_plausible(problem.robot, measurements)
     return measurements
+
+
+def behind_filters(
+    problem: Problem, data: Measurements | FilteredRuns, settings: Preprocessing | None = None
+) -> FilteredRuns:
+    """The log behind its filters; settings : default the problem's."""
+    if isinstance(data, FilteredRuns):
+        return data
+    settings = settings or problem.preprocessing
+    return FilteredRuns.of(data, settings if data.torque_logged else servo_filters(settings, data))
 
 
 def with_reference(

@@ -55,10 +55,14 @@ class Sandwich:
         scaled = contrasts / np.where(dark, 1.0, norms)
         total = np.sum(scaled**2, axis=1)
         hidden = np.any(np.abs(contrasts[:, dark]) > 0.0, axis=1)
-        basis = np.linalg.qr(self.directions * norms[:, None])[0]  # of the visible ones at unit norm
-        inside = np.sum((scaled @ basis) ** 2, axis=1)
+        inside = np.sum((scaled @ self._basis) ** 2, axis=1)
         # A linear function of theta belongs to the visible ones up to this much of its square.
         return np.asarray((inside > (1.0 - 1e-6) * total) & ~hidden & (total > 0.0))
+
+    @cached_property
+    def _basis(self) -> Array:
+        """(p, r) of the visible directions at unit norm."""
+        return np.asarray(np.linalg.qr(self.directions * self.norms[:, None])[0])
 
     def half_widths(self, contrasts: Array) -> Array:
         """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its first parameters
@@ -155,7 +159,7 @@ def sandwich(regression: Regression, weights: Array, prior_scale: Array) -> Sand
         seen = rows[..., :-1] @ (weights[joint] * V[indices])
         left = weights[joint] * rows[..., -1] - seen @ z
         grams[blocks] += seen.swapaxes(1, 2) @ seen
-        scores[blocks] += np.einsum("brk,br->bk", seen, left)
+        scores[blocks] += (left[:, None] @ seen)[:, 0]
     excess = float(np.sum(np.trace(grams, axis1=1, axis2=2)) - np.sum(grams**2))
     inflation = 1.0
     if excess > 1e-6 * r and white > 0.0:

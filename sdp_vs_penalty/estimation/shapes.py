@@ -185,6 +185,7 @@ def _with_banks(
     fixed = [e for e in model.effects if not any(e is effect for effect in own)]
     first = sum(len(e.parameters) for e in fixed)
     base, banks, parts = np.arange(first), list[_Bank](), list[_Grid]()
+    splines = dict[tuple[float, ...], Any]()
     for effect, joint, key in wanted:
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
         while grid[-1] < widest:
@@ -195,8 +196,9 @@ def _with_banks(
         parts.append(_Grid([alone(effect, joint, **{key: value}) for value in grid]))
         columns = first + np.arange(len(grid))
         first += len(grid)
-        spline = CubicSpline(np.log(grid), np.eye(len(grid)))
-        banks.append(_Bank(alone(effect, joint), joint, key, now, spline, columns))
+        if grid not in splines:
+            splines[grid] = CubicSpline(np.log(grid), np.eye(len(grid)))
+        banks.append(_Bank(alone(effect, joint), joint, key, now, splines[grid], columns))
     return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
 
 
@@ -292,27 +294,44 @@ class _Profile:
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
     @cached_property
-    def _left_out(self) -> tuple[Array, Array, Array]:
-        """(F, P + 1, P + 1) products of the banks' columns and of the torque in each fold and in all
-        others, less what the other columns, fitted to these others, take of them; and (P + 1, P + 1)
-        their products in all."""
-        (b, k), p, count = self.shown.shape, self.columns.shape[1] + 1, len(self.folds.blocks)
-        seen, both, own = np.zeros((count, k, k)), np.zeros((count, k, p)), np.zeros((count, p, p))
+    def _by_joint(self) -> list[tuple[NDArray[np.intp], Array, Array, NDArray[np.intp]]]:
+        """Of each joint the folds that show it, what the other columns make there in the directions that
+        the data show (F, r, k), its banks' columns and its torque (F, r, c + 1), and their places."""
+        (b, _), p, out = self.shown.shape, self.columns.shape[1], []
         for joint, indices, blocks, rows in self.folds.by_joint():
-            first = indices < b
-            rows = self.weights[joint] * rows
-            made = rows[..., :-1][..., first] @ self.shown[indices[first]]
-            rest, at = rows[..., np.append(~first, True)], np.append(indices[~first] - b, p - 1)
+            others, weight = int(np.sum(indices < b)), self.weights[joint]  # they come first
+            made = rows[..., :others] @ (weight * self.shown[indices[:others]])
+            out.append((blocks, made, weight * rows[..., others:], np.append(indices[others:] - b, p)))
+        return out
+
+    @cached_property
+    def _seen(self) -> Array:
+        """(F, k, k) products of those directions in each fold."""
+        (_, k), count = self.shown.shape, len(self.folds.blocks)
+        seen = np.zeros((count, k, k))
+        for blocks, made, *_ in self._by_joint:
             seen[blocks] += made.swapaxes(1, 2) @ made
-            both[np.ix_(blocks, np.arange(k), at)] += made.swapaxes(1, 2) @ rest
-            own[np.ix_(blocks, at, at)] += rest.swapaxes(1, 2) @ rest
-        others = [x.sum(axis=0) - x for x in (seen, both, own)]
+        return seen
+
+    def _left_out(self, T: Array) -> tuple[Array, Array, Array, Array]:
+        """Of combinations T (P + 1, d) of the banks' columns and the torque: (F, d, d) products in each
+        fold and in all others, less what the other columns, fitted to these others, take of them; (d,)
+        their squares in all, and the sums of what these are the sums of."""
+        (count, k, _), d = self._seen.shape, T.shape[1]
+        both, own, most = np.zeros((count, k, d)), np.zeros((count, d, d)), np.zeros(d)
+        for blocks, made, rest, at in self._by_joint:
+            combined = rest @ T[at]
+            both[blocks] += made.swapaxes(1, 2) @ combined
+            own[blocks] += combined.swapaxes(1, 2) @ combined
+            every, part = np.abs(np.sum(rest.swapaxes(1, 2) @ rest, axis=0)), np.abs(T[at])
+            most += np.einsum("cd,cd->d", part, every @ part)
+        others = [x.sum(axis=0) - x for x in (self._seen, both, own)]
         fit = np.linalg.solve(others[0] + UNSEEN * np.eye(k), others[1])
         found = []
-        for squares, mixed, mine in ((seen, both, own), others):
+        for squares, mixed, mine in ((self._seen, both, own), others):
             crossed = fit.swapaxes(1, 2) @ (mixed - 0.5 * squares @ fit)
             found.append(mine - crossed - crossed.swapaxes(1, 2))
-        return found[0], found[1], own.sum(axis=0)
+        return found[0], found[1], np.einsum("fdd->d", own), most
 
     def held_out(self, found: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
         """(B,) what each constant alone takes from the squared error of the folds that are left out, in
@@ -336,10 +355,8 @@ class _Profile:
         for out, (weights, k, _) in zip(T.T, parts, strict=False):
             out[self.banks[k].columns - len(self.shown)] = weights
         T[-1, -1] = 1.0  # the torque
-        grams, rest, total = (T.T @ x @ T for x in self._left_out)
+        grams, rest, square, least = self._left_out(T)
         # Of a direction that hardly changes anything, rounding leaves as much as of none.
-        least = np.diagonal(np.abs(T).T @ np.abs(self._left_out[2]) @ np.abs(T))
-        square = np.diagonal(total)
         size = or_one(np.sqrt(np.where(square > len(T) * np.finfo(float).eps * least, square, 0.0)))
         grams, rest = (x / (size * size[:, None]) for x in (grams, rest))
         rest += UNSEEN * np.eye(len(size))

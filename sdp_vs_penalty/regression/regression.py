@@ -26,7 +26,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
+from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows, is_instrumented
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
@@ -169,8 +169,9 @@ class Regression:
         for f in self.factors:
             new = place.get(f.block)
             if new is not None:
-                rows = int(counts[new]) * f.rows
-                factors.append(Factor(f.joint, new, f.indices, times[new] * f.triangle, rows))
+                rows, often = int(counts[new]) * f.rows, float(times[new])
+                triangle = f.triangle if often == 1.0 else often * f.triangle
+                factors.append(Factor(f.joint, new, f.indices, triangle, rows))
         return replace(self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors))
 
     def keeping(self, wanted: NDArray[np.bool_]) -> Regression:
@@ -252,16 +253,16 @@ class Regression:
             for f in own:  # several runs may show one fold
                 rows.setdefault(f.block, []).append(f.triangle)
             if own:
-                each = _padded([np.vstack(x) for x in rows.values()])
+                each = _padded([x[0] if len(x) == 1 else np.vstack(x) for x in rows.values()])
                 yield joint, own[0].indices, np.array(list(rows)), each
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
         theta = np.asarray(theta, float)
         out = np.zeros(self.joints)
-        for factor in self.factors:
+        for factor in self.per_joint:
             residual = factor.triangle[:, :-1] @ theta[factor.indices] - factor.triangle[:, -1]
-            out[factor.joint] += residual @ residual
+            out[factor.joint] = residual @ residual
         return out
 
     def joint_rows(self) -> NDArray[np.int64]:
@@ -370,9 +371,9 @@ def compress_cells(
     found = workers.map(one, list(enumerate(runs.runs)))
     blocks = [TimeBlock(*place) for place in folds.places]
     factors = [factor for own, _ in found for factor in own]
-    rows, p = sum(f.rows for f in factors if f.joint == 0), len(model.parameters)
+    rows = sum(f.rows for f in factors if f.joint == 0)
     own_errors = model.drives.any() and model.reference is not None
-    if own_errors or any(np.any(f.indices >= p) for f in factors):
+    if own_errors or any(is_instrumented(run.run) for run in runs.runs):
         made = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
         factors = [
             replace(f, indices=own, triangle=_each_folded([whole])[0])

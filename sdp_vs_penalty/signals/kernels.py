@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import next_fast_len
+from scipy import fft
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -125,10 +125,10 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
     By one Fourier transform of x for all kernels; what wraps around lies outside. (scipy.signal does
     the same, but its import takes longer than to identify a robot.)
     """
-    length = next_fast_len(len(x), real=True)
-    spectrum = np.fft.rfft(x.T, length)
+    length = fft.next_fast_len(len(x), real=True)
+    spectrum = fft.rfft(x.T, length)
     return [
-        np.fft.irfft(spectrum * np.fft.rfft(kernel, length), length)[:, len(kernel) - 1 : len(x)].T
+        fft.irfft(spectrum * fft.rfft(kernel, length), length)[:, len(kernel) - 1 : len(x)].T
         for kernel in kernels
     ]
 

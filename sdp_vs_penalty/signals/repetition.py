@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
+from scipy import fft
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import ORDER
@@ -99,17 +99,17 @@ class _Match:
     def _squares(self, lags: NDArray[np.int64]) -> Array:
         """The mean square for each lag, by one correlation."""
         x, y = (
-            np.column_stack([np.interp(np.arange(t[0], t[-1], self.step), t, c) for c in q.T])
-            for t, q in ((self.t_a, self.a / self.scale), (self.t_b, self.b / self.scale))
+            np.stack([np.interp(np.arange(t[0], t[-1], self.step), t, c) for c in (q / self.scale).T])
+            for t, q in ((self.t_a, self.a), (self.t_b, self.b))
         )
-        x, y = x - x.mean(axis=0), y - x.mean(axis=0)
-        length = next_fast_len(len(x) + len(y), real=True)
-        spectra = (np.fft.rfft(z, length, axis=0) for z in (x, y))
-        product = np.fft.irfft(np.sum(np.conj(next(spectra)) * next(spectra), axis=1), length)[lags]
-        first, last = np.maximum(0, -lags), np.minimum(len(x), len(y) - lags)
-        own, other = (np.append(0.0, np.cumsum(np.sum(z**2, axis=1))) for z in (x, y))
+        middle, (n, M), N = x.mean(axis=1, keepdims=True), x.shape, y.shape[1]
+        length = fft.next_fast_len(M + N, real=True)
+        spectra = [fft.rfft(z - middle, length) for z in (x, y)]
+        product = fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=0), length)[lags]
+        first, last = np.maximum(0, -lags), np.minimum(M, N - lags)
+        own, other = (np.append(0.0, np.cumsum(np.sum((z - middle) ** 2, axis=0))) for z in (x, y))
         total = own[last] - own[first] + other[last + lags] - other[first + lags] - 2.0 * product
-        return np.asarray(np.maximum(total, 0.0) / ((last - first) * x.shape[1]))
+        return np.asarray(np.maximum(total, 0.0) / ((last - first) * n))
 
     def alike(self, lag: float) -> bool:
         """Whether b repeats a after a lag [s] of the instants since each began."""

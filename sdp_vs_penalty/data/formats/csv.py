@@ -62,8 +62,8 @@ def read_headerless(path: str | Path, rate: float) -> Measurements:
 
 def numbers(path: Path, width: int) -> Array:
     """The rows (N, width) of a file without a header; InputError naming the row that is wrong."""
-    pieces = zip(*_columns(path, width, 1), strict=True)
-    return np.stack([np.concatenate(column) for column in pieces], axis=1)
+    columns = [np.concatenate(pieces) for pieces in zip(*_columns(path, width, 1), strict=True)]
+    return columns[0][:, None] if width == 1 else np.stack(columns, axis=1)
 
 
 def _pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
