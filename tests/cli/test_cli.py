@@ -14,10 +14,11 @@ import pytest
 from commands import HOME, PROGRAM, python, run_cli
 from small_runs import write_run
 
-from sdp_vs_penalty import Problem, __version__, load_estimate
+from sdp_vs_penalty import Problem, __version__, compare, identify, load_estimate
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation.verdict import Verdict
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -174,6 +175,15 @@ def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
         # White noise of 0.05 N m at 100 Hz, of which the band lets a part through.
         assert all(0.0 < rmse < 0.05 for rmse in entry["rmse"])
     assert len({entry["band_hz"] for entry in content["models"]}) == 1
+    # One grade, whoever says it: the terminal, the file, Python, an export.
+    for entry, found in zip(content["models"], compare([model, other], runs[1]), strict=True):
+        assert entry["verdict"]["grade"] == found.verdict.grade
+        assert found.verdict.headline.split(".")[0] in out
+    run("export", model, "--out", tmp_path / "effects.json")
+    recorded = load_estimate(model).provenance["verdict"]
+    assert recorded == identify("two_link", runs).provenance["verdict"]
+    exported = json.loads((tmp_path / "effects.json").read_text())["verdict"]
+    assert f": {Verdict.from_dict(recorded).grade}. " in exported
 
 
 @pytest.mark.parametrize(

@@ -303,18 +303,6 @@ def test_bad_bounds(bounds, words, tmp_path):
     refusal(lambda: load_problem(folder), "bounds.csv", *words)
 
 
-def test_constraints_without_a_feasible_point_are_named(tmp_path):
-    """Two links of at most 1 kg each cannot weigh 10 kg together."""
-    toml = TOML.replace("[1.0, 50.0]", "[10.0, 50.0]")
-    bounds = "parameter,lower,upper\nm1,0.1,1\nm2,0.1,1\n"
-    problem = load_problem(problem_folder(tmp_path / "arm", toml, bounds))
-    run = small_run(load_problem(problem_folder(tmp_path / "other")))
-    message = refusal(
-        lambda: identify(problem, run), "mass", "total mass", "exclude each other", "relax"
-    )
-    assert "centre of mass" not in message
-
-
 # --- models ---------------------------------------------------------------------------------------
 
 

@@ -72,36 +72,23 @@ def test_a_sample_is_named_as_its_file_counts(tmp_path):
             load_measurements(path)
 
 
-def test_matlab_variables_of_other_names_and_shapes(tmp_path):
-    run = some_run(2)
-    path, out = tmp_path / "data.mat", tmp_path / "run.csv"
-    savemat(path, {"time": run.t[None, :], "qm": run.q.T, "force": run.tau, "gain": 35.15, "note": "x"})
-    with pytest.raises(InputError, match=r"q or tau \(columns: force, gain, qm, time\)"):
-        load_measurements(path)
-    assert run_cli("convert", path, "--out", out, "--rename", "t=time,q=qm,tau=force") == 0
-    assert load_measurements(out).data_hash == run.data_hash
-    assert run_cli("convert", path, "--out", out, "--rename", "t=time,q=nowhere,tau=force") == 2
-    assert run_cli("convert", path, "--out", out, "--rename", "t") == 2
-    assert (
-        run_cli("convert", path, "--out", out.with_suffix(".xlsx"), "--rename", "t=time,q=qm,tau=force")
-        == 2
-    )
-    savemat(path, {"data": {"t": run.t, "q": run.q, "tau": run.tau}})
-    assert load_measurements(path).data_hash == run.data_hash
-
-
 def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(tmp_path, capsys):
-    """By the verbs that have no --rename themselves too; the command works as it is written."""
-    path, run = tmp_path / "axis.mat", some_run(1)
-    savemat(path, {"t": run.t, "qm": run.q, "force": run.tau})
+    """By the verbs that have no --rename themselves too; the command works as it is written. MATLAB's
+    variables lie along or across."""
+    path, out, run = tmp_path / "axis.mat", tmp_path / "run.csv", some_run(1)
+    savemat(path, {"t": run.t[None, :], "qm": run.q.T, "force": run.tau, "gain": 35.15, "note": "x"})
     assert run_cli("identify", "emps", "--data", path, "--out", tmp_path / "model.json") == 2
     said = capsys.readouterr().err
-    assert "no column q or tau (columns: force, qm, t)" in said
+    assert "no column q or tau (columns: force, gain, qm, t)" in said
     (command,) = re.findall("`sdp-vs-penalty (.*)`", said)
     words = command.replace("q=NAME", "q=qm").replace("tau=NAME", "tau=force").split()
     words[-1] = str(tmp_path / words[-1])
     assert run_cli(*words) == 0
-    same(replace(run, dq=None), load_measurements(tmp_path / "run.csv"))
+    same(replace(run, dq=None), load_measurements(out))
+    for to, names in ((out, "t=t,q=nowhere,tau=force"), (out, "t"), (out.with_suffix(".xlsx"), "q=qm")):
+        assert run_cli("convert", path, "--out", to, "--rename", names) == 2
+    savemat(path, {"data": {"t": run.t, "q": run.q, "tau": run.tau}})
+    assert load_measurements(path).data_hash == run.data_hash
 
 
 @pytest.mark.parametrize("mcap", [False, True])

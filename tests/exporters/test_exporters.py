@@ -31,34 +31,8 @@ from sdp_vs_penalty.signals import Preprocessing
 
 PARITY = 1e-9  # N m
 
-TREE = """<?xml version='1.0' encoding="UTF-8"?>
-<!-- a tree with fixed joints, odd spacing and unknown attributes -->
-<robot name="tree" xmlns:xacro="http://ros.org/wiki/xacro">\r
-  <link name='base'><inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-  <link   name="upper" secret="1 > 0">
-    <inertial extra="kept">
-      <!-- inside -->
-      <origin xyz="0 0 0.1" rpy="0.1 0 0"   unknown='yes'/>
-      <mass value='2.0' />
-      <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/>
-    </inertial>
-    <visual><geometry><mesh filename="package://x/a.dae" scale="1 1 1"/></geometry></visual>
-  </link>
-  <link name="plate"><inertial><origin xyz="0.1 0 0"/><mass value="0.5"/><inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
-  <link name="bare"/>
-  <link name="slider">
-  </link>
-  <link name="tip"><inertial><mass value="0.1"/></inertial></link>
-  <link name="shelf"><inertial><mass value="3"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-  <joint name="turn" type="continuous"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.3" rpy="0 1.5707963267948966 0"/><axis xyz="0 1 0"/><dynamics damping="0.0" friction="0.0"/></joint>
-  <joint name="weld" type="fixed"><parent link="upper"/><child link="plate"/><origin xyz="0.2 0 0" rpy="0 0 0.4"/></joint>
-  <joint name="swing" type="revolute"><parent link="plate"/><child link="bare"/><origin xyz="0.1 0.2 0" rpy="0.3 0.2 0.1"/><axis xyz="1 1 0"/><limit lower="-1" upper="2" effort="10" velocity="3"/></joint>
-  <joint name="slide" type="prismatic"><parent link="upper"/><child link="slider"/><origin xyz="0 0.3 0"/><axis xyz="0 0 1"/><limit lower="-0.5" upper="0.5" effort="10" velocity="3"/></joint>
-  <joint name="weld2" type="fixed"><parent link="slider"/><child link="tip"/><origin xyz="0 0 0.1"/></joint>
-  <joint name="weld3" type="fixed"><parent link="base"/><child link="shelf"/></joint>
-  <gazebo reference="upper"><mu1>0.2</mu1></gazebo>
-</robot>
-"""  # noqa: E501
+#: A tree with fixed joints, odd spacing and line ends, and unknown attributes.
+TREE = Path(__file__).with_name("tree.urdf").read_bytes().decode()
 
 
 def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None = None) -> Estimate:

@@ -1,6 +1,7 @@
 """Joints that follow others (q_tree = B q + b, held against MuJoCo's constraints), and transmissions."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,33 +21,12 @@ from sdp_vs_penalty.robot.joint import SIDES, Transmission
 
 #: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics the first: one
 #: follower is a follower's, one slides where its leader turns, one link says that it has no mass.
-LEVEL = 'joint="bar_joint" multiplier="-1" offset="0.3"'
-FINGER = 'joint="roll_joint" multiplier="0.05" offset="0.01"'
-TREE = (
-    ("lift", "prismatic", "base", "0 0 0.1", "0 0 1", "", 2.0),
-    ("swing", "revolute", "lift", "0.1 0 0.2", "0 1 0", "", 3.0),
-    ("bar", "revolute", "lift", "0.1 0 0.3", "0 1 0", 'joint="swing_joint"', 1.0),
-    ("level", "revolute", "swing", "0.4 0 0", "0 1 0", LEVEL, 1.5),
-    ("roll", "revolute", "level", "0.1 0 0", "1 0 0", "", 0.0),
-    ("left", "prismatic", "roll", "0 0.1 0", "0 1 0", FINGER, 0.4),
-    ("right", "prismatic", "roll", "0 -0.1 0", "0 -1 0", 'joint="left_joint"', 0.4),
-)  # fmt: skip
+LIFT = Path(__file__).with_name("lift.urdf")
 
 
 @pytest.fixture
 def urdf(tmp_path: Path) -> Path:
-    lines = ['<robot name="lift"><link name="base"/>']
-    for name, kind, parent, xyz, axis, mimic, mass in TREE:
-        moments = "".join(f'i{a}{a}="{0.01 * mass}" ' for a in "xyz")
-        inertial = f'<inertial><mass value="{mass}"/><inertia {moments}/></inertial>'
-        limit = '<limit lower="-1" upper="1" velocity="1" effort="50"/>'
-        lines.append(f'<link name="{name}">{inertial}</link><joint name="{name}_joint" type="{kind}">')
-        lines.append(f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{xyz}"/>')
-        follow = f"<mimic {mimic}/>" if mimic else ""
-        lines.append(f'<axis xyz="{axis}"/>{limit}{follow}</joint>')
-    path = tmp_path / "lift.urdf"
-    path.write_text("\n".join([*lines, "</robot>"]))
-    return path
+    return Path(shutil.copy(LIFT, tmp_path))
 
 
 def states(robot: Robot, rows: int = 20) -> np.ndarray:
@@ -92,27 +72,6 @@ def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
         assert np.abs(data.efc_pos).max() < 1e-12  # the constraints hold where we say the tree is
         found = heavy.mechanism.matrix.T @ (data.qfrc_inverse + data.qfrc_constraint)
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-
-
-def test_regressor_mass_matrix_and_derivatives_agree_with_the_dynamics(urdf):
-    robot, _ = load_urdf(urdf)
-    links = some_links(robot)
-    q, dq, ddq = states(robot, 5)
-    torque = robot.inverse_dynamics(links, q, dq, ddq)
-    np.testing.assert_allclose(robot.regressor(q, dq, ddq) @ links.ravel(), torque, atol=1e-9)
-    rest = np.zeros_like(q)
-    gravity = robot.inverse_dynamics(links, q, rest, rest)
-    inertial = robot.inverse_dynamics(links, q, rest, ddq) - gravity
-    mass = robot.mass_matrices(links, q)
-    np.testing.assert_allclose(np.einsum("kij,kj->ki", mass, ddq), inertial, atol=1e-9)
-    for k, derivative in enumerate(robot.inverse_dynamics_derivatives(links, q, dq, ddq)):
-        for j in range(robot.n):
-            step = np.zeros((3, *q.shape))
-            step[k, :, j] = 1e-6
-            after, before = (
-                robot.inverse_dynamics(links, *(np.stack([q, dq, ddq]) + s * step)) for s in (1.0, -1.0)
-            )
-            np.testing.assert_allclose(derivative[:, :, j], (after - before) / 2e-6, atol=1e-5)
 
 
 def test_a_robot_with_followers_is_identified_and_written_back(urdf):

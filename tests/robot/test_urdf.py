@@ -9,70 +9,14 @@ from sdp_vs_penalty import InputError
 from sdp_vs_penalty.robot import load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
 
-
-def inertial(mass: float, xyz: str, rpy: str, six: str) -> str:
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    tensor = " ".join(f'{n}="{v}"' for n, v in zip(names, six.split(), strict=True))
-    origin = f'<origin xyz="{xyz}" rpy="{rpy}"/>'
-    return f'<inertial>{origin}<mass value="{mass}"/><inertia {tensor}/></inertial>'
-
-
 #: A gantry arm: a prismatic base axis, a continuous shoulder, an elbow, a tool behind two fixed joints,
 #: a camera arm as a branch, a fixed pedestal; link "upper" and the camera mount have no inertial.
-ARM = f"""<?xml version="1.0"?>
-<robot name="gantry">
-  <link name="pedestal">{inertial(50, "0 0 0.1", "0 0 0", "1 0 0 1 0 1")}</link>
-  <link name="base_plate">{inertial(9, "0 0 0", "0 0 0", "0.1 0 0 0.1 0 0.1")}</link>
-  <link name="carriage">
-    {inertial(4, "0.05 0.02 -0.1", "0.3 -0.2 0.9", "0.06 0.01 -0.005 0.07 0.004 0.05")}
-  </link>
-  <link name="upper"/>
-  <link name="fore">{inertial(1.5, "0.1 0 0.02", "0 0.4 0", "0.004 0.0005 0 0.02 -0.0002 0.021")}</link>
-  <link name="flange">{inertial(0.4, "0 0.01 0", "0 0 0", "0.0004 0 0 0.0004 0 0.0006")}</link>
-  <link name="tool">
-    {inertial(0.8, "0.02 0 0.06", "1 0.5 -0.3", "0.003 0.0001 0.0002 0.003 0 0.001")}
-  </link>
-  <link name="a_camera">{inertial(0.3, "0 0 0.03", "0 0 0", "0.0005 0 0 0.0005 0 0.0004")}</link>
-  <link name="frame_only"/>
-  <joint name="stand" type="fixed">
-    <parent link="pedestal"/><child link="base_plate"/><origin xyz="0 0.2 0.3" rpy="0.1 0 -0.4"/>
-  </joint>
-  <joint name="rail" type="prismatic">
-    <parent link="base_plate"/><child link="carriage"/><origin xyz="0 0 0.2" rpy="0 0.3 0"/>
-    <axis xyz="1 0.2 0"/><limit lower="-0.5" upper="0.8" effort="300" velocity="1.5"/>
-  </joint>
-  <joint name="shoulder" type="continuous">
-    <parent link="carriage"/><child link="upper"/><origin xyz="0.1 0 0.1" rpy="1.2 0 0"/>
-    <axis xyz="0 0 1"/><limit effort="80" velocity="3"/>
-  </joint>
-  <joint name="elbow" type="revolute">
-    <parent link="upper"/><child link="fore"/><origin xyz="0.3 0 0" rpy="0 0 0.7"/>
-    <axis xyz="0 1 1"/><limit lower="-2" upper="2.2" effort="40" velocity="3"/>
-  </joint>
-  <joint name="bolts" type="fixed">
-    <parent link="fore"/><child link="flange"/><origin xyz="0.25 0 0" rpy="0 1.57 0"/>
-  </joint>
-  <joint name="grip" type="fixed">
-    <parent link="flange"/><child link="tool"/><origin xyz="0 0.01 0.05" rpy="0.2 -0.1 2.0"/>
-  </joint>
-  <joint name="mark" type="fixed"><parent link="tool"/><child link="frame_only"/></joint>
-  <joint name="a_pan" type="revolute">
-    <parent link="carriage"/><child link="a_camera"/><origin xyz="0 0.1 0" rpy="0 0 0"/>
-    <axis xyz="0 0 -1"/><limit lower="-1" upper="1" effort="5" velocity="1"/>
-  </joint>
-</robot>
-"""
+GANTRY = Path(__file__).with_name("gantry.urdf")
+ARM = GANTRY.read_text()
 
 
-@pytest.fixture
-def arm(tmp_path: Path) -> Path:
-    path = tmp_path / "gantry.urdf"
-    path.write_text(ARM)
-    return path
-
-
-def test_joints_come_in_the_order_of_the_file_with_their_limits(arm):
-    robot, _ = load_urdf(arm)
+def test_joints_come_in_the_order_of_the_file_with_their_limits():
+    robot, _ = load_urdf(GANTRY)
     rail, shoulder, elbow, pan = robot.joints
     assert [j.name for j in robot.joints] == ["rail", "shoulder", "elbow", "a_pan"]
     assert [j.kind for j in robot.joints] == ["prismatic", "revolute", "revolute", "revolute"]
@@ -84,8 +28,8 @@ def test_joints_come_in_the_order_of_the_file_with_their_limits(arm):
     assert robot.subtree == ((0, 1, 2, 3), (1, 2), (2,), (3,))
 
 
-def test_torques_equal_those_of_pinocchios_own_parser(arm):
-    robot, theta = load_urdf(arm)
+def test_torques_equal_those_of_pinocchios_own_parser():
+    robot, theta = load_urdf(GANTRY)
     reference = pin.buildModelFromXML(ARM)
     data = reference.createData()
     order = [reference.getJointId(j.name) for j in robot.joints]
