@@ -46,8 +46,7 @@ class Solution:
     """What a solver returned and claims; nothing here is believed before it is certified.
 
     x (m,) primal, z (rows,) dual of A x + s = b with z in K*; claims : "optimal", "inaccurate",
-    "infeasible", "unbounded" or "failed"; status : the solver's own word. seen : the problem as it was
-    rewritten for the solver, with its own x and z: what its tolerances are about; None: ours as it is.
+    "infeasible", "unbounded" or "failed"; status : the solver's own word.
     """
 
     x: Array
@@ -55,7 +54,6 @@ class Solution:
     claims: str
     status: str
     iterations: int
-    seen: tuple[ConicProblem, Array, Array] | None = None
 
     @classmethod
     def none(

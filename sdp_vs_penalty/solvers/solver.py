@@ -85,9 +85,8 @@ class Solver(ABC):
         sent = (full_matrices if self.full_matrices else unchanged)(form.problem)
         found = self.run(sent.problem, self.options(accuracy, variant))
         x, z = sent.back(found.x, found.z)
-        seen = None if form.problem is problem else (form.problem, x, z)
         x, z = form.back(x, z)
-        return replace(found, x=x, z=z, seen=seen)
+        return replace(found, x=x, z=z)
 
     def said(self, x: Array, z: Array, status: str, iterations: float, more: str = "") -> Solution:
         """Its answer with what its status claims; more : words that belong to the status."""

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
-from scipy import sparse
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty import parallel as cluster
@@ -29,7 +28,6 @@ from sdp_vs_penalty.research.shootout.judge import (
     Answer,
     Reference,
     classified,
-    dimacs_error,
     judge,
     reference,
     relative_violation,
@@ -37,7 +35,7 @@ from sdp_vs_penalty.research.shootout.judge import (
 from sdp_vs_penalty.research.shootout.runner import COLUMNS, KEY, Assignment, Results, Shootout, run_one
 from sdp_vs_penalty.research.shootout.work import in_child
 from sdp_vs_penalty.robot import Constraint
-from sdp_vs_penalty.solvers import Cone, ConicProblem, solver
+from sdp_vs_penalty.solvers import solver
 
 CONTESTANTS = contestants()
 SMALL = (
@@ -110,7 +108,7 @@ def test_infeasible_instances_are_proved_infeasible(name):
     known = reference(made)
     assert known.verdict == "infeasible"
     nothing = np.zeros(len(made.task.bound))
-    says = Answer(nothing, "infeasible", "", 1)
+    says = Answer(nothing, "infeasible", "")
     assert judge(made, known, says, 1e-6).kind == "right"
     assert judge(made, known, replace(says, claims="optimal"), 1e-6).kind == "silently_wrong"
     assert judge(made, known, replace(says, claims="unbounded"), 1e-6).kind == "silently_wrong"
@@ -140,23 +138,16 @@ def test_planted_wrong_answers_are_found(two_link, proved, best):
     assert judge(two_link, proved, suboptimal, 0.5).kind == "right"
 
 
-def test_a_chart_of_links_has_the_demands_of_all_other_constraints():
-    """Fulfilled where these are, of either sign; slopes by central differences; it begins inside."""
+def test_a_chart_of_links_begins_inside_and_knows_its_slope():
+    """By central differences, of every variable."""
     made = instance("two_link simulated one-step cones")
-    inside, others = made.interior, [c for c in made.sent if c.cone != "psd"]
-    assert {c.cone for c in others} == {"soc", "nonnegative"}
-    chart, rng, met = Chart(made.sent, inside), np.random.default_rng(0), set()
+    inside, rng = made.interior, np.random.default_rng(0)
+    chart = Chart(made.sent, inside)
     np.testing.assert_allclose(chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12)
-    for spread in (0.01, 0.3, 0.3, 3.0):
-        theta = inside + spread * rng.normal(size=len(inside)) * np.maximum(np.abs(inside), 1e-2)
-        h, slopes = chart.demands(theta)
-        holds = min(float(c.margin(theta)) for c in others) >= 0.0
-        assert (h.min() >= 0.0) == holds
-        met.add(holds)
-        step = 1e-8 * rng.normal(size=len(inside))
-        moved = chart.demands(theta + step)[0] - chart.demands(theta - step)[0]
-        np.testing.assert_allclose(moved, 2.0 * slopes @ step, rtol=1e-3, atol=1e-13)
-    assert met == {True, False}
+    x, gradient = chart.start + 0.3 * rng.normal(size=len(inside)), rng.normal(size=len(inside))
+    steps = 1e-6 * np.eye(len(x))
+    moved = [(chart.theta(x + s)[0] - chart.theta(x - s)[0]) @ gradient / 2e-6 for s in steps]
+    np.testing.assert_allclose(chart.slope(chart.theta(x)[1], gradient), moved, rtol=1e-6, atol=1e-8)
 
 
 def test_what_our_interval_cannot_decide_is_not_called_wrong(two_link, proved, best):
@@ -210,42 +201,6 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
     single = replace(two_link, formulation="gram in float32")
     difference = abs(single.sdp.conic.P - replace(two_link, formulation="gram").sdp.conic.P).max()
     assert difference > 0.0
-
-
-def test_conic_errors_see_each_kind_of_mistake(two_link):
-    """Zero at the optimum; each error by itself, planted; of the entropic problem too."""
-    for made in (two_link, instance("two_link simulated one-step regulariser")):
-        conic = made.sdp.conic
-        answer = solver("clarabel").solve(conic, 1e-10)
-        assert dimacs_error(conic, answer.x, answer.z) < 1e-7
-        nothing = replace(answer, x=np.full_like(answer.x, np.nan))
-        assert dimacs_error(conic, nothing.x, nothing.z) == np.inf
-        shifted = answer.x + 1e-2 * np.random.default_rng(0).normal(size=len(answer.x))
-        for wrong in (
-            replace(answer, z=answer.z + 1e-2),
-            replace(answer, z=answer.z - 1e-2),
-            replace(answer, x=shifted),
-        ):
-            assert dimacs_error(conic, wrong.x, wrong.z) > 1e-4
-
-
-@pytest.mark.parametrize(
-    ("kind", "x", "z", "error"),
-    [
-        ("nonnegative", 1.0, 1.0, 0.0),
-        ("nonnegative", 0.5, 1.0, 0.25),  # s = -1/2 over 1 + |b|
-        ("zero", 0.5, 1.0, 0.25),
-        ("nonnegative", 1.0, 0.4, 0.3),  # 1 - z over 1 + |q|
-        ("nonnegative", 3.0, 1.0, 0.4),  # 3 - 1 over 1 + 3 + 1
-        ("psd", 0.5, 1.0, 0.25),
-        ("soc", 0.5, 1.0, 0.25),
-    ],
-)
-def test_the_conic_error_of_a_line_is_known(kind, x, z, error):
-    """Of min x subject to x - 1 in a cone, whose optimum is 1, with the multiplier 1."""
-    one = sparse.csc_matrix([[-1.0]])
-    line = ConicProblem(0.0 * one, np.ones(1), one, -np.ones(1), (Cone(kind, 1),))
-    assert dimacs_error(line, np.array([x]), np.array([z])) == pytest.approx(error)
 
 
 def test_violations_are_in_units_of_their_own_cones():
@@ -316,7 +271,7 @@ def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
         "problem": problem, "group": "panda", "solver": solver, "settings": "1e-06", "accuracy": 1e-6,
         "claimed": "optimal", "class": "right", "objective_error": 1e-6, "violation": 0.0,
         "lower": 1.0, "upper": 1.0, "attempts": 1, "seconds": 0.1, "hash": "h", "own_gap": np.inf,
-        "dimacs": 1e-7, "version": "1", "machine": "m",
+        "version": "1", "machine": "m",
     }  # fmt: skip
     return row | changes
 
@@ -329,14 +284,13 @@ def test_summary_of_known_runs(tmp_path):
         _run("b", "fast", **{"class": "failed", "claimed": "failed", "seconds": 0.01}),
         _run("a", "liar", **liar, objective_error=0.3), _run("b", "liar", **liar, objective_error=0.2),
     ])  # fmt: skip
-    table = {r["solver"]: r for r in summary.summary_rows(rows, 10.0)}
-    assert table["good"]["success_percent"] == 100.0
-    assert table["fast"]["success_percent"] == 50.0
-    assert table["liar"]["silently_wrong"] == 2
-    assert table["liar"]["objective_error"] == pytest.approx(0.25)
-    assert np.isnan(table["liar"]["own_gap"])
+    table = summary.summary_table(rows, 10.0).set_index("solver")
+    assert table["success_percent"].to_dict() == {"good": 100.0, "fast": 50.0, "liar": 0.0}
+    assert table.loc["liar", "silently_wrong"] == 2
+    assert table.loc["liar", "objective_error"] == pytest.approx(0.25)
+    assert np.isnan(table.loc["liar", "own_gap"])
     expected = np.exp(np.mean(np.log([0.11, 0.41]))) - 0.01
-    assert table["good"]["mean_seconds"] == pytest.approx(expected)
+    assert table.loc["good", "mean_seconds"] == pytest.approx(expected)
     first, second, third = summary.sentences(rows)
     assert "Take good: right on 2 of 2 problems at 1e-06, 0 times silently wrong" in first
     assert "is good: 2 of 2" in second
@@ -366,12 +320,10 @@ def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():
         _run("ill-conditioned a", "other", group="ill-conditioned"),
     ])  # fmt: skip
     table = summary.ranking(rows, 1e-6, 7)
-    assert [(r["solver"], r["right"], r["silently wrong"]) for r in table] == [
-        ("slow", 2, 0),
-        ("prudent", 1, 0),
-        ("quick", 1, 1),
-    ]
-    assert table[0]["seconds"] == pytest.approx(0.2)
+    assert table["solver"].tolist() == ["slow", "prudent", "quick"]
+    assert table["right"].tolist() == [2, 1, 1]
+    assert table["silently wrong"].tolist() == [0, 0, 1]
+    assert table["seconds"][0] == pytest.approx(0.2)
     assert "Take slow: right on 2 of 2 problems of 7 links" in summary.answer(rows)
     assert summary.answer(rows[-2:]) == ""
 

@@ -16,7 +16,7 @@ from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.research.shootout import augmented_lagrangian
 from sdp_vs_penalty.research.shootout.instance import Instance
-from sdp_vs_penalty.research.shootout.judge import Answer, dimacs_error, no_answer
+from sdp_vs_penalty.research.shootout.judge import Answer, no_answer
 from sdp_vs_penalty.solvers import solver_types, through_cvxpy
 from sdp_vs_penalty.solvers.solver import Solver
 from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
@@ -58,8 +58,8 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
     except cp.error.SolverError as error:
         return no_answer(instance, str(error))
     value = np.full(data.R.shape[1], np.nan) if theta.value is None else np.asarray(theta.value)
-    status, stats = f"{problem.status} ({problem.solver_stats.solver_name})", problem.solver_stats
-    return Answer(value, CLAIMS.get(problem.status, "failed"), status, int(stats.num_iters or 0))
+    status = f"{problem.status} ({problem.solver_stats.solver_name})"
+    return Answer(value, CLAIMS.get(problem.status, "failed"), status)
 
 
 def solve_penalty(instance: Instance, accuracy: float) -> Answer:
@@ -71,8 +71,8 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     runs = fit.details["runs"]
     best = min(runs, key=lambda run: run["objective"])
     claims = "optimal" if best["residual"] <= accuracy else "inaccurate"
-    status, steps = f"residual {best['residual']:.1e}", int(best["stages"])
-    return Answer(fit.theta, claims, status, steps, fit.multipliers, attempts=len(runs))
+    status = f"residual {best['residual']:.1e}"
+    return Answer(fit.theta, claims, status, fit.multipliers, attempts=len(runs))
 
 
 _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
@@ -159,15 +159,12 @@ def _conic(solver: Solver, variant: str = "") -> Contestant:
     def solve(instance: Instance, accuracy: float) -> Answer:
         sdp = instance.sdp
         solution = solver.solve(sdp.conic, accuracy, variant)
-        seen, x, z = solution.seen or (sdp.conic, solution.x, solution.z)
         return Answer(
             sdp.theta(solution),
             solution.claims,
             solution.status,
-            solution.iterations,
             instance.constraints.filled(sdp.multipliers(solution)),
             sdp.entropy_slopes(solution),
-            dimacs_error(seen, x, z),
         )
 
     about = f"{solver.name} with the parameter set {variant} of its manual"
@@ -191,12 +188,10 @@ def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest
     except InputError as error:
         return no_answer(instance, error)
     said: list[str] = fit.details["solver_said"]
-    steps = sum(int(word.rpartition("(")[2].rstrip(")")) for word in said)
     return Answer(
         fit.theta,
         "optimal" if gap <= accuracy else "inaccurate",
         f"certified gap {gap:.1e}; " + ", ".join(said),
-        steps,
         fit.multipliers,
         fit.entropy_slopes,
         attempts=len(said),

@@ -2,8 +2,7 @@
 
 ``objective_error``: how far the objective as returned lies from the proved interval, relative to the
 loss; ``violation`` of the constraints as returned, relative to each one's size; beside them the dual gap
-from the contestant's own multipliers, and ``dimacs``, the largest DIMACS error of the conic problem that
-it saw. The classes are those of the table in summary.md.
+from the contestant's own multipliers. The classes are those of the table in summary.md.
 """
 
 from collections.abc import Sequence
@@ -11,7 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
@@ -20,7 +18,6 @@ from sdp_vs_penalty.research.shootout.instance import Instance
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.solvers.certificate import Fit
-from sdp_vs_penalty.solvers.conic import ConicProblem, unsvec
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
@@ -73,20 +70,14 @@ def reference(instance: Instance) -> Reference:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a contestant returned. multipliers : of all convex constraints, or None without a dual.
-
-    dimacs : the largest DIMACS error of the conic problem that the solver saw, rewritten for it; None
-        where no conic problem was sent.
-    attempts : runs that went into it, as far as the contestant starts several.
-    """
+    """What a contestant returned. multipliers : of all convex constraints, or None without a dual;
+    attempts : runs that went into it, as far as the contestant starts several."""
 
     theta: Array
     claims: str
     status: str
-    iterations: int
     multipliers: Sequence[Array] | None = None
     entropy_slopes: Array | None = None
-    dimacs: float | None = None
     attempts: int = 1
 
 
@@ -99,7 +90,6 @@ class Judgement:
     objective_error: float = np.inf
     violation: float = np.inf
     own_gap: float = np.inf
-    dimacs: float = np.inf
     remark: str = ""
 
 
@@ -107,14 +97,13 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
     """Nothing, or a claim of infeasibility where the error proves it."""
     nothing = np.full(len(instance.task.bound), np.nan)
     claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
-    return Answer(nothing, claims, str(error), 0)
+    return Answer(nothing, claims, str(error))
 
 
 def judge(instance: Instance, reference: Reference, answer: Answer, asked: float) -> Judgement:
     """Classify one answer; ``asked`` is the accuracy that was asked for."""
     error, violation = _primal(instance, reference, answer.theta)
-    own = (reference.upper - _dual(instance, answer)) / reference.scale
-    numbers = error, violation, own, np.inf if answer.dimacs is None else answer.dimacs
+    numbers = error, violation, (reference.upper - _dual(instance, answer)) / reference.scale
     if answer.claims in ("failed", "inaccurate"):
         return Judgement(answer.claims, *numbers)
     kind, remark = classified(reference, answer.claims, error, violation, asked)
@@ -159,50 +148,6 @@ def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[flo
     if not np.isfinite(value):  # where the entropy is not defined: the least squares alone
         value = instance.data.loss(theta)
     return max(value - reference.upper, reference.lower - value, 0.0) / reference.scale, violation
-
-
-def dimacs_error(problem: ConicProblem, x: Array, z: Array) -> float:
-    """The largest DIMACS error (Mittelmann, 2003) of a conic solution; infinite for NaN.
-
-    With s = b - A x: the distances of s and z from their cones and stationarity P x + q + A^T z,
-    relative to 1 + the largest entries of b and q, and the gap, relative to 1 + both objectives.
-    """
-    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
-        return np.inf
-    s = problem.b - problem.A @ x
-    force, pull = (problem.P + sparse.triu(problem.P, 1).T) @ x, problem.A.T @ z
-    half = 0.5 * float(x @ force)
-    primal, dual = half + float(problem.q @ x), -half - float(problem.b @ z)
-    stationary = float(np.linalg.norm(force + problem.q + pull))
-    b, q = (1.0 + float(np.abs(x).max(initial=0.0)) for x in (problem.b, problem.q))
-    apart = abs(primal - dual) / (1.0 + abs(primal) + abs(dual))
-    outside = max(_outside(problem, z, dual=True), stationary)
-    return max(_outside(problem, s) / b, outside / q, apart)
-
-
-def _outside(problem: ConicProblem, values: Array, dual: bool = False) -> float:
-    """How far rows lie outside of their cones (or of the dual ones), in the rows' own unit."""
-    worst, start = 0.0, 0
-    for cone in problem.cones:
-        part = values[start : start + cone.rows]
-        start += cone.rows
-        if cone.kind == "zero":
-            worst = max(worst, 0.0 if dual else float(np.abs(part).max(initial=0.0)))
-        elif cone.kind == "exp":
-            worst = max(worst, _outside_exponential(part, dual))
-        elif len(part):
-            shaped = unsvec(part, cone.size) if cone.kind == "psd" else part
-            worst = max(worst, -float(cone_margin(cone.kind, shaped)))
-    return worst
-
-
-def _outside_exponential(v: Array, dual: bool) -> float:
-    """y exp(x / y) <= z with y > 0; dual: -u exp(v / u) <= e w with u < 0; of either as z is missed."""
-    x, y, z = map(float, v)
-    if (x >= 0.0) if dual else (y <= 0.0):
-        return max(x, -y, -z, 0.0)
-    power, size = (y / x - 1.0, -x) if dual else (x / y, y)
-    return max(size * float(np.exp(min(power, 700.0))) - z, 0.0)
 
 
 def _dual(instance: Instance, answer: Answer) -> float:

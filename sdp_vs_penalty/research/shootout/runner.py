@@ -11,8 +11,11 @@ import json
 import os
 import platform
 import resource
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +37,8 @@ COLUMNS: dict[str, type] = (
     dict.fromkeys(("problem", "group", "hash", "solver", "settings"), str)
     | {"accuracy": float}
     | dict.fromkeys(("claimed", "status", "class"), str)
-    | dict.fromkeys(("objective_error", "violation", "own_gap", "dimacs", "lower", "upper"), float)
-    | {"seconds": float, "iterations": int, "attempts": int}
+    | dict.fromkeys(("objective_error", "violation", "own_gap", "lower", "upper"), float)
+    | {"seconds": float, "attempts": int}
     | dict.fromkeys(("version", "machine", "remark"), str)
 )
 #: What makes a run the same run.
@@ -61,9 +64,9 @@ class Results:
         else:
             self._write(pandas.DataFrame(columns=list(COLUMNS)).astype(COLUMNS))
 
-    def add(self, row: Row) -> None:
-        """One more run; it is on the disk when this returns."""
-        new = pandas.DataFrame([{name: row[name] for name in COLUMNS}]).astype(COLUMNS)
+    def add(self, rows: list[Row]) -> None:
+        """More runs; they are on the disk when this returns."""
+        new = pandas.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
         self._write(pandas.concat([self.runs, new], ignore_index=True) if len(self.runs) else new)
 
     def keep(self, current: dict[str, str]) -> int:
@@ -106,33 +109,26 @@ class Assignment:
 
 
 def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
-    """Do a task here; what a worker of any kind calls. {"error": ...} where that is not possible."""
-    try:
-        made = instance(task.problem)
-        if made.hash != task.hash:
-            raise ValueError(
-                f"instance {task.problem!r} has hash {made.hash} here and {task.hash} where the run was "
-                "asked for: use the same version and data on all machines"
-            )
-        # Work that belongs to no contestant: done before the fork, so that children have it.
-        _ = made.interior, made.constraints.groups, made.task.ols
-        if task.solver:
-            return task, list(_runs(task, made))
+    """Do a task here; what a worker of any kind calls. InputError where its instance is another one."""
+    made = instance(task.problem)
+    if made.hash != task.hash:
+        what = f"it is {made.hash} on one machine and {task.hash} on another"
+        remedy = "use the same version and data on all machines"
+        raise InputError(what, remedy, f"instance {task.problem!r}")
+    # Work that belongs to no contestant: done before the fork, so that children have it.
+    _ = made.interior, made.constraints.groups, made.task.ols
+    if not task.solver:
         kind, found, _ = in_child(lambda: reference(made), task.time_limit, task.memory)
         remark = "" if kind == "ended" else f"{kind} {found}".strip()
         found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
         return task, [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
-    except Exception as error:  # an answer must come: the other side waits for it
-        return task, [{"error": f"{type(error).__name__}: {error}"}]
-
-
-def _runs(task: Assignment, made: Instance) -> Iterator[Row]:
     _ = made.sdp if made.sent is not None else None
-    contestant, stopped = contestants()[task.solver], ""
+    contestant, stopped, rows = contestants()[task.solver], "", list[Row]()
     contestant.warm_up()  # what a first use pays for
     for accuracy in task.accuracies:
-        yield (row := run_one(task, contestant, made, accuracy, stopped))
-        stopped = stopped or (row["settings"] if row["class"] == "timeout" else "")
+        rows.append(run_one(task, contestant, made, accuracy, stopped))
+        stopped = stopped or (rows[-1]["settings"] if rows[-1]["class"] == "timeout" else "")
+    return task, rows
 
 
 def run_one(
@@ -155,16 +151,16 @@ def run_one(
     if kind == "ended":
         answer, verdict = found[0], judge(made, task.reference, found[0], asked)
     else:
-        answer, verdict = Answer(np.empty(0), "", found, 0, attempts=0), Judgement(kind, remark=remark)
+        answer, verdict = Answer(np.empty(0), "", found, attempts=0), Judgement(kind, remark=remark)
     row = {"settings": contestant.settings(asked), "accuracy": asked, "class": verdict.kind}
     row |= {"claimed": answer.claims, "status": " ".join(answer.status.split()), "seconds": seconds}
-    return {**asdict(verdict), **row, "iterations": answer.iterations, "attempts": answer.attempts}
+    return {**asdict(verdict), **row, "attempts": answer.attempts}
 
 
 def _processor() -> float:
     """Processor time of this process and of the programs that it ran [s]."""
-    used = [resource.getrusage(x) for x in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(x.ru_utime + x.ru_stime for x in used)
+    programs = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + programs.ru_utime + programs.ru_stime
 
 
 Progress = Callable[[str, int, int], None]
@@ -214,42 +210,36 @@ def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outc
 
     Raises InputError for names that do not exist, and where another shootout writes into the folder.
     """
-    with alone(setup.out):
-        return _run(setup, say)
-
-
-def _run(setup: Shootout, say: Progress) -> Outcome:
     competing, missing = chosen(setup.solvers)
     entries, unmeasured = selected(setup.problems or GROUPS, catalogue().values(), setup.quick)
-    results, notes = Results(setup.out), []
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
-    jobs = setup.jobs or os.cpu_count() or 1
-    references = _references(setup, entries, say, jobs)
-    if dropped := results.keep({name: found["hash"] for name, found in references.items()}):
-        notes.append(f"{dropped} runs of instances that have changed since were dropped")
-    tasks, not_applicable = _pending(setup, entries, competing, references, results)
-    done, total = 0, sum(len(task.accuracies) for task in tasks)
-    groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in competing}
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
-    say("runs", done, total)
-    for task, rows in spread(perform, tasks, setup.scheduler, jobs):
-        assert task.reference is not None
-        about = {name: getattr(task, name) for name in ("problem", "hash", "solver")}
-        about |= {"group": groups[task.problem], "version": versions[task.solver], "machine": machine}
-        about |= {"lower": task.reference.lower, "upper": task.reference.upper}
-        for row in rows:
-            if "error" in row:
-                notes.append(f"{task.problem}, {task.solver}: {row['error']}")
-                continue
-            results.add(row | about)
-            done += 1
-        say(f"{task.solver} on {task.problem}", done, total)
+    with alone(setup.out):
+        results, notes = Results(setup.out), []
+        work = partial(
+            spread, perform, scheduler=setup.scheduler, jobs=setup.jobs or os.cpu_count() or 1
+        )
+        references = _references(setup, entries, say, work)
+        if dropped := results.keep({name: found["hash"] for name, found in references.items()}):
+            notes.append(f"{dropped} runs of instances that have changed since were dropped")
+        tasks, not_applicable = _pending(setup, entries, competing, references, results)
+        done, total = 0, sum(len(task.accuracies) for task in tasks)
+        groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in competing}
+        say("runs", done, total)
+        for task, rows in work(tasks):
+            assert task.reference is not None
+            about = {name: getattr(task, name) for name in ("problem", "hash", "solver")}
+            about |= {"group": groups[task.problem], "version": versions[task.solver]}
+            about |= {"lower": task.reference.lower, "upper": task.reference.upper, "machine": machine}
+            results.add([row | about for row in rows])
+            done += len(rows)
+            say(f"{task.solver} on {task.problem}", done, total)
     return Outcome(results, absent, not_applicable, notes)
 
 
 def _references(
-    setup: Shootout, entries: Sequence[Entry], say: Progress, jobs: int
+    setup: Shootout, entries: Sequence[Entry], say: Progress, work: Callable[..., Any]
 ) -> dict[str, dict[str, Any]]:
     """Each instance's hash and proved interval; kept in references.json beside the runs."""
     path = setup.out / "references.json"
@@ -263,11 +253,7 @@ def _references(
     todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
     tasks = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()]
     say("proving intervals", 0, len(tasks))
-    for done, (task, (reply,)) in enumerate(spread(perform, tasks, setup.scheduler, jobs), start=1):
-        if "error" in reply:
-            what = f"instance {task.problem!r} cannot be used: {reply['error']}"
-            raise InputError(what, "leave it out of --problems")
-        known[task.problem] = reply
+    for done, (task, (known[task.problem],)) in enumerate(work(tasks), start=1):
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
         say(f"proving intervals: {task.problem}", done, len(tasks))
     return {name: known[name] for name in current}
@@ -281,19 +267,17 @@ def _pending(
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
     done, tasks, left_out = set(results.runs[KEY].itertuples(index=False, name=None)), [], []
-    for entry in entries:
-        made = instance(entry.name)
-        known = Reference(**references[entry.name]["reference"])
-        for contestant in competing:
-            if reason := contestant.refuses(made):
-                left_out.append((entry.name, contestant.name, reason))
-                continue
-            # From loose to tight; one for a contestant that cannot be asked.
-            asked = sorted(set(setup.accuracies), reverse=True)
-            asked = asked if contestant.tunable else [contestant.promise]
-            what = entry.name, made.hash, contestant.name
-            new = tuple(a for a in asked if (*what, contestant.settings(a)) not in done)
-            if new:
-                limits = setup.time_limit, setup.memory
-                tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
+    for entry, contestant in product(entries, competing):
+        found = references[entry.name]
+        if reason := contestant.refuses(instance(entry.name)):
+            left_out.append((entry.name, contestant.name, reason))
+            continue
+        # From loose to tight; one for a contestant that cannot be asked.
+        asked = (
+            sorted(set(setup.accuracies), reverse=True) if contestant.tunable else [contestant.promise]
+        )
+        what = entry.name, found["hash"], contestant.name
+        if new := tuple(a for a in asked if (*what, contestant.settings(a)) not in done):
+            limits, known = (setup.time_limit, setup.memory), Reference(**found["reference"])
+            tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
     return tasks, left_out

@@ -10,7 +10,7 @@ accuracy, and a claim of success; or infeasibility, rightly claimed.
 import importlib.util
 import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ from sdp_vs_penalty.formatting import markdown_table, number
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.research.shootout.contestants import contestants
 from sdp_vs_penalty.research.shootout.judge import CLASSES, SLACK
-from sdp_vs_penalty.research.shootout.runner import Row
 
 
 def reached(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
@@ -65,13 +64,12 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     from matplotlib import pyplot as plt
 
     asked = accuracies(runs)
-    alone = runs[~runs["solver"].str.endswith(" certified")]
-    count = alone.groupby("solver")["problem"].nunique()
+    count = runs.groupby("solver")["problem"].nunique()
+    count = count[~count.index.str.endswith(" certified")]
     shown = sorted(count.index[count >= 0.8 * count.max()])
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
-        size = (3.2 * len(asked) + 1.6, 3.4)
         shared: dict[str, Any] = {"sharey": True, "squeeze": False, "layout": "constrained"}
-        figure, (axes,) = plt.subplots(1, len(asked), figsize=size, **shared)
+        figure, (axes,) = plt.subplots(1, len(asked), figsize=(3.2 * len(asked) + 1.6, 3.4), **shared)
         for panel, accuracy in zip(axes, asked, strict=True):
             curves = profile(runs, accuracy)
             for k, solver in enumerate(shown):
@@ -93,53 +91,46 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     return True
 
 
-_HEADINGS = {
-    "success_percent": "right %", "silently_wrong": "silently wrong", "mean_seconds": "time [ms]",
-    "objective_error": "error", "own_gap": "dual gap", "dimacs": "DIMACS",
-}  # fmt: skip
-#: What is told of the answers called optimal: the median, each for itself.
-_FIGURES = ["objective_error", "violation", "own_gap", "dimacs"]
-
-
-def summary_rows(runs: pandas.DataFrame, time_limit: float) -> list[Row]:
-    """One row for each solver and settings: how often right, how often silently wrong, how fast."""
-    ordered = runs.sort_values(["solver", "accuracy"], ascending=[True, False])
-    out = []
-    for (solver, settings), mine in ordered.groupby(["solver", "settings"], sort=False):
-        counts = mine["class"].value_counts().reindex(CLASSES, fill_value=0)
-        times = mine["seconds"].where(mine["class"] == "right", time_limit)
-        claims = mine.loc[mine["claimed"] == "optimal", _FIGURES].replace(np.inf, np.nan)
-        out.append(
-            {
-                "solver": solver,
-                "settings": settings,
-                "runs": len(mine),
-                "success_percent": 100.0 * counts["right"] / len(mine),
-                **counts,
-                "mean_seconds": float(np.exp(np.mean(np.log(times.to_numpy() + 0.01))) - 0.01),
-                **claims.median(),
-                "attempts": f"{mine['attempts'].mean():.1f}",
-                "version": mine["version"].iloc[-1],
-            }
-        )
-    return out
-
-
 def _milliseconds(seconds: float) -> str:
     return number(1e3 * seconds)
 
 
-def _short(name: str, value: object) -> str:
-    if not isinstance(value, float):
-        return str(value)
-    if name == "mean_seconds":
-        return _milliseconds(value)
-    if name == "success_percent":
-        return f"{value:.0f}"
+def _small(value: float) -> str:
     return "-" if np.isnan(value) else f"{value:.1e}"
 
 
-def by_problem(runs: pandas.DataFrame) -> str:
+#: Headings and forms of the summary's columns, where these are not the column's own.
+_SHOWN: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "success_percent": ("right %", "{:.0f}".format),
+    "silently_wrong": ("silently wrong", str),
+    "mean_seconds": ("time [ms]", _milliseconds),
+    "objective_error": ("error", _small),
+    "violation": ("violation", _small),
+    "own_gap": ("dual gap", _small),
+}
+
+
+def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame:
+    """One row for each solver and settings: how often right, how often silently wrong, how fast; of the
+    answers called optimal the median of each figure for itself."""
+    told = runs[["objective_error", "violation", "own_gap"]].where(runs["claimed"] == "optimal")
+    times = runs["seconds"].where(runs["class"] == "right", time_limit)
+    found = runs.assign(**told.replace(np.inf, np.nan), mean_seconds=np.log(times + 0.01))
+    found = found.join(
+        pandas.get_dummies(runs["class"], dtype=int).reindex(columns=CLASSES, fill_value=0)
+    )
+    found = found.sort_values(["solver", "accuracy"], ascending=[True, False])
+    how: dict[str, Any] = {"runs": ("problem", "size"), "success_percent": ("right", "mean")}
+    how |= {name: (name, "sum") for name in CLASSES} | {"mean_seconds": ("mean_seconds", "mean")}
+    how |= {name: (name, "median") for name in told}
+    how |= {"attempts": ("attempts", "mean"), "version": ("version", "last")}
+    table = found.groupby(["solver", "settings"], sort=False, as_index=False).agg(**how)
+    table["success_percent"] *= 100.0
+    table["mean_seconds"] = np.exp(table["mean_seconds"]) - 0.01
+    return table.assign(attempts=table["attempts"].map("{:.1f}".format))
+
+
+def by_problem(runs: pandas.DataFrame) -> list[str]:
     """Markdown: problems down, solvers across, the class at the tightest accuracy asked for.
 
     Beside a wrong answer stands the larger of its error and its violation, both relative.
@@ -149,11 +140,14 @@ def by_problem(runs: pandas.DataFrame) -> str:
     wrong = [f"**WRONG** {x:.0e}" if np.isfinite(x) else "**WRONG**" for x in worst]
     said = np.where(tightest["class"] == "silently_wrong", wrong, tightest["class"])
     grid = tightest.assign(said=said).pivot(index="problem", columns="solver", values="said")
-    grid = grid.fillna("n/a").loc[runs["problem"].unique()].reset_index()
-    return "\n".join(markdown_table(list(grid.columns), grid.to_numpy().tolist())) + "\n"
+    return _markdown(grid.fillna("n/a").loc[runs["problem"].unique()].reset_index())
 
 
-def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -> list[Row]:
+def _markdown(table: pandas.DataFrame) -> list[str]:
+    return markdown_table(list(table.columns), table.astype(str).to_numpy().tolist())
+
+
+def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -> pandas.DataFrame:
     """The contestants, on arms of so many links (None: on everything), those that reach the accuracy
     most often first.
 
@@ -176,14 +170,17 @@ def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -
     )
     table = table.assign(problems=mine["problem"].nunique()).reset_index()
     order = {"by": ["right", "silently wrong", "seconds"], "ascending": [False, True, True]}
-    return table.sort_values(**order, na_position="first", kind="stable").to_dict("records")
+    return table.sort_values(**order, na_position="first", kind="stable", ignore_index=True)
 
 
-def advice(table: Sequence[Row], where: str) -> list[str]:
-    """Sentences from a ranking that is not empty: which solver to take, and whose answers to check."""
-    best, worst = table[0], max(table, key=lambda r: r["silently wrong"])
-    enough = [r for r in table if r["right"] >= 0.9 * best["right"] and not r["silently wrong"]]
-    quick = min(enough, key=lambda r: r["seconds"], default=best)
+def advice(table: pandas.DataFrame, where: str) -> list[str]:
+    """Sentences from a ranking: which solver to take, and whose answers to check."""
+    if table.empty:
+        return []
+    wrong = table["silently wrong"]
+    enough = table[(table["right"] >= 0.9 * table["right"].max()) & (wrong == 0)]
+    best, worst = table.iloc[0], table.loc[wrong.idxmax()]
+    quick = best if enough.empty else enough.sort_values("seconds", kind="stable").iloc[0]
     said = [
         f"Take {best['solver']}: right on {best['right']} of {best['problems']} problems {where}, "
         f"{best['silently wrong']} times silently wrong, {_milliseconds(best['seconds'])} ms (median).",
@@ -199,23 +196,20 @@ def advice(table: Sequence[Row], where: str) -> list[str]:
 
 def answer(runs: pandas.DataFrame, links: int = 7, accuracy: float = 1e-6) -> str:
     """Markdown: which solver for so many links, and why; empty where nothing was run on them."""
-    if not (table := ranking(runs, accuracy, links)):
+    table = ranking(runs, accuracy, links)
+    if not (said := advice(table, f"of {links} links at {accuracy:.0e}")):
         return ""
-    cells = [
-        (r["solver"], *(str(r[k]) for k in ("right", "run", "silently wrong")),
-         _milliseconds(r["seconds"]), f"{r['attempts']:.1f}")
-        for r in table
-    ]  # fmt: skip
-    heads = ("solver", "right", "of problems run", "silently wrong", "median [ms]", "attempts")
-    words = " ".join(advice(table, f"of {links} links at {accuracy:.0e}"))
-    return "\n".join([words, "", *markdown_table(heads, cells)]) + "\n"
+    shown = {"solver": table["solver"], "right": table["right"], "of problems run": table["run"]}
+    shown |= {"silently wrong": table["silently wrong"]}
+    shown |= {"median [ms]": table["seconds"].map(_milliseconds)}
+    shown |= {"attempts": table["attempts"].map("{:.1f}".format)}
+    return "\n".join([" ".join(said), "", *_markdown(pandas.DataFrame(shown))]) + "\n"
 
 
 def sentences(runs: pandas.DataFrame) -> list[str]:
     """Advice from all runs at the tightest accuracy asked for."""
     tightest = accuracies(runs)[-1]
-    table = ranking(runs, tightest)
-    return advice(table, f"at {tightest:.0e}") if table else []
+    return advice(ranking(runs, tightest), f"at {tightest:.0e}")
 
 
 def write_summary(
@@ -226,15 +220,15 @@ def write_summary(
     not_applicable: Sequence[tuple[str, str, str]],
 ) -> list[Path]:
     """summary.md, summary.csv and profile.svg beside runs.csv; the paths written."""
-    table = summary_rows(runs, time_limit)
+    table = summary_table(runs, time_limit)
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
     for (solver, reason), count in sorted(Counter(x[1:] for x in not_applicable).items()):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
     asked = accuracies(runs)
     ran = [c for name, c in contestants().items() if name in runs["solver"].unique()]
     told = [[c.name, c.told(a)] for c in ran if c.tunable for a in dict.fromkeys((asked[0], asked[-1]))]
-    heads = [_HEADINGS.get(h, h) for h in table[0]] if table else []
-    cells = [[_short(h, x) for h, x in row.items()] for row in table]
+    forms = {name: column.map(_SHOWN.get(name, ("", str))[1]) for name, column in table.items()}
+    shown = pandas.DataFrame(forms).rename(columns={name: head for name, (head, _) in _SHOWN.items()})
     text = Path(__file__).with_suffix(".md").read_text()  # a file beside this one
     said = text.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
@@ -242,13 +236,13 @@ def write_summary(
         limit=time_limit,
         answer=answer(runs),
         told="\n".join(markdown_table(["solver", "told"], told)),
-        table="\n".join(markdown_table(heads, cells)),
-        problems=by_problem(runs),
+        table="\n".join(_markdown(shown)),
+        problems="\n".join(by_problem(runs)) + "\n",
         left_out="".join(f"- {line}.\n" for line in missing),
         machines=", ".join(sorted(runs["machine"].unique())),
     )
     paths = [folder / name for name in ("summary.md", "summary.csv")]
     write_text(paths[0], said)
-    write_text(paths[1], pandas.DataFrame(table).to_csv(index=False, lineterminator="\n"))
+    write_text(paths[1], table.to_csv(index=False, lineterminator="\n"))
     picture = folder / "profile.svg"
     return [*paths, picture] if plot_profile(runs, picture) else paths
