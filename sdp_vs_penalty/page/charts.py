@@ -132,17 +132,12 @@ _LOOKS = {1: [("link", COLOURS[0], 0.75)], 2: [("measured", MEASURED, 0.45), ("l
 
 
 def chart_and_arm(
-    view: View,
-    options: Mapping[str, Any],
-    label: str,
-    about: Mapping[str, Any],
-    said: str,
-    arms: int = 1,
+    view: View, label: str, about: Mapping[str, Any], said: str, arms: int = 1
 ) -> tuple[Any, Callable[..., None]]:
-    """A chart over time (``options``, with ``label`` as its text) and beside it :func:`draw_arm`, where
+    """A chart over time, still empty, with ``label`` as its text, and beside it :func:`draw_arm`, where
     there are links to be drawn; returns the chart, and what to call with a recording."""
     with tag("div", style="pair"):
-        drawn = chart(options, label).classes("timed")
+        drawn = chart({}, label).classes("timed")
         move = draw_arm(view, about, said, arms) if about["bodies"] else lambda *_: None
     return drawn, move
 

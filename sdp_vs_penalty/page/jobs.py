@@ -1,28 +1,31 @@
-"""What a worker can be asked to do, beside run_jobs.py: one function a job, from a request to an answer,
-both plain JSON.
+"""What a worker can be asked to do: one function a job, from a request to an answer, both plain JSON.
 
-Every job loads what it needs from files of the session's folder and leaves its models there, so that
-a job that is killed has changed nothing.
+Every job loads what it needs from files of the session's folder and leaves its runs and models there, so
+that a job that is killed has changed nothing.
 """
 
+import io
 import json
 import time
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.cli_parsing import numbers
-from sdp_vs_penalty.data.files import load_measurements, save
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.data.cli_parsing import numbers, pairs, time_windows
+from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
+from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
-from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.drive_torque import driven
@@ -31,19 +34,231 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.known_load import parsed_known_load
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators import with_solver
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.page.run_jobs import Answer, Asked, placed, save_arrays
 from sdp_vs_penalty.parallel import Workers
-from sdp_vs_penalty.problem.load import with_bounds, with_filters
+from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.reports.parameters import caveats, half_axes, link_rows, standard_rows
+from sdp_vs_penalty.reports.plots import POINTS
 from sdp_vs_penalty.reports.sections import JUDGED_HEADS, certificate_rows, judged_row
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
 from sdp_vs_penalty.simulation.follow import follow
+from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, hidden_runs
+
+Answer = dict[str, Any]
+#: Share of a run that is identified from where the rest of it is kept for testing.
+SPLIT = 0.7
+
+
+class Asked(dict[str, Any]):
+    """A request, by its words; progress : hears what is being done."""
+
+    def __init__(self, words: Mapping[str, Any], progress: Progress = no_progress) -> None:
+        super().__init__(words)
+        self.progress, self.begin = progress, time.perf_counter()
+
+    @property
+    def folder(self) -> Path:
+        """The session's own."""
+        return Path(self["folder"])
+
+    @property
+    def problem(self) -> Problem:
+        return load_problem(self["robot"]["source"], self["robot"].get("gravity"))
+
+    @property
+    def model(self) -> Estimate:
+        return load_estimate(self["model"])
+
+    @property
+    def how(self) -> dict[str, Any]:
+        """What several verbs take."""
+        given = {"frozen": self.get("frozen"), "seed": self["seed"], "progress": self.progress}
+        return {name: x for name, x in given.items() if x is not None}
+
+    def number(self, name: str, default: float) -> float:
+        """A number that was written among the options. Raises InputError for another text."""
+        text = self["options"].get(name)
+        return default if text is None else numbers(name.replace("_", " "), text, 1)[0]
+
+    def windowed(self, run: Measurements) -> Measurements:
+        """What the option ``window`` leaves of a run."""
+        return windowed(run, time_windows(self["options"].get("window")))
+
+    @property
+    def runs(self) -> Runs:
+        """The runs for what each is used for, under their shown names.
+
+        A run of use "split" gives part of its motion to the first, the rest to the others.
+        """
+        if not any(run["use"] in ("train", "split") for run in self["runs"]):
+            raise InputError("No run to identify from", "use at least one for it")
+        loaded = load_measurements(*(self.folder / run["file"] for run in self["runs"]))
+        sides: dict[str, list[Measurements]] = {"train": [], "test": [], "load": []}
+        for run, part in zip(self["runs"], loaded.runs(), strict=True):
+            named = replace(part, names=(run["name"],))
+            if run["use"] != "split":
+                sides[run["use"]].append(named)
+                continue
+            for side, windows in run["split"].items():
+                sides[side].append(windowed(named, [(a, b) for a, b in windows]))
+        test = concatenate(sides["test"]) if sides["test"] else None
+        return Runs(concatenate(sides["train"]), test, loaded)
+
+
+def read(asked: Asked) -> Answer:
+    """files : {path, name} of each; those that can be used become runs, the others a sentence each."""
+    problem = asked.problem
+    runs, refused, remarks = list[Answer](), list[str](), list[str]()
+    for file in asked["files"]:
+        asked.progress(f"reading {file['name']}")
+        path = Path(file["path"])
+        try:
+            with warnings.catch_warnings(record=True) as heard:
+                warnings.simplefilter("always", Remark)
+                part = _loaded(asked, problem, path)
+            remarks += [str(w.message) for w in heard if w.category is Remark]
+            for twin in (run for run in (*asked["runs"], *runs) if run["hash"] == part.data_hash):
+                raise InputError(f"holds the same samples as {twin['name']}", "name each run once", path)
+            runs.append(keep(asked, problem, part, file["name"]))
+        except InputError as error:
+            refused.append(str(error))
+    return {"runs": runs, "refused": refused, "remarks": remarks}
+
+
+def _loaded(asked: Asked, problem: Problem, path: Path) -> Measurements:
+    """A run; by the options of `convert` where any is given."""
+    options, names = asked["options"], problem.robot.joint_names
+    if not options:
+        return load_measurements(path, joints=problem.robot.n, names=names)
+    part = convert(
+        path,
+        problem=problem,
+        joints=options["joints"].split(",") if "joints" in options else names,
+        topic=options.get("topic"),
+        rename=pairs("--rename", options.get("rename")),
+        motors=options.get("motors", "motor_side" in options),
+        rate=asked.number("rate", 0.0) or None,
+    )
+    if part.n != problem.robot.n:
+        raise other_robot(part.n, problem.robot.n, path)
+    check_usable(path, part)
+    return part
+
+
+def look_again(asked: Asked) -> Answer:
+    """The runs, checked for the robot as it is now."""
+    problem = asked.problem
+    parts = ((load_measurements(asked.folder / run["file"]), run) for run in asked["runs"])
+    return {"runs": [keep(asked, problem, part, run["name"], run["use"]) for part, run in parts]}
+
+
+def simulate(asked: Asked) -> Answer:
+    """Three runs and one for testing, with an effect hidden in them; the truth is not shown."""
+    problem = asked.problem
+    asked.progress("simulating four runs of 20 s")
+    hidden = [(asked["effect"], [j - 1 for j in asked["joints"]])] * (asked["effect"] != "none")
+    made = hidden_runs(problem, hidden, asked["level"], asked["seed"])
+    named = zip(RUN_FILES, made.runs, strict=True)
+    runs = [keep(asked, problem, part, name) for name, part in named]
+    return {"runs": runs, "effects": made.truth["model_effects"]}
+
+
+def mend(asked: Asked) -> Answer:
+    """What `check --fix` does to one of the runs: its repaired copy, and what was changed."""
+    problem = asked.problem
+    (given,) = (run for run in asked["runs"] if run["file"] == asked["file"])
+    part = replace(load_measurements(asked.folder / given["file"]), names=(given["name"],))
+    asked.progress(f"repairing {given['name']}")
+    (report,) = check(problem, part, thorough=False)
+    name = f"{Path(given['name']).stem}_fixed.csv"
+    made = keep(asked, problem, report.fixed, name, use=given["use"])
+    return {"run": made, "changes": report.changes(given["name"]).splitlines()}
+
+
+def keep(
+    asked: Asked, problem: Problem, part: Measurements, name: str, use: str = "train"
+) -> dict[str, Any]:
+    """Write a run into the session's folder; what the page shows of it.
+
+    split : the windows of the use "split", by phase where the motion repeats, None where it does so too
+    fast.
+    """
+    asked.progress(f"checking {name}")
+    part = replace(concatenate([part]), names=(name,))
+    (found,) = check(problem, part, thorough=False)
+    file, view = (f"{what}-{part.data_hash[:16]}.npz" for what in ("run", "view"))
+    save(part, asked.folder / file)
+    save_arrays(asked.folder / view, _preview(problem, part, found.mended))
+    seconds = float(part.t[-1] - part.t[0])
+    return {
+        "file": file,
+        "view": view,
+        "name": name,
+        "use": use,
+        "hash": part.data_hash,
+        "samples": part.samples,
+        "seconds": seconds,
+        "split": _split(problem, part),
+        "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
+        "findings": [{**f.to_dict(), "gravity": f.gravity} for f in found.problems],
+    }
+
+
+def _preview(problem: Problem, part: Measurements, mended: Measurements) -> dict[str, Any]:
+    """What the page shows of a run at once: t, q, dq, tau at some instants, the positions and torques
+    that the check would put there (NaN where it changes nothing), and the arm's poses."""
+    raw, there = (np.hstack([run.q, run.tau]) for run in (part, mended))
+    if len(there) != len(raw):  # rows that were left out come between their neighbours
+        ordered = np.all(np.diff(mended.t) > 0.0)
+        there = np.column_stack([np.interp(part.t, mended.t, x) for x in there.T]) if ordered else raw
+    # What a picture shows of it.
+    changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
+    repaired = np.where(changed, there, np.nan)
+    few = np.linspace(0, len(part.t) - 1, POINTS).astype(int)
+    rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
+    k, n = np.unique(np.concatenate([few, rare[:: 1 + len(rare) // POINTS]])), part.n
+    dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
+    arrays = {"t": part.t[k], "q": part.q[k], "dq": dq[k], "torque": part.tau[k]}
+    arrays |= {"repaired_q": repaired[k, :n], "repaired_torque": repaired[k, n:]}
+    arrays["tf"], arrays["poses"] = placed(problem.robot, part.t, part.q)
+    return arrays
+
+
+def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, float]]] | None:
+    """Windows to identify from and to test on, rounded so that a command can name them."""
+    try:
+        settings = problem.preprocessing.resolve(part)
+        reach = filter_reach(part, settings)  # half of it lies between: no filter sees both
+    except InputError:  # no motion: the check says so
+        return None
+    (clock,) = motion_clocks(tracks_of(part))
+    windows = phase_windows(clock, float(part.t[-1] - part.t[0]), SPLIT, 0.5 * reach, 1.5 * reach)
+    if windows is None:
+        return None
+    rounded = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
+    return dict(zip(("train", "test"), rounded, strict=True))
+
+
+def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
+    """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the poses there, between
+    which the page interpolates."""
+    keep = np.unique(np.linspace(0, len(t) - 1, 160).astype(int))
+    return t[keep], robot.poses(robot.tree_state(q[keep])[0]).astype(np.float32)
+
+
+def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
+    """As .npz, whole or not at all."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    write_bytes(file, buffer.getvalue())
 
 
 def robot(asked: Asked) -> Answer:
@@ -72,21 +287,19 @@ def robot(asked: Asked) -> Answer:
 
 def fit(asked: Asked) -> Answer:
     """Identify a model and look where it fails."""
-    runs, options = asked.runs, asked["options"]
+    options = asked["options"]
     bounded = with_bounds(asked.problem, options.get("bounds"))
-    begin = time.perf_counter()
     estimate = identify(
         with_filters(bounded, options.get("filters")),
-        asked.windowed(runs.train),
+        asked.windowed(asked.runs.train),
         with_solver(asked["method"], options.get("solver")),
         effects=asked["effects"],
-        seed=asked.seed,
-        progress=asked.progress,
         gain_uncertainty=asked.number("gain_uncertainty", 0.0),
         known_loads=_known_loads(asked, options.get("known_load")),
         workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),
+        **asked.how,
     )
-    return summary(asked, estimate, begin)
+    return summary(asked, estimate)
 
 
 def _known_loads(asked: Asked, text: str | None) -> list[tuple[str, float]]:
@@ -106,21 +319,18 @@ def open_model(asked: Asked) -> Answer:
     train, estimate = asked.runs.train, asked.model
     if estimate.robot.n != train.n:
         raise other_robot(train.n, estimate.robot.n, asked["model"], "model")
-    return summary(asked, estimate, time.perf_counter())
+    return summary(asked, estimate)
 
 
 def extend(asked: Asked) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
-    train, model, begin = asked.runs.train, asked.model, time.perf_counter()
-    how: dict[str, Any] = {"frozen": asked["frozen"], "seed": asked.seed, "progress": asked.progress}
-    return summary(asked, add(model, asked["effect"], train, **how), begin)
+    return summary(asked, add(asked.model, asked["effect"], asked.runs.train, **asked.how))
 
 
 def find(asked: Asked) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
     runs, model = asked.runs, asked.model
-    how: dict[str, Any] = {"frozen": asked["frozen"], "seed": asked.seed, "progress": asked.progress}
-    result = diagnose(model, runs.train, runs.test, noise_from=runs.whole, **how)
+    result = diagnose(model, runs.train, runs.test, noise_from=runs.whole, **asked.how)
     curves = [curve.effect(model.robot).text for curve in result.curves]
     return {"diagnosis": result.to_dict(), "curves": curves}
 
@@ -133,11 +343,8 @@ def methods(asked: Asked) -> Answer:
         raise InputError("No method is chosen", "choose at least one to compare")
     rows = []
     for name in asked["methods"]:
-        given: dict[str, Any] = {
-            "effects": current.model.effects,
-            "seed": asked.seed,
-            "progress": lambda text, name=name: asked.progress(f"{name}: {text}"),
-        }
+        given: dict[str, Any] = {"effects": current.model.effects, **asked.how}
+        given["progress"] = lambda text, name=name: asked.progress(f"{name}: {text}")
         try:
             made = identify(current.problem, train, name, **given)
             folds = asked["folds"] and cross_validate(current.problem, train, name, **given)
@@ -172,7 +379,7 @@ def take(asked: Asked) -> Answer:
         x, y, z = numbers("flange", asked.get("flange") or "0,0,0", 3)
         lost = export(asked.model, out, given, flange=(x, y, z))
     said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
-    return {"files": [name], "notice": [said] if lost else []}
+    return {"notice": [said] if lost else []}
 
 
 def forward(asked: Asked) -> Answer:
@@ -182,7 +389,7 @@ def forward(asked: Asked) -> Answer:
     (F, 2 joints, 4, 4), the measured arm before the simulated one.
     """
     estimate, drive = asked.model, asked["drive"]
-    made = follow(estimate, asked.runs.judge, drive=drive, seed=asked.seed, progress=asked.progress)
+    made = follow(estimate, asked.runs.judge, drive=drive, **asked.how)
     files = [f"forward-{made.drive}-{k}.npz" for k in range(len(made.free))]
     for file, free in zip(files, made.free, strict=True):
         both, t = (free.measured, free.simulated.q), free.simulated.t
@@ -238,14 +445,14 @@ def _named(runs: Sequence[Measurements]) -> list[str]:
     return [n + part * (names.count(n) > 1) for n, part in zip(names, parts, strict=True)]
 
 
-def summary(asked: Asked, estimate: Estimate, begin: float) -> Answer:
+def summary(asked: Asked, estimate: Estimate) -> Answer:
     """Save a model at ``out`` and its curves beside it; judge it on the runs: what makes a session's
-    ModelStep. begin : when its identification began.
+    ModelStep.
 
     Curves, an .npz a run, training runs first: t, torque, modelled, its motion q, dq, ddq, and tf (F,),
     poses (F, joints, 4, 4) of some instants for the 3D view.
     """
-    seconds, given, out = time.perf_counter() - begin, asked.runs, Path(asked["out"])
+    seconds, given, out = time.perf_counter() - asked.begin, asked.runs, Path(asked["out"])
     asked.progress("comparing measured with modelled")
     comparison = compare({"model": estimate}, given.judge, noise_from=given.whole)[0]
     (arm, judge), (_, train) = driven(estimate, given.judge), driven(estimate, given.train)

@@ -16,7 +16,7 @@ from typing import Annotated
 
 import uvicorn
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
-from fastapi.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse
+from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
 from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import ClientDisconnect
@@ -28,11 +28,9 @@ from sdp_vs_penalty.page.sessions import SILENCE, Sessions, receive, shown_name
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
-from sdp_vs_penalty.page.worker import WorkerPool, internal_error
+from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.reports.markup import LOOK as PICTURES
 
-#: Tried first, so that the page can be bookmarked.
-PORT = 8137
 _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
 _SHOWN = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
@@ -43,15 +41,20 @@ _LOOK = f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text()}<
 def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) -> None:
     """Serve the page to this computer until it is interrupted, to whoever has the printed address.
 
-    folder : whose runs and URDFs the page offers; port : None for the usual one, or any other that
-    is free where that is taken; forms : by what they are for, options of the command line that the page
-    offers. Raises InputError for a folder that is none or a port that is taken.
+    folder : whose runs and URDFs the page offers; port : None for any that is free; forms : by what they
+    are for, options of the command line that the page offers. Raises InputError for a folder that is
+    none or a port that is taken.
     """
     if folder is not None and not folder.is_dir():
         raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
-    listener = _listen(port)
+    try:  # listening: the browser may knock before the server answers
+        listener = socket.create_server(("127.0.0.1", port or 0), backlog=128)
+    except OSError as error:
+        taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
+        raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
     chosen = listener.getsockname()[1]
     sessions = Sessions(WorkerPool())
+    os.environ["TMPDIR"] = str(sessions.root)  # for what workers keep while they work
     key = secrets.token_urlsafe(24)
     address = f"http://127.0.0.1:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
@@ -82,32 +85,16 @@ def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) ->
         gc.freeze()  # going through all objects once more takes Python a second
 
 
-def _listen(port: int | None) -> socket.socket:
-    """A listening socket; the browser may knock before the server answers."""
-    try:
-        return socket.create_server(("127.0.0.1", PORT if port is None else port), backlog=128)
-    except OSError as error:
-        if port is None:
-            return _listen(0)
-        taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
-        raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
-
-
-async def _session_of(token: str, request: Request) -> Session:
-    session: Session | None = request.app.state.sessions.get(token)
-    if session is None:
-        raise HTTPException(404, "This page has ended: open a new one.")
-    return session
-
-
-#: The session that an address names; 404 where there is none.
-Named = Annotated[Session, Depends(_session_of)]
-
-
 def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     """The addresses: / finds or makes a session, /s/<its secret name> shows it."""
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    app.state.sessions = sessions
+
+    def named(token: str) -> Session:
+        if (session := sessions.get(token)) is None:
+            raise HTTPException(404, "This page has ended: open a new one.")
+        return session
+
+    Named = Annotated[Session, Depends(named)]
 
     @app.get("/")
     @app.get("/new")
@@ -123,7 +110,7 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
 
     @app.put("/s/{token}/files")
     async def _receive(session: Named, request: Request, name: str, kind: str) -> Response:
-        return await _keep(session, request, name, kind)
+        return Response(status_code=await keep(session, request, name, kind))
 
     @app.post("/s/{token}/sent")
     async def _sent(session: Named) -> None:
@@ -131,7 +118,7 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
 
     @app.get("/s/{token}/take/{name}")
     async def _take(session: Named, name: str) -> Response:
-        if name not in session.made or not (session.folder / name).is_file():
+        if name not in os.listdir(session.folder):
             raise HTTPException(404, "There is no such file.")
         return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
 
@@ -142,10 +129,8 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
         client = ui.context.client
         ui.add_head_html(_LOOK)
         bench = Workbench(View(session, folder, client, forms))
-        bench.build()
-        client.on_delete(bench.close)
-        client.on_delete(lambda: sessions.leave(session))
-        client.on_exception(lambda error: session.say(internal_error(error)))
+        client.on_delete(lambda: session.left(bench))
+        client.on_exception(lambda error: session.say(sentence(error)))
         return None
 
     ui.run_with(
@@ -160,30 +145,30 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     return app
 
 
-async def _keep(session: Session, request: Request, given: str, kind: str) -> Response:
+async def keep(session: Session, request: Request, given: str, kind: str) -> int:
+    """Receive a dropped file and do what it was dropped for; the status to answer."""
     name, length = shown_name(given), request.headers.get("content-length", "")
     try:
-        if kind != "runs" and session.busy:
-            raise InputError(
-                "a job is running", "wait until it is done or cancel it, then drop the file again", name
-            )
+        if kind != "runs" and session.task is not None:
+            what, remedy = "a job is running", "wait until it is done or cancel it, then drop it again"
+            raise InputError(what, remedy, name)
         if not length.isdigit():
             raise InputError("its size is not announced", "send a Content-Length", name)
         path = await receive(session.folder, name, int(length), request.stream(), kind)
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too
-        return JSONResponse({}, 400)
-    except (InputError, OSError) as error:
-        said, status = str(error), 400
-        if isinstance(error, OSError):
-            said, status = f"{name}: cannot be stored ({error.strerror}): free disk space.", 507
-        session.say(said)
-        return JSONResponse({"error": said}, status)
-    if kind == "robot":
-        session.choose_robot(str(path), name)
-    elif kind == "model":
-        session.open_model(str(path), name)
-    else:
+        return 400
+    except InputError as error:
+        session.say(str(error))
+        return 400
+    except OSError as error:
+        session.say(f"{name}: cannot be stored ({error.strerror}): free disk space.")
+        return 507
+    if kind == "runs":
         while name in session.arrived:
             name = f"{Path(name).stem} again{Path(name).suffix}"
         session.arrived[name] = path
-    return JSONResponse({})
+    elif kind == "robot":
+        session.start(session.choose_robot, str(path), name)
+    else:
+        session.start(session.open_model, str(path), name)
+    return 200

@@ -94,7 +94,6 @@ class Sessions:
                 if number.isdigit() and not lives(int(number)) and left.lstat().st_uid == os.getuid():
                     shutil.rmtree(left, ignore_errors=True)
         self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
-        pool.temporary = self.root
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:
@@ -119,12 +118,6 @@ class Sessions:
         session = self._all.get(token or "")
         return None if session is None or any(w.present for w in session.watchers) else session
 
-    def leave(self, session: Session) -> None:
-        """A tab was closed: what it was doing ends with the last one that shows it."""
-        if not session.watchers:
-            session.left_at = time.monotonic()
-            session.rest()
-
     def close(self) -> None:
         """End the workers, and remove all files."""
         self.pool.close()
@@ -132,15 +125,12 @@ class Sessions:
 
     def _forget_old(self) -> None:
         closed = sorted((s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at)
-        now = time.monotonic()
-        for k, session in enumerate(closed):
-            # On a busy computer many tabs lose their connection at once, and come back.
-            if k >= MOST and now - session.left_at > SILENCE:
-                session.cancel()
-                del self._all[session.token]
-                shutil.rmtree(session.folder, ignore_errors=True)
+        for session in closed[MOST:]:
+            del self._all[session.token]
+            shutil.rmtree(session.folder, ignore_errors=True)
 
 
 def _open(session: Session) -> bool:
-    """Whether a tab shows it, or may be about to."""
-    return bool(session.watchers) or (not session.shown and time.monotonic() - session.left_at < SILENCE)
+    """Whether a tab shows it, or may be about to: on a busy computer many tabs lose their connection at
+    once, and come back."""
+    return bool(session.watchers) or time.monotonic() - session.left_at < SILENCE

@@ -4,12 +4,11 @@ from argparse import Action
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from nicegui import ui
 from nicegui.client import Client
 
-from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 
@@ -75,18 +74,12 @@ class View:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a stage has come to, in a sentence; level : its colour, "" for none; word : what it begins
-    with. Only estimation/verdict.py grades a model (:func:`identified`)."""
+    """What a stage has come to, in a sentence; level : its colour, good, usable, bad or "" for none;
+    word : what it begins with. Only estimation/verdict.py grades a model (:func:`identified`)."""
 
-    level: Literal["good", "usable", "bad", ""]
+    level: str
     text: str
     word: str = ""
-
-
-#: The colours of the grades.
-_COLOURS: dict[str, Literal["good", "usable", "bad"]] = {
-    "good": "good", "usable": "usable", "do not use": "bad",
-}  # fmt: skip
 
 
 def identified(session: Session) -> Verdict | None:
@@ -94,7 +87,9 @@ def identified(session: Session) -> Verdict | None:
     if session.model is None:
         return None
     said = session.model.comparison["verdict"]
-    return Verdict(_COLOURS[said["grade"]], spoken(said["lines"][0]["text"]), said["grade"].capitalize())
+    grade = said["grade"]
+    level = "bad" if grade == "do not use" else grade
+    return Verdict(level, spoken(said["lines"][0]["text"]), grade.capitalize())
 
 
 def spoken(text: str) -> str:
@@ -104,11 +99,6 @@ def spoken(text: str) -> str:
     'Torque beyond the noise; Diagnose names causes.'
     """
     return text.replace("`diagnose`", "Diagnose").replace("`", "")
-
-
-def method_names() -> dict[str, str]:
-    """The methods that take measurements, with what they are."""
-    return {name: k.description for name, k in estimator_types().items() if not k.needs_black_box}
 
 
 def _nothing(session: Session) -> None:

@@ -259,24 +259,18 @@ def test_what_cannot_be_chosen_is_said(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "kind", ["one run, split", "simulated", pytest.param("real", marks=pytest.mark.real_data)]
-)
+@pytest.mark.parametrize("kind", ["one run, split", "simulated"])
 def test_the_pages_commands_make_the_pages_models(kind, sessions, run, tmp_path):
-    """A URDF that is called like a built-in robot, and the Panda; the same models to the last bit."""
+    """A URDF that is called like a built-in robot; the same models to the last bit."""
     path = write_urdf(tmp_path / "my arm.urdf", "two_link", HEAVY)
     save(small_run(load_problem(path), seconds=20.0), tmp_path / "my run.csv")
-
-    source = (str(path), path.name) if kind != "real" else ("panda",)
     s = sessions.new()
-    do(s, lambda: s.choose_robot(*source))
-    if kind == "real":
-        do(s, s.real)
-    elif kind == "simulated":
+    do(s, lambda: s.choose_robot(str(path), path.name))
+    if kind == "simulated":
         do(s, lambda: s.simulate("joint_spring", [2], "strong", 7))
     else:
         s.arrived["my run.csv"] = tmp_path / "my run.csv"
-        do(s, s.read_arrived)
+        do(s, s.read_files)
         assert [r["use"] for r in s.runs] == ["split"]
     do(s, s.identify, lambda: s.add(["joint_spring:2"]), lambda: s.add(["payload"]))
     commands = s.commands()

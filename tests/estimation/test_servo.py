@@ -28,8 +28,7 @@ from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.page.jobs import summary
-from sdp_vs_penalty.page.run_jobs import Asked
+from sdp_vs_penalty.page.jobs import Asked, summary
 from sdp_vs_penalty.signals import Preprocessing
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
@@ -277,7 +276,7 @@ def test_report_and_page_show_the_torque_that_the_servos_make(found, tmp_path):
     test, truth = log(seed=3), log(seed=3, torque=True)
     given = Runs(log(), test, concatenate([log(), test]))
     asked = type("AskedOfRuns", (Asked,), {"runs": given})({"out": tmp_path / "model.json"})
-    shown = summary(asked, found, 0.0)
+    shown = summary(asked, found)
     assert shown["servo"]
     with np.load(tmp_path / "model-1.npz") as read:  # the second of its runs
         t, torque, modelled = read["t"], read["torque"][:, 0], read["modelled"][:, 0]

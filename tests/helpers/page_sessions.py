@@ -1,7 +1,7 @@
 """Sessions of the page without a browser."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,16 @@ from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 
 
-async def finish(session: Session, act: Callable[[], None]) -> None:
+async def finish(session: Session, act: Callable[[], Coroutine[Any, Any, None]]) -> None:
     """Do something and wait until its job is done; a sentence about an error fails the test."""
-    act()
+    session.start(act)
     assert session.task is not None
     await asyncio.wait([session.task])
     if session.notice is not None and session.notice.error:
         raise InputError(" ".join(session.notice.texts))
 
 
-def do(session: Session, *deeds: Callable[[], None]) -> None:
+def do(session: Session, *deeds: Callable[[], Coroutine[Any, Any, None]]) -> None:
     for deed in deeds:
         asyncio.run(finish(session, deed))
 
@@ -31,7 +31,7 @@ def opened(sessions: Sessions, robot: str, **files: Path) -> Session:
     do(s, lambda: s.choose_robot(robot))
     if files:
         s.arrived.update(files)
-        do(s, s.read_arrived)
+        do(s, s.read_files)
     return s
 
 

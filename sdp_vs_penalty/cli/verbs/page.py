@@ -15,7 +15,7 @@ def verb(
     Example: sdp-vs-penalty page measurements --port 8200 --no-browser
 
     folder [FOLDER]: Folder whose runs and URDF files the page offers.
-    --port >=1 <=65535: Port; default: 8137, or a free one.
+    --port >=1 <=65535: Port; default: a free one.
     --browser/--no-browser: Browser window on the page.
     """
     try:

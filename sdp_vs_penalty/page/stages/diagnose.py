@@ -47,7 +47,12 @@ def findings(view: View) -> None:
     session, found = view.session, view.session.findings
     with draw.tag("div", style="row"):
         again = "Diagnose" if found is None else "Diagnose again"
-        draw.button(again, session.diagnose, "diagnose", "primary" if found is None else "")
+        draw.button(
+            again,
+            partial(session.start, session.diagnose),
+            "diagnose",
+            "primary" if found is None else "",
+        )
         said = "Keep the model fixed (the only way to see a payload)"
         draw.check(said, session.frozen, partial(setattr, session, "frozen"), "frozen")
     _by_hand(view)
@@ -64,7 +69,9 @@ def findings(view: View) -> None:
             _card(view, found, k, finding.text in added)
     _curves(view, found)
     if len(sure) > 1:
-        draw.button(f"Add the {len(sure)} confident ones", lambda: session.add(sure), "add-all")
+        draw.button(
+            f"Add the {len(sure)} confident ones", partial(session.start, session.add, sure), "add-all"
+        )
     _rest(found)
 
 
@@ -104,7 +111,7 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             draw.tag("p", "Added to the model.", "chosen")
         else:
             name = f"Add {draw.plain_name(finding.effect)} on {_where(finding.joints)}"
-            first, add = "primary" if k == 0 else "", partial(session.add, [finding.text])
+            first, add = "primary" if k == 0 else "", partial(session.start, session.add, [finding.text])
             draw.button("Add", add, f"add-{k}", first, aria_label=name)
 
 
@@ -125,7 +132,7 @@ def _curves(view: View, found: Diagnosis) -> None:
             if text in session.added:
                 draw.tag("p", "Added to the model.", "chosen")
             else:
-                draw.button("Add", partial(session.add, [text]), f"add-curve-{k}")
+                draw.button("Add", partial(session.start, session.add, [text]), f"add-curve-{k}")
 
 
 def _by_hand(view: View) -> None:
@@ -136,7 +143,7 @@ def _by_hand(view: View) -> None:
         draw.text_field(
             said, "", partial(written.__setitem__, 0), "add-text", "payload", style="field wide-field"
         )
-        draw.button("Add it", partial(view.session.add, written), "add-by-hand")
+        draw.button("Add it", partial(view.session.start, view.session.add, written), "add-by-hand")
 
 
 def _rest(found: Diagnosis) -> None:

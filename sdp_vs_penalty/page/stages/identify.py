@@ -12,11 +12,12 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import new_motion
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.session import ModelStep, Session
-from sdp_vs_penalty.page.view import Stage, View, after_model, identified, method_names, part, spoken
+from sdp_vs_penalty.page.view import Stage, View, after_model, identified, part, spoken
 from sdp_vs_penalty.reports import markup
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
@@ -36,6 +37,11 @@ def model(view: View) -> None:
     again = "Effects, method, options: identify again"
     with nullcontext() if view.session.model is None else draw.details(again, "model-form"):
         _form(view)
+
+
+def _methods() -> dict[str, str]:
+    """Those that take measurements, with what they are."""
+    return {name: k.description for name, k in estimator_types().items() if not k.needs_black_box}
 
 
 def _form(view: View) -> None:
@@ -64,14 +70,14 @@ def _form(view: View) -> None:
             boxes(rest)
 
     with draw.tag("div", style="fields method"):
-        options = [(name, f"{name}: {said}") for name, said in method_names().items()]
+        options = [(name, f"{name}: {said}") for name, said in _methods().items()]
         draw.choice("Method", options, session.method, partial(setattr, session, "method"), "method")
         draw.number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
     _options(view)
     if session.meaningless:
         anyway = partial(setattr, session, "anyway")
         draw.check("Identify anyway (data check failed)", session.anyway, anyway, "anyway")
-    draw.button("Identify", session.identify, "identify", "primary")
+    draw.button("Identify", partial(session.start, session.identify), "identify", "primary")
     with draw.details("Or continue from a model.json", "open-model"):
         draw.note(
             "A model identified earlier, possibly from other runs: kept fixed, it shows what has "
@@ -117,24 +123,23 @@ def fit(view: View) -> None:
     first = session.history[0].comparison
     floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
     after = comparison["rmse"] if len(session.history) > 1 else None
-    parts: dict[str, Any] = {}
-    parts["bars"] = ui.html("", sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
+    bars = ui.html("", sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
     draw.note("Click a joint to see it below.")
     _figures(model)
     with draw.tag("div", style="pick"):
         names = [(name, name) for name in model.runs]
         draw.choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
-
-    def torques() -> dict[str, Any]:
-        modelled = {step.label: session.recording(step, view.run)["modelled"] for step in steps}
-        read = session.recording(model, view.run)
-        run = Curves(read["t"], read["torque"], modelled)
-        return charts.torque_chart(run, view.joint or 0, units, view.span, _stretches(view, model))
-
-    def against() -> dict[str, Any]:
-        j, reads = view.joint or 0, [session.recording(step, view.run) for step in steps]
-        noise = comparison["noise_floor"][j]
-        return charts.residual_chart(reads, j, view.signal, units[j], noise, view.span)
+    label, said = "Measured and modelled torque, and the residual", "redder: larger torque error"
+    chart, move = charts.chart_and_arm(view, label, model.about, said)
+    legend = ui.html("", sanitize=False)
+    words = draw.tag("p", "", "words")
+    if model.failures:
+        found = session.findings if session.found_for == len(session.history) else None
+        _heat(view, model.failures, found)
+    with draw.tag("div", style="pick"):
+        signals = list(SIGNALS.items())
+        draw.choice("Error against", signals, view.signal, lambda name: view.look(signal=name), "signal")
+    against = draw.chart({}, "Error of the joint against a signal")
 
     def zoom(event: Any) -> None:
         span = charts.asked_span(event.args)
@@ -142,28 +147,19 @@ def fit(view: View) -> None:
             view.look(span=span)
 
     def follow() -> None:
-        j = view.joint or 0
-        parts["bars"].content = markup.bars(first["rmse"], after, floor, units, chosen=j)
-        parts["chart"].update_figure(torques())
-        parts["against"].update_figure(against())
-        causes = {cause for *_, cause in _stretches(view, model)}
-        parts["legend"].content = markup.legend([cause for cause in markup.SHADES if cause in causes])
-        parts["words"].text = _words(model, j, units[j])
-        read = session.recording(model, view.run)
-        parts["arm"](view.run, read, charts.torque_errors(model, read))
+        j, reads = view.joint or 0, [session.recording(step, view.run) for step in steps]
+        read, noise = reads[-1], comparison["noise_floor"][j]
+        modelled = {step.label: r["modelled"] for step, r in zip(steps, reads, strict=True)}
+        failing = _stretches(model, view.run, j, float(read["t"][0]))
+        run, causes = Curves(read["t"], read["torque"], modelled), {cause for *_, cause in failing}
+        bars.content = markup.bars(first["rmse"], after, floor, units, chosen=j)
+        chart.update_figure(charts.torque_chart(run, j, units, view.span, failing))
+        against.update_figure(charts.residual_chart(reads, j, view.signal, units[j], noise, view.span))
+        legend.content = markup.legend([cause for cause in markup.SHADES if cause in causes])
+        words.text = _words(model, j, units[j])
+        move(view.run, read, charts.torque_errors(model, read))
 
-    label, said = "Measured and modelled torque, and the residual", "redder: larger torque error"
-    parts["chart"], parts["arm"] = charts.chart_and_arm(view, torques(), label, model.about, said)
-    parts["chart"].on("plotly_relayout", zoom)
-    parts["legend"] = ui.html("", sanitize=False)
-    parts["words"] = draw.tag("p", "", "words")
-    if model.failures:
-        found = session.findings if session.found_for == len(session.history) else None
-        _heat(view, model.failures, found)
-    with draw.tag("div", style="pick"):
-        signals = list(SIGNALS.items())
-        draw.choice("Error against", signals, view.signal, lambda name: view.look(signal=name), "signal")
-    parts["against"] = draw.chart(against(), "Error of the joint against a signal")
+    chart.on("plotly_relayout", zoom)
     view.followers["fit"] = follow
     follow()
     if model.on_bounds:
@@ -203,15 +199,12 @@ _SHOWN_BY = {
 }  # fmt: skip
 
 
-def _stretches(view: View, model: ModelStep) -> list[tuple[float, float, str]]:
-    """Where the chosen joint fails on the run that is shown, in its seconds."""
-    if not model.failures or view.joint is None:
-        return []
-    start = float(view.session.recording(model, view.run)["t"][0])
+def _stretches(model: ModelStep, run: str, j: int, start: float) -> list[tuple[float, float, str]]:
+    """Where a joint fails on a run, in its seconds since ``start``, and the cause."""
     return [
         (s["start"] - start, s["stop"] - start, s["cause"])
-        for s in model.failures[view.joint]["stretches"]
-        if s["run"].startswith(view.run.partition(", ")[0])
+        for s in (model.failures[j]["stretches"] if model.failures else ())
+        if s["run"].startswith(run.partition(", ")[0])
     ]
 
 
@@ -288,7 +281,7 @@ def _tables(view: View) -> None:
 def methods(view: View) -> None:
     """Other methods beside the current model's, on the same runs."""
     session, chosen = view.session, view.methods
-    names = method_names()
+    names = _methods()
     with draw.tag("fieldset"):
         draw.tag("legend", "With the effects of the current model")
         with draw.tag("div", style="checks"):
@@ -298,7 +291,7 @@ def methods(view: View) -> None:
 
     def compare() -> None:
         asked = [name for name in names if chosen.get(name)]
-        session.ask("methods", "Comparing methods", methods=asked, folds=view.folds)
+        session.start(session.ask, "Comparing methods", "methods", methods=asked, folds=view.folds)
 
     said = "On unseen motion too: five folds, takes five times as long"
     hint = "Each fold leaves out a stretch of the motion and all its repetitions"

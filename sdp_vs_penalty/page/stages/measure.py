@@ -33,8 +33,9 @@ def robot(view: View) -> None:
     draw.note(f"{_joints(robot)} {robot['known']}")
     (gravity,) = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
+    turn = partial(session.start, session.mount)
     with draw.tag("div", style="pick"):
-        draw.text_field(draw.told(gravity), now, session.mount, "gravity", str(gravity.metavar))
+        draw.text_field(draw.told(gravity), now, turn, "gravity", str(gravity.metavar))
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
         draw.tag("a", "Another robot, on a new page", **new)
@@ -47,7 +48,9 @@ def _choose(view: View) -> None:
     """The built-in robots, those of the folder, and a place to drop one."""
     session, robot = view.session, view.session.robot
     with draw.tag("div", style="row"):
-        draw.button("Show me", session.show_me, "show-me", "" if robot else "primary")
+        draw.button(
+            "Show me", partial(session.start, session.show_me), "show-me", "" if robot else "primary"
+        )
         draw.note("The whole job on a simulated arm with something hidden, in about a minute.")
     # By name or path: what to call it, what it is, and the shown name of a URDF.
     there: dict[str, tuple[str, str, str | None]] = {}
@@ -60,7 +63,8 @@ def _choose(view: View) -> None:
     with draw.tiles("Built-in robots"):
         for source, (name, said, urdf) in there.items():
             on = robot.get("source") == source
-            choose, pressed = partial(session.choose_robot, source, urdf), "true" if on else "false"
+            choose = partial(session.start, session.choose_robot, source, urdf)
+            pressed = "true" if on else "false"
             draw.tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
     draw.drop("Your robot's URDF", "robot")
 
@@ -119,7 +123,8 @@ def _own(view: View) -> None:
 
 
 def _simulated(view: View) -> None:
-    hiding, robot, kinds = view.hiding, view.session.robot, effect_types()
+    session, hiding, kinds = view.session, view.hiding, effect_types()
+    robot = session.robot
     if not 0 < int(hiding["joint"]) <= robot["n"]:
         hiding["joint"] = str(robot["n"])
     effects = [(n, draw.plain_name(n)) for n in MAKERS if not kinds[n].frozen_only]
@@ -136,7 +141,7 @@ def _simulated(view: View) -> None:
     def simulate() -> None:
         kind = kinds.get(hiding["effect"])
         at = [] if kind and kind.whole_robot else [int(hiding["joint"])]
-        view.session.simulate(hiding["effect"], at, hiding["level"], hiding["seed"])
+        session.start(session.simulate, hiding["effect"], at, hiding["level"], hiding["seed"])
 
     draw.button("Simulate four runs", simulate, "simulate")
 
@@ -196,8 +201,7 @@ def check(view: View) -> None:
         with draw.tag("div", style="pick"):
             draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
     said = "Positions, velocities and torques of all joints over time"
-    options = data_chart(session.arrays(views[first]), units)
-    drawn, move = chart_and_arm(view, options, said, session.robot["drawn"], "nominal links")
+    drawn, move = chart_and_arm(view, said, session.robot["drawn"], "nominal links")
     crosses = "Crosses: what the check would put there. "
     mended = any(found["can_fix"] for run in session.runs for found in run["findings"])
     draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
@@ -218,10 +222,10 @@ def _findings(session: Session) -> None:
                 draw.tag("span", f"{what[0].upper()}{what[1:]} What to do: {found['remedy']}.")
             if found["gravity"]:
                 vector = ",".join(f"{g:g}" for g in found["gravity"])
-                apply, key = partial(session.mount, vector), f"apply-{run['file']}"
+                apply, key = partial(session.start, session.mount, vector), f"apply-{run['file']}"
                 draw.button(f"Apply: gravity {vector}", apply, key, "primary")
         if any(found["can_fix"] for found in run["findings"]):
-            apply = partial(session.mend, run["file"])
+            apply = partial(session.start, session.mend, run["file"])
             draw.button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
 
 

@@ -30,7 +30,8 @@ def take_away(view: View) -> None:
 
     def tiles(files: dict[str, str]) -> None:
         for name, use in files.items():
-            draw.tile(name, use, partial(session.take, name, view.download, flange), f"take-{name}")
+            take = partial(session.start, session.take, name, view.download, flange)
+            draw.tile(name, use, take, f"take-{name}")
 
     with draw.tiles("Files to download"):
         tiles(FILES)
@@ -48,7 +49,7 @@ def take_away(view: View) -> None:
     with runs, draw.tiles("Runs to download"):
         for k, run in enumerate(session.runs):
             name = f"run-{k + 1}.csv"
-            take = partial(session.take, name, view.download)
+            take = partial(session.start, session.take, name, view.download)
             draw.tile(name, f"from {run['name']}", take, f"take-{name}")
     with draw.details("The same on the command line", "commands"):
         draw.tag("pre", "\n".join(session.commands()), tabindex="0")
@@ -67,7 +68,7 @@ def forward(view: View) -> None:
         view.drive = drives[0][0]
 
     def run() -> None:
-        session.ask("forward", "Running the model forward", drive=view.drive)
+        session.start(session.ask, "Running the model forward", "forward", drive=view.drive)
 
     with draw.tag("div", style="fields pick"):
         draw.choice("Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive")
@@ -93,16 +94,13 @@ def forward(view: View) -> None:
 def _replay(view: View, made: dict[str, Any]) -> None:
     """A free run of one joint as curves, and of the arm in 3D."""
     session, about, units = view.session, view.session.current.about, made["units"]
-    shown, joint = {"run": 0}, min(view.joint or 0, len(units) - 1)
-
-    def curves(j: int) -> dict[str, Any]:
-        read = session.arrays(made["arrays"][shown["run"]])
-        modelled = {"simulated": read["simulated"]}
-        return torque_chart(Curves(read["t"], read["measured"], modelled), j, units)
+    shown = {"run": 0}
 
     def follow() -> None:
-        drawn.update_figure(curves(min(view.joint or 0, len(units) - 1)))
-        arm(str(shown["run"]), session.arrays(made["arrays"][shown["run"]]))
+        read = session.arrays(made["arrays"][shown["run"]])
+        run = Curves(read["t"], read["measured"], {"simulated": read["simulated"]})
+        drawn.update_figure(torque_chart(run, min(view.joint or 0, len(units) - 1), units))
+        move(str(shown["run"]), read)
 
     def look(run: str) -> None:
         shown["run"] = int(run)
@@ -110,13 +108,13 @@ def _replay(view: View, made: dict[str, Any]) -> None:
 
     with draw.tag("div", style="fields pick"):
         joints = [(str(j), f"{j + 1}") for j in range(len(units))]
-        draw.choice("Joint", joints, str(joint), lambda j: view.look(joint=int(j)), "forward-joint")
+        joint = str(min(view.joint or 0, len(units) - 1))
+        draw.choice("Joint", joints, joint, lambda j: view.look(joint=int(j)), "forward-joint")
         if len(made["runs"]) > 1:
-            draw.choice(
-                "Free run", [(str(k), n) for k, n in enumerate(made["runs"])], "0", look, "free-run"
-            )
+            runs = [(str(k), name) for k, name in enumerate(made["runs"])]
+            draw.choice("Free run", runs, "0", look, "free-run")
     label, said = "Measured and simulated position, and what is left", "grey: measured, blue: simulated"
-    drawn, arm = chart_and_arm(view, curves(joint), label, about, said, arms=2)
+    drawn, move = chart_and_arm(view, label, about, said, arms=2)
     view.followers["forward"] = follow
     follow()
 
