@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from commands import HOME, PROGRAM, python, run_cli
 from small_runs import write_run
 
 from sdp_vs_penalty import Problem, __version__, compare, identify, load_estimate
-from sdp_vs_penalty.cli import console
+from sdp_vs_penalty.cli import console, printing
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -156,6 +157,14 @@ def test_identify_options_reach_the_model(run, runs, tmp_path):
     sdp = ("identify", "two_link", "--data", runs[0], "--out", out_file, "--solver", "clarabel")
     assert run(*sdp)[0] == 0
     assert load_estimate(out_file).settings["solver"] == "clarabel"
+
+
+def test_bounds_that_decide_are_printed(model, capsys):
+    estimate = load_estimate(model)
+    printing.certificate(replace(estimate, details=estimate.details | {"on_bounds": ["mass of link 2"]}))
+    assert "mass of link 2: widen the bounds, or measure more" in " ".join(
+        capsys.readouterr().out.split()
+    )
 
 
 def test_compare_writes_the_stated_json(run, runs, model, tmp_path):

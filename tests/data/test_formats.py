@@ -85,8 +85,9 @@ def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(tmp_path, cap
     words[-1] = str(tmp_path / words[-1])
     assert run_cli(*words) == 0
     same(replace(run, dq=None), load_measurements(out))
-    for to, names in ((out, "t=t,q=nowhere,tau=force"), (out, "t"), (out.with_suffix(".xlsx"), "q=qm")):
-        assert run_cli("convert", path, "--out", to, "--rename", names) == 2
+    for name, names in (("a.csv", "q=nowhere,tau=force"), ("a.csv", "t"), ("a.xlsx", "q=qm,tau=force")):
+        assert run_cli("convert", path, "--out", tmp_path / name, "--rename", names) == 2
+    assert "choose one of .csv" in capsys.readouterr().err
     savemat(path, {"data": {"t": run.t, "q": run.q, "tau": run.tau}})
     assert load_measurements(path).data_hash == run.data_hash
 

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ALPHA, APART, EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.curves.bases import Columns
 from sdp_vs_penalty.diagnosis.curves.measure import _instead
 from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.diagnosis.library import Batch, Form
@@ -165,6 +166,8 @@ def test_screening_is_the_drop_of_the_squared_error():
     drop = np.sum(fit.residual**2) - np.sum(plain(data, fit, z) ** 2)
     assert values[0] == pytest.approx(drop - np.log(fit.degrees[0]), rel=1e-2)
     assert values[1] < 0.0 < values[0]
+    plainly = Columns.of(score, fit, z, 0, robust=False)  # rows are worth one, but for the coarsening
+    assert plainly.v == pytest.approx(1.0 + plainly.count / ALPHA)
     forbidden = Batch(
         (0,), (form(lower=0.0),), -z[None]
     )  # a size below zero: nothing is won, the price is

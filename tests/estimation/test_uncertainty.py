@@ -86,7 +86,7 @@ def test_intervals_hold_the_truth(two_link):
     """Over many repetitions with fresh noise, 95 % intervals hold the true values in about 95 %."""
     model = two_link.model(EFFECTS)
     theta = truth_of(two_link, model)
-    shares = []
+    shares, spreads = [], []
     for seed in range(15):
         run = measured(two_link, theta, model, seed, 40.0)
         known = told(two_link, model, run)
@@ -94,7 +94,11 @@ def test_intervals_hold_the_truth(two_link):
         values = base_rows(two_link, model).rows @ theta
         assert len(base) == len(values)
         shares.append(np.mean([i.lower <= x <= i.upper for i, x in zip(base, values, strict=True)]))
+        drawn = np.sum((base_rows(two_link, model).rows @ known.spread) ** 2, axis=1)
+        spreads.append(np.mean(drawn / np.square([i.std for i in base])))
     assert 0.90 <= np.mean(shares) <= 0.99
+    # The joint covariance is that of the intervals, which Student's quantile makes a little longer.
+    assert 0.8 <= np.mean(spreads) <= 1.0
 
 
 def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import run_cli
+from small_runs import small_run
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, follow, report
 from sdp_vs_penalty.data import save
@@ -224,6 +225,24 @@ def test_measured_curves_are_drawn_with_band_and_data(made):
     assert "No simple law fits its band" in html
     assert "Look here first." in html
     assert found.headline in html
+
+
+@pytest.mark.parametrize(
+    ("effects", "said"),
+    [
+        (
+            "viscous_friction",
+            ("This model has no rigid_body effect.", "cannot be simulated: the model has no"),
+        ),
+        ("rigid_body", ("no friction that follows the velocity alone", "position of the free run")),
+    ],
+)
+def test_what_a_model_lacks_is_said(effects, said, two_link):
+    """Beside the sections that it can fill; `forward` shows the positions to the run's end."""
+    run = small_run(two_link)
+    html = make_report(identify(two_link, run, effects=effects), run, forward=True)
+    for words in said:
+        assert words in html
 
 
 UNITS = ["N*m", "N*m"]

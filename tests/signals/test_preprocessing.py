@@ -208,6 +208,10 @@ def test_what_cannot_be_filtered_is_refused():
     broken = Measurements(run.t + np.arange(len(run.t)) // 10, run.q, run.tau)
     with pytest.raises(InputError, match="no 16 consecutive ones without a gap"):
         Preprocessing().resolve(broken)
+    model, _, long = model_and_run(seconds=8.0)
+    pieces = replace(long, t=long.t + np.floor(long.t / 1.6))
+    with pytest.raises(InputError, match=r"no continuous motion longer than 3 s"):
+        FilteredRun(pieces, Preprocessing(2.0, 4.0)).all_rows(model)
     still = Measurements(run.t, 0.0 * run.q, run.tau)
     with pytest.raises(InputError, match="does not move"):
         Preprocessing().resolve(still)

@@ -10,7 +10,7 @@ from random_robots import link_parameters, task_of, tree
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.identify import certify, consistent, positive_mass_matrices
+from sdp_vs_penalty.estimation.identify import certify, consistent, on_bounds, positive_mass_matrices
 from sdp_vs_penalty.estimators import Fit, LmiSdp, Task, interior_point
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.regression import LeastSquares
@@ -111,6 +111,7 @@ def test_the_interval_of_the_estimator_holds_the_known_optimum(seed, links):
     assert known.optimum <= certificate.upper + rounding
     assert certificate.gap < 1e-7
     assert certificate.worst == 0.0
+    assert on_bounds(known.constraints, known.theta) == [f"mass of link {links}"]
     width = certificate.upper - certificate.lower
     assert certificate.gap == pytest.approx(width / certificate.loss, rel=1e-12)
     # R has full rank: the optimum is one point.
