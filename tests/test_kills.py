@@ -149,7 +149,7 @@ def test_a_shootout_killed_at_any_step_resumes_without_a_wrong_row(tmp_path):
     def work(out: Path) -> list[Any]:
         results = Results(out)
         for k in range(len(results.runs), 4):
-            results.add(row(k))
+            results.add([row(k)])
         return rows(Results(out))
 
     whole = work(tmp_path / "whole")
