@@ -199,9 +199,8 @@ def optimised(
 
     moving : the joints (from 0) whose motion is free, default all; the others move as in the start.
     """
-    joints = range(start.a.shape[0]) if moving is None else moving
     start = shrunk(start, limits)
-    search, x = _Search.of(regressor, limits, start, objective, joints)
+    search, x = _Search(regressor, limits, start, objective, moving), _coefficients(start)
     history, radius = [regressor.condition(start)], 0.2
     value, slope = search.evaluated(x)
     # A trust region smaller than this share of the limits ends the search.
@@ -214,59 +213,54 @@ def optimised(
         radius *= 2.0 if new < value + 0.5 * predicted else 1.0
         x = candidate
         value, slope = search.evaluated(x)
-        history.append(regressor.condition(search.trajectory(x)))
+        history.append(regressor.condition(_with(start, x)))
         progress(f"excitation: iteration {len(history) - 1}, condition number {history[-1]:.2f}")
-    best = shrunk(search.trajectory(x), limits)
+    best = shrunk(_with(start, x), limits)
     return Excitation(best, regressor.condition(best), tuple(history))
 
 
-@dataclass(frozen=True)
-class _Search:
-    """What the steps of a search have in common, over x (n, 2 L + 1) = (a, b, q_0).
+def _coefficients(trajectory: FourierTrajectory) -> Array:
+    """x (n, 2 L + 1) = (a, b, q_0)."""
+    return np.column_stack([trajectory.a, trajectory.b, trajectory.q_0])
 
-    start : gives frequency, blend and duration; joints : whose motion is free; t (K,) : where the
-    regressor is sampled; maps (3, K, 2 L + 1) : of a joint's x to its states there; rows
-    (n, M, 2 L + 1), offset (n, M) : rows x + offset are states over their limits, the position about
-    the middle; unit (n, 2 L + 1) : sizes of x.
+
+def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
+    """The motion of x, of the same frequency, blend and duration."""
+    a, b = np.split(x[:, :-1], 2, axis=1)
+    return replace(like, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
+
+
+class _Search:
+    """What the steps of a search have in common, over x (n, 2 L + 1).
+
+    t (K,) : where the regressor is sampled; maps (3, K, 2 L + 1) : of a joint's x to its states there;
+    rows (n, M, 2 L + 1), offset (n, M) : rows x + offset are states over their limits, the position
+    about the middle; unit (n, 2 L + 1) : sizes of x.
     """
 
-    regressor: Regressor
-    objective: str
-    start: FourierTrajectory
-    joints: Sequence[int]
-    t: Array
-    maps: Array
-    rows: Array
-    offset: Array
-    unit: Array
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         regressor: Regressor,
         limits: Limits,
         start: FourierTrajectory,
         objective: str,
-        joints: Sequence[int],
-    ) -> tuple[_Search, Array]:
-        """A search from a start, and its x."""
+        moving: Sequence[int] | None,
+    ) -> None:
+        self.regressor, self.objective = regressor, objective
+        self.joints = range(start.a.shape[0]) if moving is None else moving
         # Instants at which the regressor is sampled, and twice as many at which limits are kept.
-        t = np.linspace(0.0, start.duration, 160)
-        kept = np.union1d(np.linspace(0.0, start.duration, 2 * len(t) - 1), _blend_instants(start))
+        self.t = np.linspace(0.0, start.duration, 160)
+        whole = np.linspace(0.0, start.duration, 2 * len(self.t) - 1)
+        kept = np.union1d(whole, _blend_instants(start))
         units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
+        width = 2 * start.a.shape[1] + 1
+        each = _with(start, np.eye(width))  # as if each coefficient moved a joint of its own
         sizes = np.repeat(units, len(kept), axis=1)[:, :, None]
-        rows = np.concatenate(_state_maps(start, kept)) / sizes
-        offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(kept)) < len(kept))
-        x = np.column_stack([start.a, start.b, start.q_0])
+        self.rows = np.concatenate(each.states(kept)) / sizes
+        self.offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(kept)) < len(kept))
         # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
-        unit = np.column_stack([*[limits.velocity] * (x.shape[1] - 1), limits.half])
-        maps = np.array(_state_maps(start, t))
-        return cls(regressor, objective, start, joints, t, maps, rows, offset, unit), x
-
-    def trajectory(self, x: Array) -> FourierTrajectory:
-        """The motion of x."""
-        a, b = np.split(x[:, :-1], 2, axis=1)
-        return replace(self.start, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
+        self.unit = np.column_stack([*[limits.velocity] * (width - 1), limits.half])
+        self.maps = np.array(each.states(self.t))
 
     def at(self, x: Array) -> tuple[Array, float, Array]:
         """States, the objective and its gradient with respect to W, in the shape of the regressor."""
@@ -335,13 +329,6 @@ def save_trajectory(trajectory: FourierTrajectory | PointTrajectory, path: str |
     rows = np.column_stack([t, *trajectory.states(t)])
     lines = [",".join(header), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
     write_text(path, "\n".join(lines) + "\n")
-
-
-def _state_maps(like: FourierTrajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Three (N, 2 L + 1) maps from a joint's (a, b, q_0) to its q, dq, ddq at t."""
-    count = like.a.shape[1]
-    a, b, q_0 = np.split(np.eye(2 * count + 1), [count, 2 * count], axis=1)
-    return replace(like, a=a, b=b, q_0=q_0[:, 0]).states(t)
 
 
 def _dense(trajectory: FourierTrajectory) -> Array:

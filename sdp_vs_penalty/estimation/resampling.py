@@ -25,8 +25,8 @@ from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import visible
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.solvers.certificate import TIGHT
 from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.verified import TIGHT
 
 
 def bootstrap(

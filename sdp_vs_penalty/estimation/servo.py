@@ -127,7 +127,7 @@ def find_law(
         found = about + late[name]
         if abs(late[name]) < 0.95 * c.DELAY_REACH or found > 0.95 * LATEST:
             without = float(np.mean(_score(first, name, 0.0) - scores[name]))
-            found = found if delay is not None or without > 2.0 * np.log(c.SEEN_DELAY) else 0.0
+            found = found if delay is not None or without > np.log(c.FEWER_GAINS) else 0.0
             ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
             return name, found, ratios
         about = found

@@ -10,10 +10,9 @@ least squares leave, with the same columns; a step is a pass over the data.
 """
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Self
 
 import numpy as np
 
@@ -151,115 +150,79 @@ def settled(
     weighting: str = "noise",
 ) -> Settled:
     """The model with its ``wanted`` constants where they together leave the least squared error, from
-    where they are and, of those that only have the values of a grid, from each of these.
+    where they are and, of those that only have the values of a grid, from each of these: Gauss-Newton
+    steps of those that have a range, in their own scales.
 
     compressed : the measurements in the columns of a model; weighting : of the joints' rows, "noise" or
     "none". Effects with a wanted constant act on one joint each.
     """
-    first = _Descent.of(model, frozenset(wanted), compressed, weighting)
-    grids = {
-        (k, key): effect.shapes[key].grid
-        for k, effect in enumerate(model.effects)
-        for name, joint, key in first.keys_of(effect)
-        if (name, joint, key) in wanted and effect.shapes[key].bounds is None
-    }
-    found = []
-    for values in product(*grids.values()):  # every choice of the constants on a grid
-        effects = list(model.effects)
-        for (k, key), value in zip(grids, values, strict=True):
-            effects[k] = effects[k].with_shape(**{key: value})
-        found.append(replace(first, model=replace(model, effects=tuple(effects))).settled())
-    return min(found, key=lambda s: s.error)
+    first, weights, p = compressed(model), np.ones(model.robot.n), len(model.parameters)
+    data = first.least_squares()
+    white = max(white_variance(data, first.oversampling), 1e-24 * data.tau_squared / max(data.rows, 1))
 
-
-@dataclass
-class _Descent:
-    """Gauss-Newton steps (d,) of the wanted constants of a model that have a range, in their scales.
-
-    compressed : the measurements in the columns of any model; weights (n,) : of the joints' rows;
-    white : variance of an independent row; theta (p,) : least squares where the steps are, first of the
-    model as it was; variances : of an independent row, at each of the steps that were looked at.
-    """
-
-    model: Model
-    wanted: frozenset[Key]
-    compressed: Callable[[Model], Regression]
-    weights: Array
-    white: float
-    theta: Array
-    variances: dict[bytes, float] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls,
-        model: Model,
-        wanted: frozenset[Key],
-        compressed: Callable[[Model], Regression],
-        weighting: str,
-    ) -> Self:
-        first, equal = compressed(model), np.ones(model.robot.n)
-        data = first.least_squares()
-        least = 1e-24 * data.tau_squared / max(data.rows, 1)
-        white = max(white_variance(data, first.oversampling), least)
-        own = cls(model, wanted, compressed, equal, white, np.zeros(len(model.parameters)))
-        theta = own.solved(first)[1]
-        return replace(
-            own, weights=joint_weights(first, theta) if weighting == "noise" else equal, theta=theta
-        )
-
-    def __post_init__(self) -> None:
-        effects = self.model.effects
-        every = [(k, key) for k, effect in enumerate(effects) for key in self.keys_of(effect)]
-        moves = [key in self.wanted and effects[k].shapes[key[2]].bounds is not None for k, key in every]
-        #: Which of the constants' columns behind the parameters' are of those that move: their places.
-        self.mine = np.array(moves)
-        self.free = [x for x, moving in zip(every, moves, strict=True) if moving]
-        self.unit = np.array([prior_deviation(effects[k], key[2]) for k, key in self.free])
-
-    def solved(self, wide: Regression) -> tuple[LeastSquares, Array]:
+    def solved(wide: Regression) -> tuple[LeastSquares, Array]:
         """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
-        data, p, known = wide.least_squares(self.weights), len(self.theta), self.model.plausible
-        if np.isfinite(known).any():
-            data = data.with_prior(np.append(known, np.full(wide.p - p, np.inf)), self.white)
+        data = wide.least_squares(weights)
+        if np.isfinite(model.plausible).any():
+            data = data.with_prior(np.append(model.plausible, np.full(wide.p - p, np.inf)), white)
         return data, smallest(data.R[:, :p], data.rho)
 
-    def keys_of(self, effect: Effect) -> list[Key]:
+    _, start = solved(first)
+    if weighting == "noise":
+        weights = joint_weights(first, start)
+
+    def keys_of(effect: Effect) -> list[Key]:
         """All free constants of an effect of which one is wanted."""
         own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
-        return [] if self.wanted.isdisjoint(own) else own
+        return [] if set(own).isdisjoint(wanted) else own
 
-    def at(self, steps: Array) -> Model:
-        """The model that many steps away."""
-        out = list(self.model.effects)
-        for (k, key), step in zip(self.free, steps.tolist(), strict=True):
-            out[k] = moved(out[k], key[2], step)
-        return replace(self.model, effects=tuple(out))
+    every = [(k, key) for k, effect in enumerate(model.effects) for key in keys_of(effect)]
+    ranged = [model.effects[k].shapes[key[2]].bounds is not None for k, key in every]
+    #: Which of the constants' columns behind the parameters' are of those that move.
+    mine = np.array([key in wanted and has for (_, key), has in zip(every, ranged, strict=True)])
+    free = [x for x, moving in zip(every, mine, strict=True) if moving]
+    gridded = [x for x, has in zip(every, ranged, strict=True) if not has and x[1] in wanted]
+    unit = np.array([prior_deviation(model.effects[k], key[2]) for k, key in free])
 
-    def left(self, steps: Array) -> tuple[Array, Array]:
-        """What least squares leave (m,), and its slopes (m, d) with the parameters eliminated."""
-        there, p = self.at(steps), len(self.theta)
-        wanted = with_sensitivities(there, self.theta, lambda e: bool(self.keys_of(e)))
-        wide = self.compressed(wanted)
-        data, self.theta = self.solved(wide.keeping(np.append(np.ones(p, bool), self.mine)))
-        self.variances[steps.tobytes()] = white_variance(data, wide.oversampling)
-        columns = -partialled(data.R[:, :p], data.R[:, p:]) / self.unit
-        rest = np.append(data.rho - data.R[:, :p] @ self.theta, data.residual_norm)
-        return rest, np.vstack([columns, np.zeros((1, len(self.free)))])
+    def descended(begin: tuple[Effect, ...]) -> Settled:
+        """Where no step (d,) lowers the squared error any more."""
+        theta, variances = start, dict[bytes, float]()
 
-    def settled(self) -> Settled:
-        """Where no step lowers the squared error any more."""
-        start, effects = np.zeros(len(self.free)), self.model.effects
-        if not self.free:
-            return Settled(self.model, {}, float(np.sum(self.left(start)[0] ** 2)))
-        low, high = np.transpose([_room(effects[k], key[2]) for k, key in self.free])
-        best, rest, slopes = least_squares(self.left, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
+        def at(steps: Array) -> Model:
+            out = list(begin)
+            for (k, key), step in zip(free, steps.tolist(), strict=True):
+                out[k] = moved(out[k], key[2], step)
+            return replace(model, effects=tuple(out))
+
+        def left(steps: Array) -> tuple[Array, Array]:
+            """What least squares leave (m,), and its slopes (m, d) with the parameters eliminated."""
+            nonlocal theta
+            wide = compressed(with_sensitivities(at(steps), theta, lambda e: bool(keys_of(e))))
+            data, theta = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
+            variances[steps.tobytes()] = white_variance(data, wide.oversampling)
+            columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
+            rest = np.append(data.rho - data.R[:, :p] @ theta, data.residual_norm)
+            return rest, np.vstack([columns, np.zeros((1, len(free)))])
+
+        if not free:
+            return Settled(at(unit), {}, float(np.sum(left(unit)[0] ** 2)))
+        low, high = np.transpose([_room(begin[k], key[2]) for k, key in free])
+        best, rest, slopes = least_squares(left, 0.0 * unit, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
         spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
-        std = np.sqrt(self.variances[best.tobytes()] * spread)
+        std = np.sqrt(variances[best.tobytes()] * spread)
         # With as many digits of its constants as a written effect has.
-        digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in self.at(best).effects]
-        found = tuple(e.with_shape(**own) for e, own in zip(effects, digits, strict=True))
-        deviations = dict(zip((key for _, key in self.free), std.tolist(), strict=True))
-        return Settled(replace(self.model, effects=found), deviations, float(rest @ rest))
+        digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in at(best).effects]
+        found = tuple(e.with_shape(**own) for e, own in zip(begin, digits, strict=True))
+        deviations = dict(zip((key for _, key in free), std.tolist(), strict=True))
+        return Settled(replace(model, effects=found), deviations, float(rest @ rest))
+
+    found = []
+    for values in product(*(model.effects[k].shapes[key[2]].grid for k, key in gridded)):
+        effects = list(model.effects)
+        for (k, key), value in zip(gridded, values, strict=True):
+            effects[k] = effects[k].with_shape(**{key[2]: value})
+        found.append(descended(tuple(effects)))
+    return min(found, key=lambda s: s.error)
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:

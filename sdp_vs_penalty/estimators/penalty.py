@@ -16,7 +16,7 @@ directions open (Rockafellar 1976: the proximal method of multipliers).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -40,11 +40,12 @@ from sdp_vs_penalty.robot.constraint import (
     project,
     projected_rows,
 )
-from sdp_vs_penalty.solvers.certificate import TIGHT, repair
+from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.verified import TIGHT
 
-#: The first weight, in units of (scaled loss) / (scaled distance)^2, and the largest.
-_FIRST_WEIGHT, _LARGEST_WEIGHT = 0.1, 1e10
+#: The first weight, in units of (scaled loss) / (scaled distance)^2.
+_FIRST_WEIGHT = 0.1
 #: Stages, and evaluations of each, at most. One that is cut short lets the weight grow too early: with
 #: 60, runs on columns that torque hardly tells apart (rotors, links) ended .8 % too high.
 _STEPS = 300
@@ -53,92 +54,70 @@ _PROXIMAL = 1e-6
 
 
 @dataclass(frozen=True)
-class BarycentricPart:
-    """m sign (I_e - limit) >= 0 for entries e of inertia about links' centres of mass, with m I_e =
-    m J_e - h^T Q_e h: quadratic in x = theta / theta_scale, without a pole at m = 0."""
-
-    indices: NDArray[np.intp]  # (k, 10) of the link in x
-    forms: Array  # (k, 10, 10): F = u^T form u + slope u_0, u = x[indices]
-    slopes: Array  # (k,)
-    width: int
-    cone: str = "nonnegative"
-
-    @classmethod
-    def of(
-        cls, bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
-    ) -> BarycentricPart:
-        """Of each finite end, inside by as much as a gap is promised, more than the final repair moves,
-        and of about unit size at the reference (p,); without I_xx >= 0, which P(theta) >= 0 contains."""
-        indices, forms, slopes = list[NDArray[np.intp]](), list[Array](), list[float]()
-        for b in bounds:
-            link, scale = reference[b.indices], theta_scale[b.indices]
-            moment, itself = link[[4, 6, 9]].sum(), np.trace(inertia.STEINER_FORMS[b.entry]) > 0.0
-            form = np.zeros((10, 10))
-            form[0, 4 + b.entry] = form[4 + b.entry, 0] = 0.5
-            form[1:4, 1:4] = -inertia.STEINER_FORMS[b.entry]
-            for sign, end in ((1.0, b.lower), (-1.0, b.upper)):
-                if np.isfinite(end) and not (itself and sign > 0.0 and end <= 0.0):
-                    limit = end + sign * TIGHT * (moment + abs(end))
-                    factor = sign / (link[0] * (moment + abs(limit)))
-                    indices.append(b.indices)
-                    forms.append(form * factor * np.outer(scale, scale))
-                    slopes.append(-factor * limit * scale[0])
-        own = np.array(indices, np.intp).reshape(-1, 10), np.array(forms).reshape(-1, 10, 10)
-        return cls(*own, np.array(slopes), len(theta_scale))
-
-    def values(self, x: Array) -> Array:
-        """F(x), (k,)."""
-        u = x[self.indices]
-        return np.einsum("ki,kij,kj->k", u, self.forms, u) + self.slopes * u[:, 0]
-
-    def jacobian(self, x: Array) -> Array:
-        """dF/dx, (k, p)."""
-        out = np.zeros((len(self.indices), self.width))
-        local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
-        local[:, 0] += self.slopes
-        out[np.arange(len(out))[:, None], self.indices] = local
-        return out
-
-
-@dataclass(frozen=True)
-class AffinePart:
-    """F(x) = constant + matrix x, a group of equal cones in scaled variables."""
+class Part:
+    """Constraints of one kind: F(x) (g, ...) in a cone, and dF/dx (rows, p) in the order of F.ravel();
+    scale (g, ...) : of an affine F over the group's, entry by entry."""
 
     cone: str
-    shape: tuple[int, ...]
-    constant: Array  # (rows,)
-    matrix: Array  # (rows, p)
-    scale: Array  # (g, ...): F here is scale * F of the stack, entry by entry
-
-    @classmethod
-    def of(cls, stack: Alike, theta_scale: Array, reference: Array) -> AffinePart:
-        """Scaled so that every cone has about unit size at the reference: the set stays the same."""
-        at = stack.values(reference)
-        matrix = np.zeros((len(stack.matrix), len(theta_scale)))
-        matrix[:, : stack.matrix.shape[1]] = stack.matrix
-        matrix *= theta_scale
-        if stack.cone == "psd":
-            root = 1.0 / np.sqrt(or_one(np.abs(np.diagonal(at, axis1=1, axis2=2))))
-            scale = root[:, :, None] * root[:, None, :]
-        else:
-            size = np.abs(matrix).max(axis=1) + np.abs(stack.constant.ravel())
-            scale = 1.0 / or_one(size).reshape(at.shape)
-            if stack.cone == "soc":
-                scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
-        flat = scale.ravel()
-        return cls(stack.cone, at.shape, stack.constant.ravel() * flat, matrix * flat[:, None], scale)
-
-    def values(self, x: Array) -> Array:
-        """F(x), (g, ...)."""
-        return (self.constant + self.matrix @ x).reshape(self.shape)
-
-    def jacobian(self, x: Array) -> Array:
-        """dF/dx, (rows, p), rows in the order of F.ravel()."""
-        return self.matrix
+    values: Callable[[Array], Array]
+    jacobian: Callable[[Array], Array]
+    scale: Array | float = 1.0
 
 
-#: Constraints of one kind: F(x) (g, ...) in a cone, with its derivative.
-Part = AffinePart | BarycentricPart
+def barycentric_part(bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array) -> Part:
+    """m sign (I_e - limit) >= 0 for entries e of inertia about links' centres of mass, with m I_e =
+    m J_e - h^T Q_e h: quadratic in x = theta / theta_scale, without a pole at m = 0.
+
+    Of each finite end, inside by as much as a gap is promised, more than the final repair moves, and of
+    about unit size at the reference (p,); without I_xx >= 0, which P(theta) >= 0 contains.
+    """
+    own = list[tuple[NDArray[np.intp], Array, float]]()  # F = u^T form u + slope u_0, u = x[indices]
+    for b in bounds:
+        link, scale = reference[b.indices], theta_scale[b.indices]
+        moment, itself = link[[4, 6, 9]].sum(), np.trace(inertia.STEINER_FORMS[b.entry]) > 0.0
+        form = np.zeros((10, 10))
+        form[0, 4 + b.entry] = form[4 + b.entry, 0] = 0.5
+        form[1:4, 1:4] = -inertia.STEINER_FORMS[b.entry]
+        for sign, end in ((1.0, b.lower), (-1.0, b.upper)):
+            if np.isfinite(end) and not (itself and sign > 0.0 and end <= 0.0):
+                limit = end + sign * TIGHT * (moment + abs(end))
+                factor = sign / (link[0] * (moment + abs(limit)))
+                own.append(
+                    (b.indices, form * factor * np.outer(scale, scale), -factor * limit * scale[0])
+                )
+    indices = np.array([x[0] for x in own], np.intp).reshape(-1, 10)
+    forms, slopes = np.array([x[1] for x in own]).reshape(-1, 10, 10), np.array([x[2] for x in own])
+
+    def values(x: Array) -> Array:
+        u = x[indices]
+        return np.asarray(np.einsum("ki,kij,kj->k", u, forms, u) + slopes * u[:, 0])
+
+    def jacobian(x: Array) -> Array:
+        out = np.zeros((len(indices), len(x)))
+        local = 2.0 * np.einsum("kij,kj->ki", forms, x[indices])
+        local[:, 0] += slopes
+        out[np.arange(len(out))[:, None], indices] = local
+        return out
+
+    return Part("nonnegative", values, jacobian)
+
+
+def affine_part(group: Alike, theta_scale: Array, reference: Array) -> Part:
+    """A group of equal cones, each of about unit size at the reference: the set stays the same."""
+    at = group.values(reference)
+    matrix = np.zeros((len(group.matrix), len(theta_scale)))
+    matrix[:, : group.matrix.shape[1]] = group.matrix
+    matrix *= theta_scale
+    if group.cone == "psd":
+        root = 1.0 / np.sqrt(or_one(np.abs(np.diagonal(at, axis1=1, axis2=2))))
+        scale = root[:, :, None] * root[:, None, :]
+    else:
+        size = np.abs(matrix).max(axis=1) + np.abs(group.constant.ravel())
+        scale = 1.0 / or_one(size).reshape(at.shape)
+        if group.cone == "soc":
+            scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
+    constant, matrix = group.constant * scale, matrix * scale.reshape(-1, 1)
+    return Part(group.cone, lambda x: constant + (matrix @ x).reshape(at.shape), lambda x: matrix, scale)
 
 
 @dataclass(frozen=True)
@@ -165,21 +144,20 @@ class ShiftedPenalty:
         # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
         loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
         received = ConstraintSet(constraints.essential)
-        parts: list[Part] = [AffinePart.of(s, theta_scale, interior) for s in received.groups]
+        parts = [affine_part(s, theta_scale, interior) for s in received.groups]
         if constraints.nonconvex:
-            parts.append(BarycentricPart.of(constraints.nonconvex, theta_scale, interior))
+            parts.append(barycentric_part(constraints.nonconvex, theta_scale, interior))
         root = np.sqrt(loss_scale)
         scaled = data.R * theta_scale / root, data.rho / root
         return cls(*scaled, tuple(parts), theta_scale, loss_scale, received)
 
-    def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> list[Array]:
-        """The shifts as dual variables of the convex constraints, in units of loss per F."""
+    def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> Array:
+        """(e,) the shifts as dual variables of the constraints' entries, in units of loss per F."""
         found: dict[Constraint, Array] = {}
         # The groups are the first of the parts, in this order.
         for group, part, shift in zip(self.received.groups, self.parts, shifts, strict=False):
-            assert isinstance(part, AffinePart)
-            for place, scale, multiplier in zip(group.places, part.scale, shift, strict=True):
-                found[self.received.convex[place]] = self.loss_scale * scale * multiplier
+            each = zip(group.places.tolist(), self.loss_scale * part.scale * shift, strict=True)
+            found |= {self.received.convex[k]: multiplier for k, multiplier in each}
         return constraints.filled(found)
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
@@ -226,7 +204,7 @@ def minimise(
         shifts = moved
         if max(residual, _PROXIMAL * np.abs(x - last).max(initial=0.0)) <= tolerance:
             break
-        if residual > 0.25 * previous and weight < _LARGEST_WEIGHT:
+        if residual > 0.25 * previous and weight * tolerance < 1.0:
             weight *= 10.0
     return x, shifts, {"residual": residual, "stages": stages}
 

@@ -12,7 +12,7 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.estimator import Array, Fit, Task
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
-from sdp_vs_penalty.solvers.certificate import TIGHT, repair
+from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.identification import (
     largest_margin,
     least_squares_sdp,
@@ -22,7 +22,7 @@ from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.small_cones import SmallCones
-from sdp_vs_penalty.solvers.verified import proves_infeasible
+from sdp_vs_penalty.solvers.verified import TIGHT, proves_infeasible
 
 #: Whose answers every solver is judged beside, and our own method, which goes before it where it can.
 REFERENCE, OWN = "clarabel", "primal-dual"
@@ -123,7 +123,7 @@ class PosedSdp:
             repair(self.constraints, found.theta, self.interior),
             objective,
             self.constraints,
-            self.constraints.filled(multipliers),
+            multipliers,
             slopes,
             self.interior,
             self.task.bound,
@@ -218,14 +218,14 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
             return theta
         # The dual of the largest margin may prove that nothing satisfies all.
         multipliers = constraints.filled(problem.multipliers(solution))
-        if proves_infeasible(constraints.convex, multipliers, task.bound):
+        if proves_infeasible(constraints, multipliers, task.bound):
             families = conflicting(constraints.convex, problem.shares(solution))
             what = f"{' and '.join(families)} exclude each other (from the infeasibility certificate)"
             raise Infeasible(
                 f"The constraints admit no parameters: {what}",
                 "relax one of them",
                 families=families,
-                proof=(constraints.convex, multipliers),
+                proof=(constraints, multipliers),
             )
         if solution.claims == "optimal":
             optimum = problem, solution

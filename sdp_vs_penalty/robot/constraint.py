@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -159,11 +160,6 @@ class Constraint:
         unit = np.eye(len(self.constant))
         return unit if self.cone == "psd" else unit[0] if self.cone == "soc" else unit.sum(axis=0)
 
-    def adjoint(self, multiplier: Array) -> Array:
-        """(k,) inner products <F_i, S> of the coefficients with a multiplier S."""
-        axes = tuple(range(1, self.coefficients.ndim))
-        return np.tensordot(self.coefficients, multiplier, axes=(axes, tuple(range(multiplier.ndim))))
-
 
 @dataclass(frozen=True)
 class BarycentricBound:
@@ -211,11 +207,15 @@ class ConstraintSet:
         """Smallest margin of the convex constraints: >= 0 exactly if theta is feasible for the SDP."""
         return float(margins(self.convex, theta)[0].min(initial=np.inf))
 
-    def depth(self, theta: ArrayLike) -> float:
-        """How far inside the convex constraints theta lies, free of units: at most about one."""
+    def depths(self, theta: ArrayLike) -> list[float]:
+        """How far inside each group of constraints theta lies, free of units: at most about one."""
         x = np.asarray(theta, float)
-        depths = (cone_depths(s.cone, s.values(x), s.terms(x)).min() for s in self.groups)
-        return float(min(depths, default=np.inf))
+        both = zip(self.groups, *map(self.entries.split, self.entries.at(x)), strict=True)
+        return [float(cone_depths(s.cone, values, terms).min()) for s, values, terms in both]
+
+    def depth(self, theta: ArrayLike) -> float:
+        """The least of the depths."""
+        return min(self.depths(theta), default=np.inf)
 
     def with_families(self, keep: Callable[[str], bool]) -> ConstraintSet:
         """Only the families for which ``keep`` is true."""
@@ -230,9 +230,11 @@ class ConstraintSet:
         thick = {c.name for c in self.convex if c.family == "minimum thickness"}
         return tuple(c for c in self.convex if c.family != "pseudo-inertia" or c.name not in thick)
 
-    def filled(self, multipliers: Mapping[Constraint, Array]) -> list[Array]:
-        """Of each convex one its multiplier; zero for those that were left out."""
-        return [multipliers[c] if c in multipliers else np.zeros_like(c.constant) for c in self.convex]
+    def filled(self, multipliers: Mapping[Constraint, Array]) -> Array:
+        """(e,) multipliers of the convex ones as ``entries`` has them; zero for those left out."""
+        every = (self.convex[k] for group in self.groups for k in group.places.tolist())
+        each = [multipliers[c] if c in multipliers else np.zeros_like(c.constant) for c in every]
+        return np.concatenate([np.zeros(0), *(x.ravel() for x in each)])
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
         """These and further ones."""
@@ -325,14 +327,30 @@ class Entries:
         row, column = np.concatenate(rows), np.concatenate(columns)
         return cls(tuple(groups), constant, row, column, np.concatenate(values))
 
-    def at(self, theta: Array) -> Array:
-        """(e,) F(theta) of all."""
-        terms = self.value * theta[self.column]
-        return np.asarray(self.constant + np.bincount(self.row, terms, len(self.constant)))
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """(e,) F(theta) of all, and |F_0| + sum |theta_i F_i|: the size of what was summed."""
+        terms, count = self.value * theta[self.column], len(self.constant)
+        size = np.abs(self.constant) + np.bincount(self.row, np.abs(terms), count)
+        return np.asarray(self.constant + np.bincount(self.row, terms, count)), np.asarray(size)
 
-    def stacked(self, each: Sequence[Array]) -> list[Array]:
-        """Of each group (g, ...) what is given of each constraint."""
-        return [np.array([each[k] for k in group.places.tolist()]) for group in self.groups]
+    def adjoint(self, flat: Array, p: int) -> Array:
+        """(p,) inner products of every dF / dtheta_k with multipliers (e,)."""
+        return np.asarray(np.bincount(self.column, self.value * flat[self.row], p))
+
+    def split(self, flat: Any) -> list[Any]:
+        """Of each group (g, ...) its part of (e,)."""
+        out, start = [], 0
+        for group in self.groups:
+            stop = start + group.constant.size
+            out.append(flat[start:stop].reshape(group.constant.shape))
+            start = stop
+        return out
+
+    def each(self, flat: Array) -> list[Array]:
+        """Of each constraint its part of (e,)."""
+        parts = zip(self.groups, self.split(flat), strict=True)
+        own = {k: x for group, part in parts for k, x in zip(group.places.tolist(), part, strict=True)}
+        return [own[k] for k in range(len(own))]
 
 
 def margins(constraints: Sequence[Constraint], theta: ArrayLike) -> tuple[Array, Array]:

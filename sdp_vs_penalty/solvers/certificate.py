@@ -12,36 +12,34 @@ give a tight one. Nothing a solver says about itself enters.
 """
 
 from bisect import bisect_left
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, cone_depths, project, safe_depth
+from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, project, safe_depth
 from sdp_vs_penalty.solvers import verified
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import Iterate
-from sdp_vs_penalty.solvers.verified import DualEvidence
+from sdp_vs_penalty.solvers.verified import TIGHT, DualEvidence
 
 
 @dataclass(frozen=True)
 class Fit:
     """theta (p,); for convex problems what the certificate needs to bound the optimum.
 
-    multipliers : one a convex constraint, near its cone; entropy_slopes : the dual's own S for
-    P(theta)^-1, where a solver gives it; interior (p,) : strictly inside; bound (p,) : |theta_k| <=
+    multipliers (e,) : of the constraints' entries, near their cones; entropy_slopes : the dual's own S
+    for P(theta)^-1, where a solver gives it; interior (p,) : strictly inside; bound (p,) : |theta_k| <=
     bound_k for every feasible theta; central : a start for similar data.
     """
 
     theta: Array
     objective: Objective
     constraints: ConstraintSet
-    multipliers: Sequence[Array] | None = None
+    multipliers: Array | None = None
     entropy_slopes: Array | None = None
     interior: Array | None = None
     bound: Array | None = None
@@ -77,7 +75,7 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     assert fit.bound is not None
     objective, theta, bound = fit.objective, fit.theta, fit.bound
     data, slopes = objective.least_squares, fit.entropy_slopes
-    if objective.entropy is not None:
+    if objective.entropy is not None and (polished or slopes is None):
         own = np.zeros_like(objective.entropy.nominal) if slopes is None else slopes
         definite = np.linalg.eigvalsh(own)[:, 0] > 0.0
         slopes = own
@@ -93,9 +91,12 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     def push(slope: Array) -> Array:
         return data.R @ (bound * dpotrs(cholesky, slope, lower=1)[0])
 
-    # What rounding in theta leaves of the slope goes into y.
-    y = data.R.astype(verified.Long) @ theta - data.rho
-    given = DualEvidence(fit.multipliers, y, () if slopes is None else tuple(slopes), push)
+    given = DualEvidence(
+        fit.multipliers,
+        data.R @ theta - data.rho,
+        np.zeros((0, 4, 4)) if slopes is None else slopes,
+        push,
+    )
     return _polished(given, objective, fit.constraints, bound) if polished else given
 
 
@@ -105,13 +106,10 @@ def _polished(
     """What data cannot take up of a leftover slope goes into the multipliers of each link's 4x4 matrix,
     which can hold any of it; projecting them back onto the cone leaves less."""
     data, entries = objective.least_squares, constraints.entries
-    shape = len(bound), len(entries.constant)
-    adjoint = sparse.csr_matrix((entries.value, (entries.column, entries.row)), shape)
-    slope, pull, first = objective.linear + np.zeros(len(bound)), 2.0 * data.R.T, np.asarray(e.y, float)
+    p, slope, pull = len(bound), objective.linear, 2.0 * data.R.T
     if (entropy := objective.entropy) is not None:
-        pulls = entropy.weight * (entropy.nominal_terms[0] - np.array(e.entropy_slopes))
-        for link, own in zip(entropy.links, pulls, strict=True):
-            slope[link.indices] += link.adjoint(own)
+        pulls = entropy.weight * (entropy.nominal_terms[0] - e.entropy_slopes)
+        slope = slope + entropy.entries.adjoint(pulls.ravel(), p)
     u, strength, vt = np.linalg.svd(data.R * bound, full_matrices=False)
     told = strength > _CUT * strength.max(initial=0.0)
 
@@ -120,20 +118,19 @@ def _polished(
 
     # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near depends on units.
     sizes = [_sizes(group, bound) for group in entries.groups]
-    dual = entries.stacked(e.multipliers)
-    best, kept = -np.inf, dual
+    dual, kept, best = entries.split(e.multipliers), e.multipliers, -np.inf
     for _ in range(_DUAL_ROUNDS):
         dual = [t * project(g.cone, s / t) for g, s, t in zip(entries.groups, dual, sizes, strict=True)]
         flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
-        y = first
+        y = e.y
         for _ in range(2):
-            y = y - push(bound * (slope - adjoint @ flat + pull @ y))
-        leftover = slope - adjoint @ flat + pull @ y
+            y = y - push(bound * (slope - entries.adjoint(flat, p) + pull @ y))
+        leftover = slope - entries.adjoint(flat, p) + pull @ y
         cost = float(np.abs(leftover) @ bound)
         value = -float(entries.constant @ flat) - 2.0 * float(y @ data.rho) - float(y @ y) - cost
         gained, best = value - best, max(best, value)
         if gained > 0.0:
-            kept = dual
+            kept = flat
         if gained <= _WORTHWHILE * cost:
             break
         dual = [
@@ -142,9 +139,7 @@ def _polished(
             else s
             for g, s, t in zip(entries.groups, dual, sizes, strict=True)
         ]
-    order = np.argsort(np.concatenate([np.arange(0), *(g.places for g in entries.groups)]))
-    each = [s for group in kept for s in group]
-    return replace(e, multipliers=[each[k] for k in order.tolist()], push=push)
+    return replace(e, multipliers=kept, push=push)
 
 
 def _sizes(group: Alike, bound: Array) -> Array:
@@ -169,9 +164,6 @@ def _inverse(group: Alike, t: Array) -> Array:
 #: Directions below this share of the data's energy, or of the strongest, are left alone where a slope is
 #: pushed into y: by a Cholesky factor first, which is quick, by singular values then.
 _RIDGE, _CUT = 1e-9, 1e-8
-#: Gap relative to the loss that is promised: an answer within it is kept at once, and a bound within
-#: half of it is not made tighter.
-TIGHT = 1e-8
 #: Most rounds of pushing the leftover slope into the multipliers, and the share of what it costs that a
 #: round has to gain.
 _DUAL_ROUNDS, _WORTHWHILE = 50, 0.02
@@ -184,13 +176,11 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     another order, finds no violation. An interior point that is no deeper is what comes out.
     """
 
+    safe = [safe_depth(group.constant.shape[1]) for group in constraints.groups]
+
     def feasible(step: float) -> bool:
-        x = theta + step * (interior - theta)
-        return all(
-            cone_depths(stack.cone, stack.values(x), stack.terms(x)).min()
-            >= safe_depth(stack.constant.shape[1])
-            for stack in constraints.groups
-        )
+        depths = constraints.depths(theta + step * (interior - theta))
+        return all(depth >= least for depth, least in zip(depths, safe, strict=True))
 
     if feasible(0.0):
         return theta

@@ -122,9 +122,8 @@ def least_squares_sdp(
         groups += more
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
-        slope = np.einsum("gkab,gab->gk", links.coefficients, inverse)
-        linear[links.indices] += weight * slope * scale[links.indices]
-        quadratic, linear = (np.pad(x, (0, logs.size + 10 * len(slope))) for x in (quadratic, linear))
+        linear[:p] = weight * scale * entropy.entries.adjoint(inverse.ravel(), p)
+        quadratic, linear = (np.pad(x, (0, logs.size + 10 * len(inverse))) for x in (quadratic, linear))
         linear[logs] = -weight
         # Of the divergence the conic problem leaves out the trace at the centre, log det and scaling.
         left = np.sum(inverse * links.values(centre)) + np.sum(log_det - 4.0)

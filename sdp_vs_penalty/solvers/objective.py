@@ -33,14 +33,18 @@ class Entropy:
         return 0.5 * (inverse + np.swapaxes(inverse, 1, 2)), log_det
 
     @cached_property
+    def _roots(self) -> Array:
+        """L^-1 (links, 4, 4) of P_0 = L L^T."""
+        return np.linalg.inv(np.linalg.cholesky(self.nominal))
+
+    @cached_property
     def entries(self) -> Entries:
         """The links' pseudo-inertias as functions of theta."""
         return Entries.of(alike(self.links))
 
     def value(self, theta: Array) -> float:
         """At theta (p,); infinite outside of its domain."""
-        matrices = self.entries.at(theta).reshape(-1, 4, 4)
-        roots = np.linalg.inv(np.linalg.cholesky(self.nominal))  # L^-1 of P_0 = L L^T
+        matrices, roots = self.entries.at(theta)[0].reshape(-1, 4, 4), self._roots
         ratios = np.linalg.eigvalsh(roots @ matrices @ np.swapaxes(roots, 1, 2))
         if ratios.min() <= 0.0:  # not the determinant's sign: two negative eigenvalues hide in it
             return np.inf
@@ -48,11 +52,8 @@ class Entropy:
 
     def gradient(self, theta: Array) -> Array:
         """(p,) at theta (p,)."""
-        out = np.zeros(len(theta))
-        for link, p0 in zip(self.links, self.nominal, strict=True):
-            slope = np.linalg.inv(p0) - np.linalg.inv(link.value(theta))
-            out[link.indices] += self.weight * link.adjoint(slope)
-        return out
+        slope = self.nominal_terms[0] - np.linalg.inv(self.entries.at(theta)[0].reshape(-1, 4, 4))
+        return self.weight * self.entries.adjoint(slope.ravel(), len(theta))
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ _COLD = 1e-3
 #: A start for similar data: the last iterate whose relative gap was above this.
 _CENTRAL = 1e-2
 #: A step goes this share of the way to the boundary, more where the predictor came near the optimum.
-_SHARE, _MORE = 0.9, 0.099
+_SHARE = 0.9
 #: Relative change of H's diagonal: what rounding in H may cost its positive definiteness.
 _RIDGE = 1e-14
 #: A shorter step cannot be told from rounding.
@@ -59,16 +59,14 @@ def minimise(
     data: LeastSquares,
     starts: Sequence[Array | Iterate],
     accuracy: float,
-    steps: int = 60,
 ) -> Optimum | None:
     """From the first of the starts that lies inside, until gap and leftover slope cost no more than
-    ``accuracy`` of the loss, or no step helps any more, at most ``steps`` (twice what the slowest of the
-    shootout's instances needs); None where nothing could be factorised."""
+    ``accuracy`` of the loss, or no step helps any more; None where nothing could be factorised."""
     for start in starts:
         with np.errstate(all="ignore"):
             path = _Path.begin(cones, data, start)
             if path is not None:
-                return path.followed(accuracy, steps)
+                return path.followed(accuracy)
     return None
 
 
@@ -122,10 +120,10 @@ class _Path:
         self.value = self.loss + float(linear @ self.theta)
         self.gradient = 2.0 * (residual @ data.R) + linear
 
-    def followed(self, accuracy: float, steps: int) -> Optimum | None:
+    def followed(self, accuracy: float) -> Optimum | None:
         best: Optimum | None = None
         central = self.here()
-        for k in range(steps):
+        for k in range(60):  # twice what the slowest of the shootout's instances needs
             try:
                 error = self.prepare()
             except np.linalg.LinAlgError:
@@ -197,9 +195,11 @@ class _Path:
         self.ahead[1] = self.target - self.both[1] - second
         self.ahead[1] -= self.scaled(self.ahead_rows[0], Z, dS, self.rows[1])
         inward = float((self.ahead_rows / self.rows).min(initial=-1e-12))
-        if len(Z):
-            turned = self.roots @ self.ahead_mats @ self.turned
-            inward = min(inward, float(np.linalg.eigvalsh(turned)[..., 0].min()))
+        turned = self.roots @ self.ahead_mats @ self.turned
+        # The norm bounds each eigenvalue; less than _SHARE inward lets a whole step be taken.
+        blocks = np.einsum("kbij,kbij->kb", turned, turned) > max(-inward, _SHARE) ** 2
+        if blocks.any():
+            inward = min(inward, float(np.linalg.eigvalsh(turned[blocks])[:, 0].min()))
         return -1.0 / inward
 
     def complementarity(self, both: Array) -> float:
@@ -221,7 +221,7 @@ class _Path:
         right = cones.adjoint @ (self.target - second) - self.gradient
         step = dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)
-        share = min(1.0, (_SHARE + _MORE * reach**2) * longest)
+        share = min(1.0, (_SHARE + (0.999 - _SHARE) * reach**2) * longest)
         if not share > _SHORTEST:
             return False
         self.theta = self.theta + share * step

@@ -25,16 +25,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.certificate import TIGHT, Fit, dual_evidence
+from sdp_vs_penalty.solvers.certificate import Fit, dual_evidence
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-from sdp_vs_penalty.solvers.verified import CORRECTIONS, DualEvidence, factor
+from sdp_vs_penalty.solvers.verified import CORRECTIONS, TIGHT, DualEvidence, factor
 
 Proof = dict[str, Any]
-
-#: Entries of a matrix so much smaller than its largest one are rounding.
-_ROUNDING = 1e-14
 
 
 def optimum_proof(
@@ -47,10 +44,10 @@ def optimum_proof(
     Raises ValueError where it is not, or the multipliers prove nothing.
     """
     assert fit.bound is not None
-    evidence, convex = dual_evidence(fit), fit.constraints.convex
-    problem = stated(fit.objective, convex, fit.bound, parameters)
+    evidence = dual_evidence(fit)
+    problem = stated(fit.objective, fit.constraints.convex, fit.bound, parameters)
     proof: Proof = {
-        **_proof("optimum", problem, convex, evidence, fit.objective.entropy),
+        **_proof("optimum", problem, fit.constraints, evidence, fit.objective.entropy),
         "theta": [repr(float(x)) for x in fit.theta],
         "y": _texts(evidence.y),
         "lower": "0",
@@ -64,16 +61,16 @@ def optimum_proof(
 
 
 def infeasibility_proof(
-    constraints: Sequence[Constraint],
-    multipliers: Sequence[Array],
+    constraints: ConstraintSet,
+    multipliers: Array,
     bound: Array,
     parameters: Sequence[str] = (),
 ) -> Proof:
-    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all constraints."""
+    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex constraints; multipliers
+    (e,) of their entries."""
     nothing = Objective.without_data(len(bound))
-    demands, zero = ConstraintSet(tuple(constraints)), np.zeros(len(bound))
-    evidence = dual_evidence(Fit(zero, nothing, demands, multipliers, bound=bound))
-    problem = stated(nothing, constraints, bound, parameters)
+    evidence = dual_evidence(Fit(np.zeros(len(bound)), nothing, constraints, multipliers, bound=bound))
+    problem = stated(nothing, constraints.convex, bound, parameters)
     return _checked({**_proof("infeasible", problem, constraints, evidence), "y": []})
 
 
@@ -151,8 +148,8 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
         size = np.sqrt(np.diagonal(gram))
         return np.outer(size, size)
 
-    def itself(x: Array) -> Array:
-        return np.abs(x) + _ROUNDING / TIGHT * np.abs(x).max(initial=0.0)
+    def itself(x: Array) -> Array:  # what is rounding of the largest entry does not count
+        return np.abs(x) + safe_depth(1) / TIGHT * np.abs(x).max(initial=0.0)
 
     rows = np.column_stack([_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])])
     gram = rows.T @ rows
@@ -185,16 +182,15 @@ def _array(texts: Any) -> Array:
 def _proof(
     kind: str,
     problem: Proof,
-    constraints: Sequence[Constraint],
+    constraints: ConstraintSet,
     evidence: DualEvidence,
     entropy: Entropy | None = None,
 ) -> Proof:
     """A stated problem with its multipliers."""
-    links = () if entropy is None else entropy.links
+    slopes = [] if entropy is None else list(zip(entropy.links, evidence.entropy_slopes, strict=True))
     proved = []
     duals = _duals(constraints, evidence)
-    for c, own, dual in zip(constraints, problem["constraints"], duals, strict=True):
-        slopes = zip(links, evidence.entropy_slopes, strict=True)
+    for c, own, dual in zip(constraints.convex, problem["constraints"], duals, strict=True):
         roots = [np.linalg.cholesky(0.5 * (s + s.T)) for link, s in slopes if link is c]
         pulls = [{**e, "dual": _gram(root)} for e, root in zip(own["entropy"], roots, strict=True)]
         proved.append({**own, "dual": dual, "entropy": pulls})
@@ -202,10 +198,10 @@ def _proof(
     return {**about, **problem, "constraints": proved}
 
 
-def _duals(constraints: Sequence[Constraint], evidence: DualEvidence) -> list[Any]:
+def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
     """Of the constraints as they are, each inside its cone exactly: V V^T for a matrix."""
-    out = []
-    for c, multiplier in zip(constraints, evidence.multipliers, strict=True):
+    out, each = [], constraints.entries.each(evidence.multipliers)
+    for c, multiplier in zip(constraints.convex, each, strict=True):
         if c.cone == "psd":
             out.append(_gram(factor(0.5 * (multiplier + multiplier.T)[None])[0]))
         elif c.cone == "soc":

@@ -203,20 +203,8 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
             cones += [Cone(kind, sum(problem.cones[k].size for k in mine))] if mine else []
         else:
             cones += [problem.cones[k] for k in mine]
-    permutation = np.concatenate(order)
-
-    def back(x: Array, z: Array) -> tuple[Array, Array]:
-        out = np.empty_like(z)
-        out[permutation] = z
-        return x, out
-
-    made = replace(
-        problem,
-        A=sparse.csc_matrix(sparse.csr_matrix(problem.A)[permutation]),
-        b=problem.b[permutation],
-        cones=tuple(cones),
-    )
-    return Rewritten(made, back)
+    change = sparse.identity(len(problem.b), format="csr")[np.concatenate(order)]
+    return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
 
 
 def _zeros(rows: int, columns: int) -> sparse.csr_matrix:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Alike, Constraint, ConstraintSet, Entries, alike
+from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, Entries, alike
 from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
@@ -26,16 +27,13 @@ _Triplets = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 class SmallCones:
     """Non-negative rows and 4x4 blocks, prepared for any data in the same parameters theta (p,).
 
-    constraints : those that no other implies. Slacks (rows + 16 blocks,) = constant + slack_map theta,
-    of one kind after the other: rows, then the ``linked`` kinds of blocks that are the entropy's links,
-    then further blocks. weight (blocks,) : of -log det; linear (p,) : the slope of its trace term.
+    Slacks (rows + 16 blocks,) = constant + slack_map theta: those of all rows, of the entropy's links,
+    of further blocks. weight (blocks,) : of -log det; linear (p,) : the slope of its trace term.
     curvature turns y / s of the rows and the Kronecker products of S^-1 and Z of the blocks into the
-    entries ``places`` of H (p, p), lower triangle column by column.
+    entries ``places`` of H (p, p), lower triangle column by column. home (e, rows + 16 blocks) : from
+    multipliers to those of the constraints' entries, zero where another constraint implies one.
     """
 
-    constraints: tuple[Constraint, ...]
-    kinds: tuple[Alike, ...]
-    linked: int
     rows: int
     linear: Array
     weight: Array
@@ -44,6 +42,7 @@ class SmallCones:
     adjoint: Array | sparse.csr_matrix
     curvature: sparse.csr_matrix
     places: NDArray[np.intp]
+    home: sparse.csr_matrix
 
     @classmethod
     def of(cls, entropy: Entropy | None, constraints: ConstraintSet, p: int) -> SmallCones:
@@ -53,33 +52,35 @@ class SmallCones:
         chosen = [c for c in constraints.essential if (c.family, *c.indices.tolist()) not in barred]
         found = alike(chosen)
         rows = [kind for kind in found if kind.cone == "nonnegative"]
-        blocks = [*alike(links), *(kind for kind in found if kind.cone != "nonnegative")]
-        matrices = [_matrices(kind) for kind in blocks]
+        others = [kind for kind in found if kind.cone != "nonnegative"]
+        kinds = [*rows, *map(_matrices, (*alike(links), *others))]
+        entries, linear = Entries.of(kinds), np.zeros(p)
         count = sum(kind.constant.size for kind in rows)
-        members = [len(kind.places) for kind in blocks]
-        linear, weight = np.zeros(p), np.zeros(sum(members))
+        weight = np.zeros((len(entries.constant) - count) // ORDER**2)
         if entropy is not None and links:
             weight[: len(links)] = entropy.weight
-            for link, inverse in zip(links, entropy.nominal_terms[0], strict=True):
-                linear[link.indices] += entropy.weight * link.adjoint(inverse)
-        ends = np.cumsum([0, *(kind.constant.size for kind in rows)])
-        firsts = np.cumsum([0, *members])
-        pairs = [_row_pairs(kind, int(k), p) for kind, k in zip(rows, ends[:-1], strict=True)]
-        for kind, k in zip(matrices, firsts[:-1], strict=True):
-            pairs.append(_block_pairs(kind, count + int(k) * ORDER**4, p))
-        entries = Entries.of([*rows, *matrices])
-        shape = (len(entries.constant), p)
-        slack_map = sparse.csr_matrix((entries.value, (entries.row, entries.column)), shape)
-        small = math.prod(shape) <= _DENSE
-        none = np.zeros((2, 0), np.intp)
-        row, column, value = (np.concatenate(x) for x in zip((*none, none[0]), *pairs, strict=True))
-        wide = count + len(weight) * ORDER**4
-        curvature = sparse.csr_matrix((value, (row, column)), (p * p, wide))
+            linear = entropy.weight * entropy.entries.adjoint(entropy.nominal_terms[0].ravel(), p)
+        pairs, wide = list[_Triplets](), 0
+        for kind in kinds:
+            pairs.append((_row_pairs if kind.cone == "nonnegative" else _block_pairs)(kind, wide, p))
+            wide += kind.constant.size * (1 if kind.cone == "nonnegative" else ORDER**2)
+        curvature = _sparse(pairs, (p * p, wide))
         places = np.flatnonzero(np.diff(curvature.indptr))
+        back, own, start = list[_Triplets](), {}, 0
+        for kind in constraints.groups:
+            for k in kind.places.tolist():
+                own[constraints.convex[k]], start = start, start + constraints.convex[k].constant.size
+        first = 0
+        for kind in (*rows, *others):
+            if kind.cone != "nonnegative":
+                first = max(first, count + len(links) * ORDER**2)
+            where = np.array([own[chosen[k]] for k in kind.places.tolist()])
+            back.append(_homeward(kind, where, first))
+            first += len(where) * (kind.constant.shape[1] if kind.cone == "nonnegative" else ORDER**2)
+        shape = (len(entries.constant), p)
+        slack_map = _sparse([(entries.row, entries.column, entries.value)], shape)
+        small = math.prod(shape) <= _DENSE
         return cls(
-            tuple(chosen),
-            (*rows, *blocks),
-            len(alike(links)),
             count,
             linear,
             weight,
@@ -88,32 +89,21 @@ class SmallCones:
             np.ascontiguousarray(slack_map.T.toarray()) if small else slack_map.T.tocsr(),
             curvature[places],
             places,
+            _sparse(back, (start, len(entries.constant))),
         )
 
-    def multipliers(self, flat: Array) -> tuple[dict[Constraint, Array], Array | None]:
-        """Of each constraint that no other implies its multiplier, and of each link of the entropy the
-        slope S (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""
-        own = dict[Constraint, Array]()
-        slopes = np.empty((np.count_nonzero(self.weight), ORDER, ORDER))
-        start = blocks = 0
-        for kind in self.kinds:
-            size = kind.constant.shape[1]
-            rows = kind.cone == "nonnegative"
-            blocks += not rows
-            shape = kind.constant.shape if rows else (len(kind.places), ORDER, ORDER)
-            stop = start + math.prod(shape)
-            Z, start = flat[start:stop].reshape(shape), stop
-            if not rows and blocks <= self.linked:
-                slopes[kind.places] = Z / self.weight[0]
-                continue
-            if kind.cone == "soc":
-                trace = np.trace(Z[:, :size, :size], axis1=1, axis2=2)
-                Z = np.hstack([trace[:, None], 2.0 * Z[:, 0, 1:size]])
-            elif kind.cone == "psd":
-                Z = Z[:, :size, :size]
-            for k, z in zip(kind.places.tolist(), Z, strict=True):
-                own[self.constraints[k]] = z
-        return own, slopes if self.linked else None
+    def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
+        """(e,) of the constraints' entries, and of each link of the entropy the slope S (links, 4, 4)
+        with which -log det is bounded; flat (rows + 16 blocks,)."""
+        links = np.count_nonzero(self.weight)
+        slopes = flat[self.rows : self.rows + links * ORDER**2].reshape(-1, ORDER, ORDER)
+        return self.home @ flat, slopes / self.weight[0] if links else None
+
+
+def _sparse(parts: Sequence[_Triplets], shape: tuple[int, int]) -> sparse.csr_matrix:
+    none = np.zeros(0, np.intp)
+    row, column, value = (np.concatenate(x) for x in zip((none, none, none), *parts, strict=True))
+    return sparse.csr_matrix((value, (row, column)), shape)
 
 
 def _matrices(kind: Alike) -> Alike:
@@ -134,6 +124,23 @@ def _matrices(kind: Alike) -> Alike:
 
     constant, coefficients = padded(kind.constant, 1, 1.0), padded(kind.coefficients, 2, 0.0)
     return Alike("psd", kind.places, kind.indices, constant, coefficients)
+
+
+def _homeward(kind: Alike, where: NDArray[np.intp], start: int) -> _Triplets:
+    """Entries of constraints, from ``where`` (g,) on, and the multipliers (from ``start`` on) that they
+    are made of; a second-order cone's of its arrow."""
+    size = kind.constant.shape[1]
+    entry = own = np.arange(size)
+    value, width = np.ones(size), size
+    if kind.cone == "psd":
+        i, j = (x.ravel() for x in np.indices((size, size)))
+        entry, own, value, width = i * size + j, i * ORDER + j, np.ones(size**2), ORDER**2
+    elif kind.cone == "soc":
+        entry, own = np.append(0 * own, own[1:]), np.append(own * (ORDER + 1), own[1:])
+        value, width = np.repeat([1.0, 2.0], [size, size - 1]), ORDER**2
+    first = start + width * np.arange(len(where))
+    every = where[:, None] + entry, first[:, None] + own, np.tile(value, (len(where), 1))
+    return every[0].ravel(), every[1].ravel(), every[2].ravel()
 
 
 def _row_pairs(kind: Alike, start: int, p: int) -> _Triplets:

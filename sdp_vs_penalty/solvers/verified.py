@@ -14,7 +14,7 @@ is formed in rational arithmetic and factorised exactly: feasible is then a fact
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -25,7 +25,6 @@ from sdp_vs_penalty.robot.constraint import (
     Constraint,
     ConstraintSet,
     Entries,
-    alike,
     margins,
 )
 from sdp_vs_penalty.solvers import verify_proof
@@ -45,18 +44,28 @@ def _gamma(operations: int) -> Extended:
 _TINY = Long(np.finfo(float).tiny)
 
 
-def in_cone(cone: str, multipliers: Array) -> tuple[Extended, Extended]:
-    """Multipliers (g, ...) that lie in their (self-dual) cone, near those given; their sums' absolute
+def in_cones(entries: Entries, multipliers: Array) -> tuple[Extended, Array]:
+    """Multipliers (e,) that lie in their (self-dual) cones, near those given; their sums' absolute
     values. A matrix is V V^T, formed with rounding; the others are exact."""
-    if cone == "psd":
-        v = np.asarray(factor(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2))), Long)
-        return v @ np.swapaxes(v, 1, 2), np.abs(v) @ np.swapaxes(np.abs(v), 1, 2)
-    exact = np.asarray(np.maximum(multipliers, 0.0), Long)
-    if cone == "soc":
-        exact = np.array(multipliers, Long)
-        norm = np.sqrt(np.sum(exact[:, 1:] ** 2, axis=1)) * (1 + _gamma(exact.shape[1])) + _TINY
-        exact[:, 0] = np.maximum(exact[:, 0], norm)
-    return exact, np.abs(exact)
+    size = np.maximum(multipliers, 0.0)
+    exact = np.asarray(size, Long)
+    parts = [entries.split(x) for x in (multipliers, exact, size)]
+    each = zip(entries.groups, *parts, strict=True)
+    for group, raw, own, its_size in each:
+        if group.cone == "psd" and raw.any():
+            own[:], its_size[:] = _square(factor(0.5 * (raw + np.swapaxes(raw, 1, 2))))
+        elif group.cone == "soc":
+            own[:] = raw
+            norm = np.sqrt(np.sum(own[:, 1:] ** 2, axis=1)) * (1 + _gamma(own.shape[1])) + _TINY
+            own[:, 0] = np.maximum(own[:, 0], norm)
+            its_size[:] = np.abs(own)
+    return exact, size
+
+
+def _square(v: Array) -> tuple[Extended, Array]:
+    """V V^T (g, d, d) and |V| |V|^T, whose own rounding gamma holds as well."""
+    exact, size = np.asarray(v, Long), np.abs(v)
+    return exact @ np.swapaxes(exact, 1, 2), size @ np.swapaxes(size, 1, 2)
 
 
 def factor(matrices: Array) -> Array:
@@ -73,28 +82,22 @@ def factor(matrices: Array) -> Array:
     return out
 
 
-def _against(
-    entries: Entries, dual: Sequence[tuple[Extended, Extended]], p: int
-) -> tuple[Extended, Extended]:
-    """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of absolute values."""
-    nothing, slope = np.zeros(0, Long), np.zeros(p, Long)
-    flat, sizes = (np.concatenate([nothing, *(d[k].ravel() for d in dual)]) for k in (0, 1))
-    np.add.at(slope, entries.column, entries.value * flat[entries.row])
-    terms = np.abs(entries.value) * sizes[entries.row]  # whose own rounding gamma holds as well
-    size = np.bincount(entries.column, np.asarray(terms, float), p)
-    constant = [entries.constant @ flat, np.abs(entries.constant) @ sizes]
-    return np.array([slope, size]), np.array(constant, Long)
+def _against(entries: Entries, dual: Extended, sizes: Array, p: int) -> tuple[Extended, Extended]:
+    """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of absolute values;
+    dual, sizes (e,)."""
+    slope = np.zeros((2, p), Long)
+    np.add.at(slope[0], entries.column, entries.value * dual[entries.row])
+    slope[1] = np.bincount(entries.column, np.abs(entries.value) * sizes[entries.row], p)
+    return slope, np.array([entries.constant @ dual, np.abs(entries.constant) @ sizes], Long)
 
 
-def _entropy_tangent(entropy: Entropy, slopes: Sequence[Array], p: int) -> tuple[Extended, Extended]:
+def _entropy_tangent(entropy: Entropy, slopes: Array, p: int) -> tuple[Extended, Extended]:
     """The same of -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly."""
-    raw = np.asarray(slopes)
-    v = np.asarray(np.linalg.cholesky(0.5 * (raw + np.swapaxes(raw, 1, 2))), Long)
-    logs = np.log(np.diagonal(v, axis1=1, axis2=2))
-    inverse, log_det = entropy.nominal_terms
-    both = inverse - v @ np.swapaxes(v, 1, 2), np.abs(inverse) + np.abs(v) @ np.swapaxes(np.abs(v), 1, 2)
-    own = [(both[0][group.places], both[1][group.places]) for group in entropy.entries.groups]
-    slope, constant = _against(entropy.entries, own, p)
+    v = np.asarray(np.linalg.cholesky(0.5 * (slopes + np.swapaxes(slopes, 1, 2))), float)
+    logs = np.log(np.asarray(np.diagonal(v, axis1=1, axis2=2), Long))
+    (inverse, log_det), (exact, size) = entropy.nominal_terms, _square(v)
+    both = (inverse - exact).ravel(), (np.abs(inverse) + size).ravel()
+    slope, constant = _against(entropy.entries, *both, p)
     # A logarithm is right to a few units of its last place, or of one.
     more = 2 * logs.sum() + log_det.sum(), 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
     weight = Long(entropy.weight)
@@ -105,14 +108,14 @@ def _entropy_tangent(entropy: Entropy, slopes: Sequence[Array], p: int) -> tuple
 class DualEvidence:
     """What a lower bound follows from, whoever adds it up: the numbers may be off, the bound holds.
 
-    multipliers : near their cones, one a constraint; y (r,) : near the residual at the optimum;
-    entropy_slopes (links, 4, 4) : positive definite S with -log det P >= log det S + 4 - tr(S P);
+    multipliers (e,) : of the constraints' entries, near their cones; y (r,) : near the residual at the
+    optimum; entropy_slopes (links, 4, 4) : positive definite S, -log det P >= log det S + 4 - tr(S P);
     push : from a leftover slope (p,) times its limit to the shift of y (r,) that removes it.
     """
 
-    multipliers: Sequence[Array]
+    multipliers: Array
     y: Array
-    entropy_slopes: Sequence[Array] = ()
+    entropy_slopes: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     push: Callable[[Array], Array] | None = None
 
 
@@ -123,12 +126,11 @@ def lower_bound(
     where slopes of the entropy are not definite.
 
     f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)> for every y and
-    all S_i in their cones; what is left of the slope, e, costs |e|^T bound. y is shifted in extended
-    precision until that no longer matters.
+    all S_i in their cones; what is left of the slope, e, costs |e|^T bound. y is shifted, in extended
+    precision from the second time on, until that no longer matters.
     """
     data, signs = objective.least_squares, np.array([-1, 1])
-    groups = zip(constraints.groups, constraints.stacked(evidence.multipliers), strict=True)
-    slope, constant = _against(constraints, [in_cone(g.cone, s) for g, s in groups], len(bound))
+    slope, constant = _against(constraints, *in_cones(constraints, evidence.multipliers), len(bound))
     slope, constant = signs[:, None] * slope, signs * constant
     slope += np.array([objective.linear, np.abs(objective.linear)]).reshape(2, -1)
     operations = len(evidence.y) + len(constraints.constant)
@@ -139,15 +141,18 @@ def lower_bound(
         except np.linalg.LinAlgError:
             return -np.inf
         slope, constant = slope + tangent[0], constant + tangent[1]
-    R, rho, limit, y = (np.asarray(x, Long) for x in (data.R, data.rho, bound, evidence.y))
+    near, push = evidence.y, evidence.push
+    if push is not None:
+        near = near - push(bound * (np.asarray(slope[0], float) + 2.0 * (near @ data.R)))
+    R, rho, limit, y = (np.asarray(x, Long) for x in (data.R, data.rho, bound, near))
     floor = Long(data.residual_norm) ** 2
     left = slope[0] + 2 * (y @ R)
-    for _ in range(CORRECTIONS if evidence.push else 0):
-        assert evidence.push is not None
+    for _ in range(CORRECTIONS if push else 0):
+        assert push is not None
         leftover = np.asarray(limit * left, float)
-        if np.abs(leftover).sum() <= np.finfo(float).eps * float(y @ y + floor):
+        if np.abs(leftover).sum() <= 1e-3 * TIGHT * float(y @ y + floor):
             break
-        y = y - evidence.push(leftover)
+        y = y - push(leftover)
         left = slope[0] + 2 * (y @ R)
     gamma = _gamma(operations)
     sizes = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))  # whose own rounding gamma holds
@@ -159,20 +164,21 @@ def lower_bound(
     return double if double <= least else float(np.nextafter(double, -np.inf))
 
 
-#: Corrections of y at most; none more where a leftover slope costs less of the loss than rounding does.
+#: Gap relative to the loss that is promised: an answer within it is kept at once, a bound within half of
+#: it is not made tighter, and a leftover slope that costs a thousandth of it is left.
+TIGHT = 1e-8
+#: Corrections of y at most.
 CORRECTIONS = 3
 
 
-def proves_infeasible(
-    constraints: Sequence[Constraint], multipliers: Sequence[Array], bound: Array
-) -> bool:
+def proves_infeasible(constraints: ConstraintSet, multipliers: Array, bound: Array) -> bool:
     """Whether the multipliers prove that no |theta_k| <= bound_k satisfies all constraints.
 
     0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas). It is the
     lower bound of the objective zero: positive exactly if the set is empty.
     """
-    entries, nothing = Entries.of(alike(constraints)), Objective.without_data(len(bound))
-    return lower_bound(nothing, entries, DualEvidence(multipliers, np.zeros(0)), bound) > 0.0
+    evidence, nothing = DualEvidence(multipliers, np.zeros(0)), Objective.without_data(len(bound))
+    return lower_bound(nothing, constraints.entries, evidence, bound) > 0.0
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:

@@ -19,8 +19,8 @@ from sdp_vs_penalty.robot import inertia, random_trajectory
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
-from sdp_vs_penalty.solvers.certificate import TIGHT
 from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.verified import TIGHT
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 

@@ -77,7 +77,7 @@ class Known:
         )
         self.constraints = demands.plus(plain.minimum_thickness(THICKNESS))
         assert self.constraints.margin(self.theta) > -1e-12
-        self.multipliers, slope = [], np.zeros(p)
+        slope = np.zeros(p)
         for c in self.constraints.convex:
             s = np.zeros_like(c.constant)
             link = int(c.indices[0]) // 10
@@ -86,8 +86,7 @@ class Known:
                 s = rng.uniform(0.1, 3.0) * np.outer(null, null)
             elif c.family == "mass" and link == links - 1:
                 s[-1] = rng.uniform(0.1, 3.0)
-            self.multipliers.append(s)
-            slope[c.indices] += c.adjoint(s)
+            slope[c.indices] += c.coefficients.reshape(len(c.indices), -1) @ s.ravel()
         r = rng.normal(size=(p + 5, p)) / np.maximum(np.abs(self.theta), 1e-2)
         y = np.linalg.lstsq(r.T, slope / 2.0, rcond=None)[0]
         rho, floor = r @ self.theta - y, float(rng.uniform(0.0, 1.0))
@@ -131,9 +130,9 @@ def test_a_wrong_answer_or_a_wrong_dual_shows_as_a_gap(seed):
     rng = np.random.default_rng(seed)
     interior = interior_point(known.task, fit.constraints)
     wrong_theta = replace(fit, theta=fit.theta + 0.05 * (interior - fit.theta))
-    wrong_dual = replace(fit, multipliers=[2.0 * s for s in fit.multipliers])
-    no_dual = replace(fit, multipliers=[0.0 * s for s in fit.multipliers])
-    noisy = replace(fit, multipliers=[s + rng.normal(size=s.shape) for s in fit.multipliers])
+    wrong_dual = replace(fit, multipliers=2.0 * fit.multipliers)
+    no_dual = replace(fit, multipliers=0.0 * fit.multipliers)
+    noisy = replace(fit, multipliers=fit.multipliers + rng.normal(size=len(fit.multipliers)))
     assert right.gap is not None
     for name, wrong in {"theta": wrong_theta, "2 S": wrong_dual, "0": no_dual, "noise": noisy}.items():
         _, certificate = certify(known.task, wrong)

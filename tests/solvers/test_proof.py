@@ -26,6 +26,7 @@ from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.regression import LeastSquares
+from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers import Objective, verify_proof
@@ -85,10 +86,11 @@ def test_what_is_infeasible_is_proved_so():
     """x >= 1 and x <= -1, and a matrix that cannot be: Farkas; with weaker multipliers it is refused."""
     above = build.linear("mass", "a", [0], [[1.0]], [-1.0])
     below = build.linear("mass", "b", [0], [[-1.0]], [-1.0])
-    proof = infeasibility_proof([above, below], [np.ones(1), np.ones(1)], np.array([10.0]))
+    demands = ConstraintSet((above, below))
+    proof = infeasibility_proof(demands, np.ones(2), np.array([10.0]))
     assert verify_proof.check(proof) is None
     with pytest.raises(ValueError, match="not proved"):
-        infeasibility_proof([above, below], [np.ones(1), np.zeros(1)], np.array([10.0]))
+        infeasibility_proof(demands, np.array([1.0, 0.0]), np.array([10.0]))
 
 
 def test_the_checker_stands_alone(proofs, tmp_path):

@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimators import Fit
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import Constraint, ConstraintSet, cone_margin, inertia
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.constraint import cone_depths, safe_depth
+from sdp_vs_penalty.robot.constraint import Alike, Entries, cone_depths, safe_depth
 from sdp_vs_penalty.solvers import Objective, repair, verified, verify_proof
 from sdp_vs_penalty.solvers.proof import optimum_proof
 
@@ -156,8 +156,9 @@ class KnownSdp:
             "range", "all", index, np.hstack([np.eye(p), -np.eye(p)]), np.full(2 * p, 8.0)
         )
         self.constraints = ConstraintSet((lmi, cone, bounds))
-        self.multipliers = [np.outer(v, v), size * np.array([5.0, -3.0, -4.0]), np.zeros(2 * p)]
-        slope = sum(c.adjoint(s) for c, s in zip(self.constraints.convex, self.multipliers, strict=True))
+        each = [np.outer(v, v), size * np.array([5.0, -3.0, -4.0]), np.zeros(2 * p)]
+        self.multipliers = np.concatenate([s.ravel() for s in each])
+        slope = self.constraints.entries.adjoint(self.multipliers, p)
         lower = np.eye(p) + np.tril(rng.integers(-1, 2, (p, p)), -1)
         upper = np.eye(p) + np.triu(rng.integers(-1, 2, (p, p)), 1)
         R = (lower @ upper).astype(float)  # determinant 1: the inverse is whole too
@@ -177,7 +178,7 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
     known = KnownSdp(seed, 1)
     rng = np.random.default_rng(seed)
     scale = 10.0**exponent if noise else 1.0
-    multipliers = [scale * (s + noise * rng.normal(size=s.shape)) for s in known.multipliers]
+    multipliers = scale * (known.multipliers + noise * rng.normal(size=len(known.multipliers)))
     theta = known.theta + noise * rng.normal(size=3)
     lower = Fit(theta, known.objective, known.constraints, multipliers, bound=known.bound).lower
     assert Fraction(lower) <= known.optimum
@@ -188,7 +189,7 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
 @pytest.mark.parametrize("seed", range(6))
 def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(seed):
     known, rng = KnownSdp(seed, 1), np.random.default_rng(seed)
-    near = [s - 1e-9 * rng.random(s.shape) for s in known.multipliers]
+    near = known.multipliers - 1e-9 * rng.random(len(known.multipliers))
     made = optimum_proof(Fit(known.theta, known.objective, known.constraints, near, bound=known.bound))
     lower, upper = verify_proof.check(made)
     assert lower <= known.optimum <= upper
@@ -214,18 +215,19 @@ def test_infeasibility_is_proved_only_where_it_is_true():
     above = build.linear("lower", "sum", [0, 1], [[1.0], [1.0]], [-3.0])  # a + b >= 3
     below = build.linear("upper", "each", [0, 1], -np.eye(2), [1.0, 1.0])  # a, b <= 1
     bound = np.full(p, 10.0)
-    farkas = [np.array([1.0]), np.array([1.0, 1.0])]
-    assert verified.proves_infeasible([above, below], farkas, bound)
+    demands, farkas = ConstraintSet((above, below)), np.ones(3)
+    assert verified.proves_infeasible(demands, farkas, bound)
     touching = build.linear("lower", "sum", [0, 1], [[1.0], [1.0]], [-2.0])  # met by (1, 1) only
-    assert not verified.proves_infeasible([touching, below], farkas, bound)
-    assert not verified.proves_infeasible([above, below], [np.array([1.0]), np.zeros(2)], bound)
+    assert not verified.proves_infeasible(ConstraintSet((touching, below)), farkas, bound)
+    assert not verified.proves_infeasible(demands, np.array([1.0, 0.0, 0.0]), bound)
 
 
 @pytest.mark.parametrize("cone", ["psd", "soc", "nonnegative"])
 def test_garbage_multipliers_are_moved_into_their_cone_exactly(cone):
     rng = np.random.default_rng(0)
     raw = rng.normal(size=(20, 4, 4) if cone == "psd" else (20, 4))
-    for moved in verified.in_cone(cone, raw)[0]:
+    group = Alike(cone, np.arange(20), np.zeros((20, 1), int), raw, raw[:, None])
+    for moved in verified.in_cones(Entries.of([group]), raw.ravel())[0].reshape(raw.shape):
         if cone == "psd":
             # up to the radius, which covers what the product V V^T rounds
             assert np.linalg.eigvalsh(moved.astype(float))[0] > -1e-14

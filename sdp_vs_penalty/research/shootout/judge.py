@@ -70,13 +70,13 @@ def reference(instance: Instance) -> Reference:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a contestant returned. multipliers : of all convex constraints, or None without a dual;
+    """What a contestant returned. multipliers : of a Fit, or None without a dual;
     attempts : runs that went into it, as far as the contestant starts several."""
 
     theta: Array
     claims: str
     status: str
-    multipliers: Sequence[Array] | None = None
+    multipliers: Array | None = None
     entropy_slopes: Array | None = None
     attempts: int = 1
 
@@ -153,7 +153,7 @@ def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[flo
 def _dual(instance: Instance, answer: Answer) -> float:
     """The bound from the contestant's own multipliers, -inf without finite ones."""
     own, slopes = answer.multipliers, answer.entropy_slopes
-    if own is None or not all(np.all(np.isfinite(x)) for x in (answer.theta, *own)):
+    if own is None or not all(np.all(np.isfinite(x)) for x in (answer.theta, own)):
         return -np.inf
     if slopes is not None and not np.all(np.isfinite(slopes)):
         slopes = None
