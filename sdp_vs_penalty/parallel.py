@@ -1,4 +1,4 @@
-"""The same work on this machine (joblib) or on a Dask cluster: a function, and items with names in them.
+"""The same work by processes of this machine or on a Dask cluster: a function, and items.
 
 An item is a run or an instance; what comes back is small, such as the triangular factors of a whole
 recording.
@@ -6,13 +6,18 @@ recording.
 
 import logging
 import os
+import signal
+import sys
 import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from multiprocessing import get_context
+from multiprocessing.connection import wait
 from typing import Any, Generic, TypeVar
 
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -40,7 +45,7 @@ def spread(
     Raises InputError where Dask is not installed, nobody answers at the address, or the scheduler ends.
     """
     if scheduler is None:
-        yield from _here(function, list(items), jobs)
+        yield from _here(function, items, jobs)
         return
     with _connected(scheduler) as client:
         from distributed import KilledWorker, Variable, as_completed
@@ -101,22 +106,59 @@ def _batches(items: list[Item], threads: int) -> list[list[Item]]:
     return [items[k : k + count] for k in range(0, len(items), count)]
 
 
-def _here(function: Callable[[Item], Result], items: list[Item], jobs: int) -> Iterator[Result]:
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
+def _here(function: Callable[[Item], Result], items: Iterable[Item], jobs: int) -> Iterator[Result]:
+    """By processes that begin as this one is where the system can fork: they import and read nothing."""
+    context: Any = get_context("fork" if sys.platform == "linux" else "spawn")
+    todo, deaths = list(items), 0
+    lines, busy = dict[Any, Any](), dict[Any, Item]()  # processes, and what they do, by their pipes
 
-    work, left = Numbered(function), dict(enumerate(items))
-    how: dict[str, Any] = {"backend": "loky", "initializer": end_with, "initargs": (os.getpid(),)}
-    for attempt in range(_RETRIES + 1):
-        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, **how)
-        try:
-            for k, result in parallel(delayed(work)(item) for item in list(left.items())):
-                del left[k]
+    def idle() -> Any:
+        if not (free := lines.keys() - busy.keys()):
+            ours, theirs = context.Pipe()
+            lines[ours] = context.Process(target=_serve, args=(function, theirs, os.getpid()))
+            lines[ours].start()
+            theirs.close()  # so that its death closes it
+            return ours
+        return free.pop()
+
+    try:
+        while todo or busy:
+            while todo and len(busy) < jobs:
+                busy[line := idle()] = todo.pop(0)
+                with suppress(OSError):  # it has died
+                    line.send(busy[line])
+            ready: list[Any] = wait(list(busy))
+            for line in ready:
+                item = busy.pop(line)
+                try:
+                    result, error = line.recv()
+                except (EOFError, OSError):
+                    todo, deaths = [item, *todo], deaths + 1
+                    lines.pop(line).join()
+                    if deaths > _RETRIES:
+                        what = f"{deaths} processes were ended from outside"
+                        raise InputError(what, "take fewer --jobs: memory may be short") from None
+                    continue
+                if error is not None:
+                    raise error
                 yield result
-            return
-        except TerminatedWorkerError:  # the whole pool ends with one worker
-            if attempt == _RETRIES:
-                raise
+    finally:
+        for process in lines.values():
+            process.terminate()
+            process.join()
+
+
+def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
+    """A worker process: to each item an answer, or an error."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
+    end_with(parent)
+    while True:
+        item = line.recv()
+        try:
+            answer: tuple[Any, ...] = function(item), None
+        except Exception as error:
+            answer = None, error
+        line.send(answer)
 
 
 @dataclass(frozen=True)
