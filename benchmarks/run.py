@@ -3,10 +3,10 @@
     python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out results]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
-SDP_VS_PENALTY_DATA). This program's way and another one, measured in one process or one run: each part
-runs in a process of its own on one thread, figures are ratios within it; memory is a command's peak
-beyond that of the same command on an input error (imports). Writes benchmarks.csv and benchmarks.md;
-parts that are not measured this time keep what the files there hold of them, with its date.
+SDP_VS_PENALTY_DATA). N: rows of the recordings of the memory part. Each part runs in a process of its
+own on one thread, figures are ratios within it; memory is a command's peak beyond that of the same
+command on an input error (imports). Writes benchmarks.csv and benchmarks.md; parts that are not measured
+this time keep what the files there hold of them, with its date.
 """
 
 import argparse
@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import timeit
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -38,8 +39,7 @@ from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimation.identify import build_estimate, versions
 from sdp_vs_penalty.estimation.identify import identify as estimated
 from sdp_vs_penalty.estimation.pose import pose
-from sdp_vs_penalty.estimators import make_estimator
-from sdp_vs_penalty.estimators.estimator import Fit, joint_weights, make_task, sample_variance
+from sdp_vs_penalty.estimators.estimator import joint_weights, make_task, sample_variance
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.files import write_text
@@ -55,34 +55,23 @@ from sdp_vs_penalty.solvers.objective import Objective
 #: Measured once, by scripts that left (the commit that had them): they stay in the table.
 LEFT = {"solvers": "8fe364a0", "rivals": "ffa8cd7", "growth": "204ffd3f"}
 NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
-
-
-METHOD = "lmi-sdp"
 #: One figure: what, ours, another way's beside it or None, unit, note.
 Row = tuple[str, float, float | None, str, str]
 
 
 def cpu(call: Callable[[], object], times: int = 1) -> float:
     """Least processor time of a call [s]."""
-    best = np.inf
-    for _ in range(times):
-        start = time.process_time()
-        call()
-        best = min(best, time.process_time() - start)
-    return best
+    return min(timeit.repeat(call, repeat=times, number=1, timer=time.process_time))
 
 
 def text(problem: Problem, folder: Path) -> list[Row]:
     """Text files to an estimate against the decimated script, and both on motion not seen."""
     model, basis = problem.robot._model, inertia.PSEUDO_INERTIA_BASIS
-
-    def script(triangle: bool = True) -> None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            decimated.identify(folder, model, basis, triangle)
+    warnings.simplefilter("ignore")  # the script's
+    script = partial(decimated.identify, folder, model, basis)
 
     def ours(verb: Callable[..., Estimate] = estimated) -> Estimate:
-        return verb(problem, load_measurements(folder, joints=7), METHOD)
+        return verb(problem, load_measurements(folder, joints=7))
 
     judged_too = partial(ours, partial(identify, check=False))
     estimate, run = ours(), load_measurements(folder, joints=7)
@@ -94,36 +83,27 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     rows, torque = decimated.rows(model, q, tau)
     own_cells = split.cell(0, t[decimated.kept(len(t))])
     columns = decimated.columns(model, at.q, at.dq, at.ddq)
-    wrong = total = 0.0
+    left = np.zeros_like(judged.torque)
     for k in range(split.count):
         train, tested = np.isin(own_cells, split.training(k)), np.isin(cells, split.tested(k))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            theta = decimated.solve(rows[train], torque[train], basis)
-        wrong += float(np.sum((columns[tested] @ theta - judged.torque[tested]) ** 2))
-        total += float(np.sum(judged.torque[tested] ** 2))
-    error = cross_validate(problem, run, METHOD).relative_error_percent
-    note = (
-        "neither checks the data; theirs: every 28th sample, Pinocchio, CVXPY; no bounds, no certificate"
-    )
-    posed, method = pose(problem, run), make_estimator(METHOD)
+        theta = decimated.solve(rows[train], torque[train], basis)
+        left[tested] = columns[tested] @ theta - judged.torque[tested]
+    theirs = 100.0 * float(np.linalg.norm(left) / np.linalg.norm(judged.torque))
+    error = cross_validate(problem, run).relative_error_percent
+    note = "neither checks the data; theirs: every 28th sample, Pinocchio, CVXPY; no certificate"
+    posed, method = pose(problem, run), LmiSdp()
     fit = method.fit(posed.task)
-
-    def certified() -> Estimate:  # without what an earlier call has left in the task's cache
-        return build_estimate(replace(posed, task=replace(posed.task)), method, fit)
-
-    def solved() -> Fit:
-        return method.fit(replace(posed.task))
-
+    again = partial(replace, posed.task)  # without what an earlier call has left in its cache
     spent, plain = cpu(ours, 5), "theirs: the rows as they are, not their R factor, to CVXPY"
     return [
         ("text files to estimate, CPU", spent, cpu(script, 5), "s", note),
         ("the same and its verdict on these data, CPU", cpu(judged_too, 5), cpu(script, 5), "s",
             "noise floor and error of each joint; theirs: as above, without"),
-        ("the same, rows to CVXPY, CPU", spent, cpu(lambda: script(False), 3), "s", plain),
-        ("its certificate, intervals and record of the motion, CPU", cpu(certified, 5),
-            cpu(solved, 5), "s", "other: its SDP with the lower bound"),
-        ("the same, relative error on motion not seen", error, 100.0 * np.sqrt(wrong / total), "%",
+        ("the same, rows to CVXPY, CPU", spent, cpu(partial(script, False), 3), "s", plain),
+        ("its certificate, intervals and record of the motion, CPU", 
+            cpu(lambda: build_estimate(replace(posed, task=again()), method, fit), 5),
+            cpu(lambda: method.fit(again()), 5), "s", "other: its SDP with the lower bound"),
+        ("the same, relative error on motion not seen", error, theirs, "%",
             "five folds by phase, 4 928 torques"),
     ]  # fmt: skip
 
@@ -132,14 +112,11 @@ def fits(problem: Problem, run: Measurements) -> list[Row]:
     """Compressed data to a certified fit, by the default and by Clarabel in the same loop."""
     tasks = {"the measured Panda": pose(problem, run).task}
     tasks |= {f"{n} links": chain_task(n) for n in (7, 20, 60)}
-    rows = []
+    rows, methods = [], (LmiSdp(), LmiSdp(solver="clarabel"))
     for name, task in tasks.items():
         times = 9 if len(task.bound) < 300 else 3
-        gaps, spent = [], []
-        for solver in (None, "clarabel"):
-            method = LmiSdp(solver=solver)
-            gaps.append(method.fit(task).gap)
-            spent.append(1e3 * cpu(lambda method=method, task=task: method.fit(task).gap, times))  # type: ignore[misc]
+        gaps = [method.fit(task).gap for method in methods]
+        spent = [1e3 * cpu(lambda m=m, task=task: m.fit(task).gap, times) for m in methods]
         note = f"certified gaps {gaps[0]:.0e} and {gaps[1]:.0e} of the loss; other: Clarabel"
         rows.append((f"certified fit, {name}, CPU", *spent, "ms", note))
     return rows
@@ -154,21 +131,21 @@ def renewed(problem: Problem, run: Measurements) -> list[Row]:
     objective, constraints = LmiSdp().posed(task)
     posed = PosedSdp.of(task, objective, constraints)
     last, prior, rng = posed.fit(objective), sample_variance(task), np.random.default_rng(0)
-    spent: tuple[list[float], list[float]] = ([], [])
+    spent = []
     for _ in range(40):
         drawn = regression.select(rng.integers(0, len(regression.blocks), len(regression.blocks)))
         assert task.joint_scale is not None
         data = drawn.least_squares(weights).with_prior(task.joint_scale, prior)
         again = Objective(data, objective.entropy)
-        for own, near in zip(spent, (last, None), strict=True):
-            own.append(1e3 * cpu(lambda near=near, again=again: posed.fit(again, 1e-9, near).gap))  # type: ignore[misc]
+        certified = (
+            lambda near=near, data=again: posed.fit(data, 1e-9, near).gap for near in (last, None)
+        )
+        spent.append([1e3 * cpu(call) for call in certified])
     note = "from the last fit; other: from the nominal robot"
-    draws, (few, many) = 100, [cpu(partial(bootstrap, problem, run, k), 3) for k in (1, 101)]
-    each = 1e3 * (many - few) / draws
-    return [
-        ("renewed certified fit, CPU", *map(float, np.median(spent, axis=1)), "ms", note),
-        ("certified draw of a bootstrap, CPU", each, None, "ms", f"one of {draws}, its data included"),
-    ]
+    one, many = (cpu(partial(bootstrap, problem, run, k), 3) for k in (1, 101))
+    draw = 10.0 * (many - one), None, "ms", "one of 100, its data included"
+    fit = *np.median(spent, axis=0).tolist(), "ms", note
+    return [("renewed certified fit, CPU", *fit), ("certified draw of a bootstrap, CPU", *draw)]
 
 
 PROGRAM = [sys.executable, "-m", "sdp_vs_penalty"]
@@ -183,8 +160,7 @@ print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0, time.perf_counter(
 
 
 def measured(command: list[str]) -> tuple[float, ...]:
-    """Processor time [s], peak memory [MB] and time on the wall [s] of a process on one thread, its
-    bytecode in place."""
+    """Processor time [s], peak memory [MB] and time on the wall [s] of a process on one thread."""
     env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     around = [sys.executable, "-c", _WORK, *command]
     done = subprocess.run(around, env=env, check=True, capture_output=True, text=True)
@@ -197,22 +173,18 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
         log, model, out = (str(Path(name, x)) for x in ("run.csv", "model.json", "report.html"))
         save(run, Path(log))
         identified = [*PROGRAM, "identify", problem.name, "--data", log, "--out", model]
+        bare = [sys.executable, "-c", "import numpy, scipy.linalg, scipy.signal"]
         commands = {
-            "bare": [sys.executable, "-c", "import numpy, scipy.linalg, scipy.signal"],
-            "imports of the script": [sys.executable, "-c",
-                                      "import numpy, scipy.signal, pinocchio, cvxpy"],
+            "bare": bare,
             "identify without the check": [*identified, "--no-check"],
             "identify": identified,
             "report": [*PROGRAM, "report", model, "--data", log, "--out", out],
-        }  # fmt: skip
-        for command in commands.values():
-            measured(command)  # bytecode
-        used: dict[str, list[float]] = {key: [] for key in commands}
-        for _ in range(3):  # in turn
-            for key, command in commands.items():
-                used[key].append(measured(command)[0])
-    bare, note = min(used.pop("bare")), "other: a process that imports numpy, scipy.linalg, scipy.signal"
-    return [(f"{key} as a process, CPU", min(x), bare, "s", note) for key, x in used.items()]
+        }
+        # In turn; the first for bytecode.
+        used = np.array([[measured(command)[0] for command in commands.values()] for _ in range(4)])
+    least, note = used[1:].min(axis=0).tolist(), f"other: a process that does `{bare[2]}`"
+    pairs = list(zip(commands, least, strict=True))[1:]
+    return [(f"{key} as a process, CPU", x, least[0], "s", note) for key, x in pairs]
 
 
 def workers(problem: Problem, run: Measurements) -> list[Row]:
@@ -221,11 +193,10 @@ def workers(problem: Problem, run: Measurements) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         log = str(Path(folder, "run.csv"))
         save(run, Path(log))
-        asked = ["cross-validate", problem.name, "--data", log, "--method", "penalty", "--folds", "20"]
-        for words in (asked, ["tables", "III", "--out", folder]):
+        asked = f"cross-validate {problem.name} --method penalty --folds 20 --data {log}"
+        for words in (asked.split(), ["tables", "III", "--out", folder]):
             one, two = (measured([*PROGRAM, *words, "--jobs", jobs])[2] for jobs in "12")
-            note = "other: by one; penalty, 20 folds" if words is asked else "other: by one; III, quick"
-            rows.append((f"{words[0]} by two processes, wall", two, one, "s", note))
+            rows.append((f"{words[0]} by two processes, wall", two, one, "s", "other: by one"))
     return rows
 
 
@@ -272,7 +243,6 @@ def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[R
                 seconds, most, _ = measured([*PROGRAM, *words])
                 note = f"peak memory {most - imports[verb]:.0f} MB beyond imports"
                 rows.append((f"{verb}, {count} rows", seconds, None, "s", note))
-                print("  ", rows[-1][0], f"{seconds:.1f} s", note, file=sys.stderr, flush=True)
     return rows
 
 
@@ -281,38 +251,27 @@ PARTS = {part.__name__: part for part in (text, fits, renewed, processes, worker
 
 def measure(part: str, data: Path, counts: Sequence[int]) -> pandas.DataFrame:
     """Rows of the table."""
-    problem, folder = load_problem("panda"), data / "panda"
-    run = load_measurements(folder, joints=7)
+    run = load_measurements(folder := data / "panda", joints=7)
     more = {"text": (folder,), "memory": (run, counts)}.get(part, (run,))
-    found = pandas.DataFrame(
-        PARTS[part](problem, *more), columns=["what", "ours", "other", "unit", "note"]
-    )
+    rows = PARTS[part](load_problem("panda"), *more)
+    found = pandas.DataFrame(rows, columns=["what", "ours", "other", "unit", "note"])
     used = " ".join(f"{name} {version}" for name, version in versions().items())
     when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}, {used}"
     return found.assign(part=part, ratio=found["other"].astype(float) / found["ours"], when=when)[NAMES]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--data", type=Path, default=os.environ.get("SDP_VS_PENALTY_DATA"))
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
-                        help=", ".join(PARTS))  # fmt: skip
-    parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000],
-                        help="lengths of the memory part")  # fmt: skip
+    parser = argparse.ArgumentParser(usage=__doc__)
+    data = os.environ.get("SDP_VS_PENALTY_DATA")
+    parser.add_argument("--data", type=Path, default=data, required=data is None)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000])
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "results")
     given = parser.parse_args()
-    if given.data is None:
-        parser.error("name the folder of the measurements: --data, or SDP_VS_PENALTY_DATA")
     tables = []
-    for number, part in enumerate(given.only, 1):
-        print(f"{number}/{len(given.only)} {part}: {PARTS[part].__doc__}", flush=True)
+    for part in given.only:
         with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-            try:
-                tables.append(alone.submit(measure, part, Path(given.data), given.rows).result())
-            except Exception as error:
-                print(f"  {part} failed ({error}); the others go on", flush=True)
+            tables.append(alone.submit(measure, part, Path(given.data), given.rows).result())
     write(given.out, tables)
 
 
