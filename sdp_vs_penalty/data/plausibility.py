@@ -126,7 +126,7 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
         for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
             way, told = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-            sums += [np.einsum("kj,kj->j", *x) for x in ((told, told), (way, way), (way, told))]
+            sums += [np.sum(x * y, axis=0) for x, y in ((told, told), (way, way), (way, told))]
     for j, (energy, way, common) in enumerate(sums.T.tolist()):
         if robot.joints[j].kind != "revolute" or not 0.0 < energy * way < np.inf:
             continue

@@ -65,7 +65,7 @@ def intervals_of(
     out = []
     rows = zip(names, units, figures.T.tolist(), limits.tolist(), sizes.tolist(), strict=True)
     for name, unit, (value, least, std), (lowest, highest), size in rows:
-        half, one = NORMAL_95 * std, Interval(name, unit, value)
+        half, told = NORMAL_95 * std, tuple[Any, ...]()
         if not np.isnan(std):
             low, high = min(max(least - half, lowest), value), max(min(least + half, highest), value)
             rough = size if np.isfinite(size) else 0.0
@@ -74,8 +74,8 @@ def intervals_of(
                 for verdict, (own, absolute) in WIDTHS.items()
                 if half <= max(own * min(abs(least), size), absolute * rough)
             )
-            one = replace(one, std=std, lower=low, upper=high, verdict=next(enough, NOT_SEEN))
-        out.append(one)
+            told = std, low, high, next(enough, NOT_SEEN)
+        out.append(Interval(name, unit, value, *told))
     return tuple(out)
 
 

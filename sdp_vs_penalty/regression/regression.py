@@ -34,7 +34,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 @dataclass(frozen=True)
 class Factor:
     """One joint's rows in one block: [Y tau] (r, k + 1) for the k columns ``indices``, as a triangle
-    where there are more than k + 1."""
+    where there are more than twice k + 1."""
 
     joint: int
     block: int
@@ -107,7 +107,8 @@ class LeastSquares:
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
         """The same plus weight |theta_k / scale_k|^2 summed over k; infinite scale: no prior on k."""
         size = np.asarray(scale, float)
-        return self.observing(np.diag(1.0 / size), np.zeros(len(size)), weight)
+        rows = np.diag(1.0 / size)[np.isfinite(size)]
+        return self.observing(rows, np.zeros(len(rows)), weight)
 
     def observing(self, rows: Array, values: Array, weight: float) -> LeastSquares:
         """The same plus weight |rows theta - values|^2; rows (k, p), values (k,)."""
@@ -279,8 +280,9 @@ def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) ->
     size = or_one(norms)
     unit = np.where(norms > 0.0, 1.0 / size, scale)
     scaled = np.where(norms > 0.0, data.R * unit, 0.0)
-    step = np.linalg.lstsq(scaled, data.rho - data.R @ reference, rcond=1e-9)[0]
-    return reference + unit * step
+    left = data.rho - data.R @ reference
+    step = scipy.linalg.lstsq(scaled, left, 1e-9, lapack_driver="gelsy", check_finite=False)[0]
+    return np.asarray(reference + unit * step)
 
 
 def triangular(parts: Sequence[Array]) -> Array:
@@ -297,9 +299,9 @@ def _triangles(stacks: Array) -> Array:
 
 
 def _each_folded(parts: Sequence[Array]) -> list[Array]:
-    """Matrices of about as many rows, as triangles where one has more rows than columns: by one call,
-    since rows of zeros add nothing."""
-    if max(len(part) for part in parts) <= parts[0].shape[1]:
+    """Matrices of about as many rows, as triangles where one has more than twice as many rows as
+    columns (fewer cost more to factorise than to keep): by one call, since rows of zeros add nothing."""
+    if max(len(part) for part in parts) <= 2 * parts[0].shape[1]:
         return list(parts)
     return list(_triangles(_padded(parts)))
 
