@@ -54,6 +54,9 @@ def test_shape_constants_are_declared_whole(name):
         for value in (shape.default, *shape.grid, *shape.choices):
             assert shape.complaint(value) is None
             assert low <= value <= high
+        if shape.choices:
+            assert not shape.words or len(shape.words) == len(shape.choices)
+            assert shape.complaint(max(shape.choices) + 1.0)
         if shape.bounds is not None:
             assert shape.grid
             assert shape.scale == "linear" or low > 0.0

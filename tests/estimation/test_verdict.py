@@ -51,6 +51,7 @@ def test_links_that_cannot_be_are_not_to_be_used():
     assert broken.lines[0].about == MISSING
     assert "No robot is like this" in broken.headline
     assert verdict(Certificate({}, 1.0, body_share=1.3)).grade == "do not use"
+    assert verdict(Certificate({}, 1.0, body_share=1.0)).grade == "good"  # fills it
     # Nor an estimate whose own certificate says so.
     assert verdict(Certificate({}, 1.0, gap=0.34)).grade == "do not use"
     assert "Link 2 weighs less than a thousandth" in verdict(masses=np.array([30.0, 0.01])).headline
