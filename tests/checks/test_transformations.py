@@ -26,15 +26,18 @@ def test_two_mistakes_are_never_told_against_each_other(seed):
     assert not [f for f in again.problems if f.severity == "error"]
 
 
-def test_a_load_in_one_of_two_runs_is_named_with_the_run():
+def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
     first, second = small_run(PROBLEM, seconds=8.0), small_run(PROBLEM, seconds=8.0)
     from sdp_vs_penalty.data import concatenate
 
-    reports = check(PROBLEM, concatenate([first, replace(second, names=("b",))]), thorough=False)
-    assert not [f for r in reports for f in r.problems]
-    other = replace(second, tau=second.tau * np.array([1.0, 1.3]))
-    reports = check(PROBLEM, concatenate([first, replace(other, names=("b",))]), thorough=False)
-    assert [f.kind for r in reports for f in r.problems]
+    clean = check(PROBLEM, concatenate([first, replace(second, names=("b",))]), thorough=False)
+    assert not [f for r in clean for f in r.problems]
+    strong = replace(second, tau=second.tau * np.array([1.0, 1.3]), names=("b",))
+    (found,) = (
+        f for r in check(PROBLEM, concatenate([first, strong]), thorough=False) for f in r.problems
+    )
+    assert (found.kind, found.where, found.figures["run"]) == ("torque gain", "joint 2", "b")
+    assert found.figures["size"] == pytest.approx(0.3, rel=0.1)
 
 
 @pytest.mark.parametrize(("second", "fourth"), [(0.5, -0.5), (-0.5, 1.0)])

@@ -164,6 +164,10 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     cones = [c for c in task.constraints.convex if c.family == family]
     margins = [c.margin(theta) / theta[c.indices[0]] for c in cones]  # of the centre, not of m c
     np.testing.assert_allclose(np.sort(np.concatenate(told)), np.sort(margins), rtol=1e-9)
+    worst = loss.violations(p)
+    assert worst[family] == pytest.approx(max(0.0, -np.min(margins)))
+    triangle = -inertia.triangle_margin(theta[task.links]).min()
+    assert worst["triangle inequality"] == pytest.approx(max(0.0, triangle))
     estimator = replace(make_estimator(method), runs=3, evaluations=1000)
     fit = estimator.fit(task)
     p = box.p(fit.theta)
