@@ -15,11 +15,22 @@ import pytest
 from commands import HOME, PROGRAM, python, run_cli
 from small_runs import write_run
 
-from sdp_vs_penalty import Problem, __version__, compare, identify, load_estimate
+from sdp_vs_penalty import (
+    Problem,
+    __version__,
+    compare,
+    cross_validate,
+    diagnose,
+    excite,
+    identify,
+    load_estimate,
+)
 from sdp_vs_penalty.cli import console, printing
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation.excitation import payload_run
 from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.formatting import number
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -157,6 +168,32 @@ def test_identify_options_reach_the_model(run, runs, tmp_path):
     sdp = ("identify", "two_link", "--data", runs[0], "--out", out_file, "--solver", "clarabel")
     assert run(*sdp)[0] == 0
     assert load_estimate(out_file).settings["solver"] == "clarabel"
+
+
+def test_verbs_print_the_figures_of_their_functions(run, runs, model, two_link, tmp_path):
+    def said(*words: object) -> str:
+        code, out, err = run(*words)
+        assert code == 0, err
+        return " ".join(out.split())
+
+    folds, out = cross_validate("two_link", runs, "ols"), tmp_path / "motion.csv"
+    shown = said("cross-validate", "two_link", "--data", *runs, "--method", "ols")
+    assert folds.verdict in shown
+    for fold in (*folds.folds, folds):
+        assert " ".join(map(number, (fold.relative_error_percent, *fold.rmse))) in shown
+    assert diagnose(model, *runs).headline in said(
+        "diagnose", model, "--data", runs[0], "--test", runs[1]
+    )
+    found = excite(two_link, iterations=2, seed=1)
+    shown = said("excite", "two_link", "--iterations", 2, "--seed", 1, "--out", out)
+    assert f"{found.history[0]:.1f} at the start, {found.condition:.1f} after 2 iterations" in shown
+    weighed = payload_run(load_estimate(model), joints=[0, 1], iterations=1)
+    shown = said("excite", model, "--payload", "--joints", "1+2", "--iterations", 1, "--out", out)
+    for name, k in (("mass", [0]), ("centre of mass", [1, 2, 3]), ("flange", range(4, 10))):
+        own, random = (max(x[i] for i in k) for x in (weighed.deviation, weighed.started))
+        assert re.search(rf"{name}: \+- {own:.2g} kg\S*( m\S*)? \({random:.2g} on a random", shown), (
+            shown
+        )
 
 
 def test_bounds_that_decide_are_printed(model, capsys):

@@ -55,6 +55,16 @@ def test_friction_takes_energy_and_a_rotor_keeps_it(text):
     assert all(p.lower == 0.0 for p in made.parameters) or text in MEMORY
 
 
+@pytest.mark.parametrize("text", [*MEMORY, "stiction:2@d=0.001", WRIST[LAWS.index("hysteresis")]])
+def test_states_that_are_advanced_step_by_step_are_those_along_the_motion(text):
+    (made,) = parse_effects(text, ARM)
+    q, along = to_and_fro().q, made.bristles.along(to_and_fro())
+    z = along[:1]
+    for k in range(1, 3000):
+        z = made.bristles.advanced(z, q[k : k + 1] - q[k - 1 : k])
+        np.testing.assert_allclose(z[0], along[k], atol=1e-9)
+
+
 @pytest.mark.parametrize("waves", [1, 2])
 def test_friction_that_varies_with_position_is_nowhere_negative(waves):
     """Of random parameters exactly those pass whose friction is nowhere below zero."""

@@ -94,6 +94,7 @@ def test_one_file_with_every_section_and_no_request(made):
     assert len(html) < 2.5e6
     for words in ("Error over the noise floor", "where 95 % of the errors", "cause \\ joint"):
         assert words in html
+    assert 'aria-label=""' not in html
     drawn = "".join(figures_of(html))
     for words in ("measured", "link 2", "joint 1 [N m]", '"y domain"'):
         assert words in drawn
