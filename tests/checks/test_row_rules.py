@@ -80,6 +80,10 @@ def test_a_torque_in_steps_that_froze_is_told():
     tau[2050:2320, 1] = tau[2050, 1]
     issue = found("frozen torque", replace(fine, tau=tau))
     assert issue.figures["joints"] == [2]
+    rows = issue.figures["rows"]
+    assert abs(rows - 270) < 5
+    assert issue.figures["seconds"] == pytest.approx(rows / RATE)
+    assert issue.where == f"tau2, rows {2322 - rows} to 2321"  # of the file, whose header is row 1
 
 
 @pytest.mark.parametrize("length", [4, 25, 60])
