@@ -1,5 +1,6 @@
 """Inverse dynamics as one C header without dependencies, for a controller's real-time loop."""
 
+import json
 import re
 from pathlib import Path
 from string import Template
@@ -8,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.content import Content, Options, number
+from sdp_vs_penalty.exporters.content import Content, Options
 from sdp_vs_penalty.robot.arrays import Array
 
 ENDING, FILE, ABOUT = ".h", "model.h", "a C header without dependencies"
@@ -65,9 +66,7 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
 
 def _braces(values: Array) -> str:
     """An array as C writes its initial value."""
-    if not np.ndim(values):
-        return str(int(values)) if np.asarray(values).dtype.kind == "i" else number(float(values))
-    return f"{{{', '.join(map(_braces, values))}}}"
+    return json.dumps((np.asarray(values) + 0).tolist()).replace("[", "{").replace("]", "}")
 
 
 def _comment(text: str) -> str:

@@ -1,6 +1,5 @@
 """Take a model elsewhere: simulators, controllers, tables."""
 
-import re
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -53,12 +52,10 @@ def export(
     home = format_of(out)
     if urdf is not None and not getattr(home, "EDITS", False):
         raise InputError("an edited URDF must end in .urdf", "rename it, or leave the URDF out", out)
-    made: bytes
-    left_out: tuple[str, ...]
-    made, left_out = home.write(estimate, Options(urdf, force, flange))
-    if urdf is None:  # of the user's own file every other byte is kept
-        made = _with_verdict(made, out.suffix.lower(), estimate)
-    write_bytes(out, made)
+    written: tuple[bytes, tuple[str, ...]] = home.write(estimate, Options(urdf, force, flange))
+    made, left_out = written
+    # Of the user's own file every other byte is kept.
+    write_bytes(out, _with_verdict(made, out.suffix.lower(), estimate) if urdf is None else made)
     return left_out
 
 
@@ -67,9 +64,8 @@ def _with_verdict(made: bytes, suffix: str, estimate: Estimate) -> bytes:
     a field; tables of numbers stay as they are)."""
     said = verdict_line(estimate)
     if suffix in (".urdf", ".xml", ".sdf"):
-        comment = f"<!-- {said.replace('--', '- -')} -->".encode()
-        start = re.match(rb"\s*(<\?xml.*?\?>)?", made, re.DOTALL)
-        at = start.end() if start is not None else 0
-        return made[:at] + (b"\n" if at else b"") + comment + (b"" if at else b"\n") + made[at:]
+        comment = f"<!-- {said.replace('--', '- -')} -->\n".encode()
+        head, opened, rest = made.partition(b"?>\n") if made.startswith(b"<?xml") else (b"", b"", made)
+        return head + opened + comment + rest
     head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(suffix, "")
     return head.encode() + made

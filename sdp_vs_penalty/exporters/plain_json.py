@@ -18,15 +18,10 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
             names = "ixx", "ixy", "iyy", "ixz", "iyz", "izz"
             moments = dict(zip(names, row[4:].tolist(), strict=True))
-            links.append(
-                {
-                    "link": k + 1,
-                    "joint": robot.tree[carrier].name,
-                    "mass_kg": float(row[0]),
-                    "centre_of_mass_m": row[1:4].tolist() if row[0] else None,
-                    "inertia_about_centre_of_mass_kg_m2": moments if row[0] else None,
-                }
-            )
+            own = {"link": k + 1, "joint": robot.tree[carrier].name, "mass_kg": float(row[0])}
+            own["centre_of_mass_m"] = row[1:4].tolist() if row[0] else None
+            own["inertia_about_centre_of_mass_kg_m2"] = moments if row[0] else None
+            links.append(own)
     effects = []
     for effect, indices in zip(model.effects, model.indices, strict=True):
         about = {name: getattr(effect, name) for name in ("equation", "explanation", "reference")}

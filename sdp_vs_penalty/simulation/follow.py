@@ -54,7 +54,7 @@ class Ahead(Plain):
 
 
 @dataclass(frozen=True)
-class FreeRun:
+class FreeRun(Plain):
     """One run from its first state: errors (n,) until ``seconds``, where it ``left`` the measured motion
     or that ended; spread : half a 95 % band that the parameters' intervals make of it, where they are
     known; loop : (n,) root mean square of what the loop added [N m, N], torque : of the measured one;
@@ -63,7 +63,6 @@ class FreeRun:
     seconds: float
     left: bool
     rms: Array
-    largest: Array
     spread: Array | None
     loop: Array | None
     torque: Array
@@ -72,17 +71,10 @@ class FreeRun:
     cut: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
-        return {
-            "run": self.simulated.names[0],
-            "seconds": self.seconds,
-            "left": self.left,
-            "rms": self.rms.tolist(),
-            "largest": self.largest.tolist(),
-            "spread": None if self.spread is None else self.spread.tolist(),
-            "loop": None if self.loop is None else self.loop.tolist(),
-            "torque": self.torque.tolist(),
-        }
+        """Plain JSON of the figures."""
+        motion = "simulated", "measured", "cut"
+        figures = {k: x for k, x in super().to_dict().items() if k not in motion}
+        return {"run": self.simulated.names[0], **figures}
 
 
 @dataclass(frozen=True, repr=False)
@@ -149,27 +141,20 @@ class Following(Shown):
     @property
     def explained(self) -> str:
         """What the columns of :meth:`table` are."""
-        free = self.free[0]
-        said = (
+        free, band = self.free[0], " (+-: half the 95 % band that the parameters' intervals make of it)"
+        return (
             "RMS errors in thousandths of the unit: of the velocity after one step (step/s), of the "
             f"position {self.ahead.seconds:.3g} s ahead (5 %, 95 %: of the errors' sizes; const.: what "
             f"constant velocity gives), and of the free run of {free.seconds:.3g} s"
+            + (band if free.spread is not None else "")
+            + ("; loop: what the control loop had to add." if free.loop is not None else ".")
         )
-        if free.spread is not None:
-            said += " (+-: half the 95 % band that the parameters' intervals make of it)"
-        return said + ("; loop: what the control loop had to add." if free.loop is not None else ".")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        return {
-            "verdict": self.verdict,
-            "drive": self.drive,
-            "units": list(self.units),
-            "one_step_velocity": self.one_step.to_dict(),
-            "ahead_position": self.ahead.to_dict(),
-            "free_run": [f.to_dict() for f in self.free],
-            "left_out": list(self.left_out),
-        }
+        held = {"drive": self.drive, "units": list(self.units), "left_out": list(self.left_out)}
+        ahead = {"one_step_velocity": self.one_step.to_dict(), "ahead_position": self.ahead.to_dict()}
+        return {"verdict": self.verdict, **held, **ahead, "free_run": [f.to_dict() for f in self.free]}
 
 
 def said(value: float, unit: str) -> str:
@@ -342,7 +327,6 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
         seconds=float(t[-1] - t[0]),
         left=left,
         rms=_rms(error),
-        largest=np.abs(error).max(axis=0),
         spread=spread,
         loop=_rms(np.array(added)) if added else None,
         torque=_rms(torque),

@@ -1,16 +1,17 @@
 """Tables VI to IX: the 2R's kinematics; links' parameters about their centres of mass, row by row."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+import pandas
 from scipy.optimize import approx_fprime
 
 from sdp_vs_penalty.estimation.identify import DATA, from_data
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table import Cell, Maker, Row, Table, makes, text
+from sdp_vs_penalty.research.tables.table import Maker, Row, Table, makes, text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -45,24 +46,19 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         for key, (lower, upper), unit in zip(barycentric_names(link), box, units, strict=True)
     ]
     printed = [row for table in box_tables(study.problem) for row in study.problem.published[table]]
-    rows = {str(row["parameter"]): dict(row) for row in printed or bounds}
-    rows = {key: row for key, row in rows.items() if chosen(key)}
-
-    def add(column: str, values: Mapping[str, Cell]) -> None:
-        for key, row in rows.items():
-            row[column] = values[key]
-
-    add("nominal", by_name(study.problem.nominal_links))
+    rows = pandas.DataFrame(printed or bounds, dtype=object).set_index("parameter", drop=False)
+    rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
+        nominal=by_name(study.problem.nominal_links)
+    )
     told = []
     for data in study.whole:
-        decided = sources(study, data)
-        seen = sum(decided[key] == DATA for key in rows)
+        rows[f"{data.label}_source"] = sources(study, data)
+        seen = int((rows[f"{data.label}_source"] == DATA).sum())
         told.append(f"the {data.label} data decide {seen} of {len(rows)} entries")
-        add(f"{data.label}_source", decided)
-    add("true_simulated", by_name(study.experiment.links))
+    rows["true_simulated"] = by_name(study.experiment.links)
     for data in study.whole:
         for method_name, method in study.methods.items():
-            add(f"{method_name}_{data.label}", by_name(study.links(method, data)))
+            rows[f"{method_name}_{data.label}"] = by_name(study.links(method, data))
     notes = [
         "Inertias are about the centres of mass, in the link frames. Torque determines base "
         "parameters only: other entries are what each method fills in, OLS with the point nearest to "
@@ -72,23 +68,23 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         "estimate and to first order.",
         *study.about_priors,
     ]
-    if any(key[0] == "I" for key in rows):
+    if rows.index.str.startswith("I").any():
         notes += _bounds_received(study)
     for erratum in errata(study.problem):
-        if erratum.cell and erratum.cell["row"] in rows:
+        if erratum.cell and erratum.cell["row"] in rows.index:
             notes.append(
                 f"{erratum.where}: printed {erratum.printed}; the other tables need "
                 f"{erratum.corrected}, which true_simulated has."
             )
     return Table(
         f"Table {name}: {title} of {study.problem.title}",
-        list(rows.values()),
+        rows,
         notes,
         f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the nominal robot.",
     )
 
 
-def sources(study: Study, data: Data) -> dict[str, str]:
+def sources(study: Study, data: Data) -> pandas.Series:
     """Whether data or prior decide each entry: m1, c1x, I1xx, ... as functions of the parameters."""
     task = study.task(data)
     theta = study.result(DEFAULT_METHOD, data).theta
@@ -99,7 +95,7 @@ def sources(study: Study, data: Data) -> dict[str, str]:
         names += barycentric_names(link)
         gradients.append(wide)
     own = from_data(task, np.vstack(gradients))
-    return {name: "data" if seen else "prior" for name, seen in zip(names, own, strict=True)}
+    return pandas.Series(np.where(own, "data", "prior"), names, object)
 
 
 def _bounds_received(study: Study) -> list[str]:
@@ -119,15 +115,12 @@ def _bounds_received(study: Study) -> list[str]:
     ]
 
 
-def by_name(links: Array) -> dict[str, float]:
+def by_name(links: Array) -> pandas.Series:
     """m1, c1x, I1xx, ... of links (n, 10); a centre of mass of a massless link is empty."""
     with np.errstate(divide="ignore", invalid="ignore"):
         barycentric = inertia.barycentric_from_standard(links)
-    return {
-        name: float(value)
-        for link, row in enumerate(barycentric, start=1)
-        for name, value in zip(barycentric_names(link), row, strict=True)
-    }
+    names = [name for link in range(1, 1 + len(links)) for name in barycentric_names(link)]
+    return pandas.Series(barycentric.ravel(), names)
 
 
 def _maker(name: str, title: str, letters: str, *problems: str) -> Maker:

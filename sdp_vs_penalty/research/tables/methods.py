@@ -1,6 +1,8 @@
 """Methods compared: all of them on every data set."""
 
-import numpy as np
+from typing import Any
+
+import pandas
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.identify import consistent, positive_mass_matrices
@@ -67,8 +69,7 @@ def _row(study: Study, data: Data, method: str, optimum: float) -> Row:
         result = Result(study.theta(estimator, data), found.certificate, found.seconds, {})
     else:
         result = study.result(method, data)
-    again = None
-    error, fold = data.errors(result.theta)[1], None
+    error, fold, again = data.errors(result.theta)[1], None, None
     if data is not study.simulated:
         unseen, again = study.unseen(estimator), error
         error = unseen.relative_error_percent
@@ -76,13 +77,13 @@ def _row(study: Study, data: Data, method: str, optimum: float) -> Row:
     task = study.task(data)
     links = result.theta[task.links]
     violations = task.constraints.worst(result.theta)
-    family = max(violations, key=lambda name: violations[name])
-    worst = violations[family]
+    worst, family = max((x, name) for name, x in violations.items())
     share = 1.0 if consistent(links) else positive_mass_matrices(study.problem.robot, links)
     # The independent ones of a multi-start method; with a joint prior their losses hold it too.
-    runs = [] if method in WITH_PRIOR else result.details.get("runs") or []
-    excess = [_excess(run["loss"], optimum) for run in runs]
-    broken = [float(run["violation"]) for run in runs]
+    runs = pandas.DataFrame(
+        [] if method in WITH_PRIOR else result.details.get("runs") or [], columns=["loss", "violation"]
+    ).astype(float)
+    excess, broken = _excess(runs["loss"], optimum), runs["violation"]
     return {
         "data": data.label,
         "method": method,
@@ -97,14 +98,11 @@ def _row(study: Study, data: Data, method: str, optimum: float) -> Row:
         "positive_definite_percent": 100.0 * share,
         "seconds": result.seconds,
         "runs": len(runs) or None,
-        "feasible_runs": sum(v < 1e-6 for v in broken) if runs else None,
-        "run_excess_loss_percent_min": min(excess, default=None),
-        "run_excess_loss_percent_median": float(np.median(excess)) if runs else None,
-        "run_excess_loss_percent_max": max(excess, default=None),
-        "run_violation_min": min(broken, default=None),
-        "run_violation_max": max(broken, default=None),
+        "feasible_runs": int((broken < 1e-6).sum()) if len(runs) else None,
+        **{f"run_excess_loss_percent_{name}": excess.agg(name) for name in ("min", "median", "max")},
+        **{f"run_violation_{name}": broken.agg(name) for name in ("min", "max")},
     }
 
 
-def _excess(loss: float, optimum: float) -> float:
+def _excess(loss: Any, optimum: float) -> Any:
     return 100.0 * (loss / optimum - 1.0)

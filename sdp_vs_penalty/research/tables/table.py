@@ -64,7 +64,7 @@ class Table:
     """
 
     title: str
-    rows: Sequence[Row]
+    rows: Sequence[Row] | pandas.DataFrame
     notes: Sequence[str] = ()
     gist: str = ""
     digits: int = 4
@@ -76,7 +76,7 @@ class Table:
         """The cells as they are; columns come in the order of their first cells."""
         import pandas
 
-        return pandas.DataFrame(list(self.rows), dtype=object)
+        return pandas.DataFrame(self.rows, dtype=object)
 
     def cells(self) -> pandas.DataFrame:
         """All cells as text."""

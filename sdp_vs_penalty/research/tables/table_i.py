@@ -70,18 +70,18 @@ class SigmoidFriction(Effect):
 
 @dataclass(frozen=True)
 class SigmoidFit:
-    """phi (n, 3) with standard deviations (n, 3); pi (b,) base parameters fitted with them.
+    """phi (n, 3) with standard deviations (n, 3); x (b + 3 n,) : pi (b,) base parameters fitted with
+    them, phi_1, log phi_2, phi_3.
 
-    lower, upper (n, 3) : 95 % intervals; rmse (n,) of the residual [N m]; at_bound (n,) : whether phi_2
-    ran into the end of its range, a step, whose interval means nothing.
+    lower, upper (n, 3) : 95 % intervals; at_bound (n,) : whether phi_2 ran into the end of its range, a
+    step, whose interval means nothing.
     """
 
+    x: Array
     phi: Array
     std: Array
     lower: Array
     upper: Array
-    pi: Array
-    rmse: Array
     at_bound: NDArray[np.bool_]
 
 
@@ -131,16 +131,11 @@ def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) ->
     std = (np.sqrt(variance * np.diagonal(inverse)) / norms)[b:].reshape(3, n).T.copy()
     std[:, 1] *= phi[:, 1]  # of phi_2, from that of its logarithm
     half = stats.t.ppf(0.975, dof) * std
-    rmse = np.sqrt(np.mean(data.residual(x) ** 2, axis=0))
-    step = phi[:, 1] > 0.99 * steepest
-    return SigmoidFit(phi, std, phi - half, phi + half, x[:b], rmse, step)
+    return SigmoidFit(x, phi, std, phi - half, phi + half, phi[:, 1] > 0.99 * steepest)
 
 
 class _Data:
-    """rigid (M, n, b), torque (M, n), and the way to the sigmoid's columns at other shapes.
-
-    x (b + 3 n,) : pi, phi_1, log phi_2, phi_3.
-    """
+    """rigid (M, n, b), torque (M, n), and the way to the sigmoid's columns at other shapes."""
 
     def __init__(self, problem: Problem, rows_of: RowsOf) -> None:
         model = problem.model("rigid_body")
@@ -175,8 +170,7 @@ class _Data:
 
 def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:
     """RMSE (n,) [N m] of a fit on other rows."""
-    x = np.concatenate([fit.pi, fit.phi[:, 0], np.log(fit.phi[:, 1]), fit.phi[:, 2]])
-    residuals = [_Data(problem, rows_of).residual(x) for rows_of in parts]
+    residuals = [_Data(problem, rows_of).residual(fit.x) for rows_of in parts]
     return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
@@ -40,15 +41,12 @@ def base_parameter_table(study: Study) -> Table:
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
         ours |= _estimates(study, data, base)
-    for name, values in ours.items():
-        for row, key in zip(rows, keys, strict=True):
-            row[name] = values.get(key)
     shown = [f"{method}_{d.label}" for d in study.whole for method in ("ols", DEFAULT_METHOD)]
     names = (name.replace("-", "_") for name in shown)
     errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
     return Table(
         f"Table III: base parameters of {study.problem.title}",
-        rows,
+        pandas.DataFrame(rows, keys, dtype=object).join(pandas.DataFrame(ours)),
         _notes(study),
         f"Relative error on the training data: {', '.join(errors)}.",
     )

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
@@ -131,11 +132,9 @@ def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Ro
         links[task.links] = theta[task.links]
         refit = shared.refitted(test.least_squares(), links)
         pairs.append([shared.torque_errors(test, x)[1] for x in (theta, refit)])
-    out: Row = {}
-    for k, name in enumerate(("error_percent", "links_error_percent")):
-        for word, of in (("median", np.median), ("min", np.min), ("max", np.max)):
-            out[f"{name}_{word}"] = float(of(np.array(pairs)[:, k])) if pairs else None
-    return out
+    found = pandas.DataFrame(pairs, columns=["error_percent", "links_error_percent"], dtype=float)
+    words = "median", "min", "max"
+    return {f"{name}_{word}": errors.agg(word) for name, errors in found.items() for word in words}
 
 
 _TRIED = tuple(dict.fromkeys(("ols", "lmi-sdp-plain", "lmi-sdp-entropic", DEFAULT_METHOD)))

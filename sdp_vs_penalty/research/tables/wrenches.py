@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas
 from numpy.typing import ArrayLike
 from scipy import optimize
 
@@ -25,7 +26,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Row, Table, makes
+from sdp_vs_penalty.research.tables.table import Table, makes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
@@ -155,17 +156,15 @@ def wrench_study(study: Study) -> WrenchStudy:
     intervals = wrench_intervals(feasible, Y, study.progress)
     study.progress("relaxed retrievals")
     pi, count = study.base @ links, study.effort.retrievals
-    retrieved = (unfeasible_retrievals(problem, pi, count, boxed) for boxed in (True, False))
-    estimates = {"published p_hat": published_links(problem, "p_hat")}
-    for name, method in study.methods.items():
-        if name != "ols":
-            estimates[name] = study.links(method, study.simulated)
-    (true,), feasible_ones, runs, boxed, unbounded = (
-        [Y @ links.ravel() for links in found]
-        for found in ([x.links], estimates.values(), penalty_links(study), *retrieved)
+    boxed, unbounded = (
+        [Y @ found.ravel() for found in unfeasible_retrievals(problem, pi, count, boxed)]
+        for boxed in (True, False)
     )
-    named = dict(zip(estimates, feasible_ones, strict=True))
-    return WrenchStudy(t, true, named, runs, boxed, unbounded, intervals)
+    estimates = {"published p_hat": published_links(problem, "p_hat")}
+    estimates |= {k: study.links(m, study.simulated) for k, m in study.methods.items() if k != "ols"}
+    named = {name: Y @ found.ravel() for name, found in estimates.items()}
+    runs = [Y @ found.ravel() for found in penalty_links(study)]
+    return WrenchStudy(t, Y @ links, named, runs, boxed, unbounded, intervals)
 
 
 def penalty_links(study: Study) -> list[Array]:
@@ -212,15 +211,11 @@ def wrench_table(study: Study) -> Table:
             errors = [np.abs(x - w.true).max(axis=0) for x in found]
             columns[f"{name}_median"] = np.median(errors, axis=0)
             columns[f"{name}_max"] = np.max(errors, axis=0)
-    rows: list[Row] = [
-        {"joint": j + 1, "component": component, "unit": unit}
-        | {name: float(values[j, k]) for name, values in columns.items()}
-        for j in range(study.problem.robot.n)
-        for k, (component, unit) in enumerate(COMPONENTS.items())
-    ]
+    of = [(j + 1, *component) for j in range(study.problem.robot.n) for component in COMPONENTS.items()]
+    rows = pandas.DataFrame(of, columns=["joint", "component", "unit"])
     return Table(
         f"Internal joint wrenches of {study.problem.title}",
-        rows,
+        rows.assign(**{name: values.ravel() for name, values in columns.items()}),
         (
             "Force and moment about the joint's origin, in the joint frame, that a joint bears "
             "(recursive Newton-Euler), its own torque being the component nz: the largest over "
