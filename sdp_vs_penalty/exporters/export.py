@@ -65,7 +65,7 @@ def _with_verdict(made: bytes, suffix: str, estimate: Estimate) -> bytes:
     said = verdict_line(estimate)
     if suffix in (".urdf", ".xml", ".sdf"):
         comment = f"<!-- {said.replace('--', '- -')} -->\n".encode()
-        head, opened, rest = made.partition(b"?>\n") if made.startswith(b"<?xml") else (b"", b"", made)
-        return head + opened + comment + rest
+        declared = made.find(b"?>\n") + 3 if made.startswith(b"<?xml") else 0
+        return made[:declared] + comment + made[declared:]
     head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(suffix, "")
     return head.encode() + made

@@ -76,9 +76,7 @@ def at_joint(
     """A torque of one joint, law(world, motion) (N,) times the size."""
 
     def change(world: World, m: TrueMotion, size: float) -> Array:
-        out = np.zeros_like(m.q)
-        out[:, joint] = size * law(world, m)
-        return out
+        return np.outer(size * law(world, m), np.eye(world.arm.n)[joint])
 
     return Hidden((joint,), change, number, shape)
 
@@ -94,25 +92,22 @@ def plain(law: Callable[[World, int, TrueMotion], Array], signed: bool = False) 
     return make
 
 
-def shifted(joint: int, shift: Change, number: float | None) -> Hidden:
+def shifted(joint: int, shift: Change, number: float, size: float) -> Hidden:
     """The link of a joint stands at q + shift, where q is what motor and encoder do."""
 
     def change(world: World, m: TrueMotion, size: float) -> Array:
         moved = displaced(m, joint, shift(world, m, size))
         return world.rigid(moved) - world.rigid(m)
 
-    return Hidden((joint,), change, number, shift=shift)
+    return Hidden((joint,), change, number, size=size, shift=shift)
 
 
 def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     """The motion of the links, rates by central differences on the fine grid."""
-    rate = np.gradient(shift, m.t)
-    acceleration = np.gradient(rate, m.t)
-    q, dq, ddq = m.q.copy(), m.dq.copy(), m.ddq.copy()
-    q[:, joint] += shift
-    dq[:, joint] += rate
-    ddq[:, joint] += acceleration
-    return TrueMotion(m.t, q, dq, ddq)
+    rate, own = np.gradient(shift, m.t), np.eye(m.q.shape[1])[joint]
+    moved = (shift, rate, np.gradient(rate, m.t))
+    states = zip((m.q, m.dq, m.ddq), moved, strict=True)
+    return TrueMotion(m.t, *(x + np.outer(d, own) for x, d in states))
 
 
 def sign(world: World, joint: int, m: TrueMotion) -> Array:
@@ -303,11 +298,10 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     """Torques logged late."""
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
-        tau = w.torque(m)
-        out = np.zeros_like(tau)
+        late = (tau := w.torque(m)).copy()
         for j in channels:
-            out[:, j] = np.interp(m.t - size, m.t, tau[:, j]) - tau[:, j]
-        return out
+            late[:, j] = np.interp(m.t - size, m.t, tau[:, j])
+        return late - tau
 
     return Hidden(joints, change, size=1e-3)
 
@@ -328,8 +322,7 @@ def _filter(w: World, j: int, rng: Generator) -> Hidden:
 
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
     side = float(rng.choice([-1.0, 1.0]))
-    hidden = shifted(j, lambda _, m, a: np.full(len(m.t), a * side), side)
-    return replace(hidden, size=1e-3)
+    return shifted(j, lambda _, m, a: np.full(len(m.t), a * side), side, 1e-3)
 
 
 def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
@@ -341,7 +334,7 @@ def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
             lag = -c * w.rigid(displaced(m, j, lag))[:, j]
         return lag
 
-    return replace(shifted(j, shift, 1.0), size=1e-5)
+    return shifted(j, shift, 1.0, 1e-5)
 
 
 def _backlash(w: World, j: int, rng: Generator) -> Hidden:
@@ -355,8 +348,7 @@ def _backlash(w: World, j: int, rng: Generator) -> Hidden:
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
     def change(w: World, m: TrueMotion, b: float) -> Array:
-        q = m.q.copy()
-        q[:, j] += shift(w, m, b)
+        q = m.q + np.outer(shift(w, m, b), np.eye(w.arm.n)[j])
         return w.rigid(replace(m, q=q)) - w.rigid(m)
 
     return Hidden((j,), change, 1.0, size=1e-4, shift=shift)
