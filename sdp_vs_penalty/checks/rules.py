@@ -27,9 +27,8 @@ Rows = NDArray[np.bool_]
 _UNITS = {"seconds": "s", "milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
-#: The samples of the median that a spike is measured from.
-_WIDTH = 7
 _READ, _DELETE = "certain: read from the file", "delete these rows"
+_CONTINUE = "continue the time at the usual step there"
 
 
 @dataclass(frozen=True)
@@ -52,18 +51,12 @@ class Glance:
         return float(np.median(forward)) if len(forward) else 0.0
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> Rows:
         return moving_joints(self.run)
 
     @cached_property
     def movement(self) -> Movement:
         return Movement(self.run, self.standstill)
-
-    @cached_property
-    def inside(self) -> NDArray[np.bool_]:
-        """(N,) rows in which the arm moves, half a second off every start and stop."""
-        m, t = self.movement, self.run.t
-        return np.asarray(m.at(t - 0.5) & m.moves & m.at(t + 0.5))
 
     @cached_property
     def row_numbers(self) -> NDArray[np.int64]:
@@ -73,7 +66,7 @@ class Glance:
         return np.unique(packed, return_inverse=True)[1].ravel()
 
     @cached_property
-    def held(self) -> NDArray[np.bool_]:
+    def held(self) -> Rows:
         """(N,) rows that are copies of the one before."""
         return np.concatenate([[False], np.diff(self.row_numbers) == 0])
 
@@ -97,10 +90,6 @@ def with_steps(run: Measurements, steps: Array) -> Measurements:
     return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _listed(rows: NDArray[np.intp]) -> dict[str, Any]:
-    return {"count": len(rows), "rows": rows[:100].tolist()}
-
-
 def _mask(count: int, parts: Any) -> Rows:
     """(count,) which rows lie in parts, each from its first to before its second number."""
     out = np.zeros(count, bool)
@@ -110,7 +99,7 @@ def _mask(count: int, parts: Any) -> Rows:
 
 
 def _deleted(
-    g: Glance, bad: Mapping[str, Rows], kind: str, what: str, sure: str = _READ, remedy: str = _DELETE,
+    g: Glance, kind: str, bad: Mapping[str, Rows], what: str, sure: str = _READ, remedy: str = _DELETE,
     brief: float = 0.0, **figures: Any,
 ) -> Iterator[Issue]:  # fmt: skip
     """Rows that are no measurements of these channels ("": of any): they go. A warning where the longest
@@ -132,7 +121,7 @@ def missing(g: Glance) -> Iterator[Issue]:
     parts = {"t": g.run.t[:, None], **g.run.groups}.items()  # nan compares false
     finite = np.all([np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0)
     what = "{rows} rows with values that are not finite numbers, or that no robot measures."
-    yield from _deleted(g, {"": ~finite}, "missing numbers", what, remedy="delete those rows")
+    yield from _deleted(g, "missing numbers", {"": ~finite}, what)
 
 
 def time_unit(g: Glance) -> Iterator[Issue]:
@@ -148,8 +137,7 @@ def time_unit(g: Glance) -> Iterator[Issue]:
             "time unit", "error", "column t",
             f"time is in {unit}, not in seconds (it advances by {g.step:.4g} from row to row).",
             f"likely: in seconds it were one row in {g.step:.3g} s of a motion at {speed:.2g} rad/s",
-            f"multiply t by {factor:g}", lambda r: replace(r, t=r.t * factor),
-            {"unit": unit, "factor": factor, "step": g.step, "speed": speed},
+            f"multiply t by {factor:g}", lambda r: replace(r, t=r.t * factor), {"factor": factor},
         )  # fmt: skip
 
 
@@ -171,8 +159,7 @@ def backwards(g: Glance) -> Iterator[Issue]:
         step, how = max(1.0, 50.0 * g.step), "several runs are in the file"
         remedy = "let each begin a second after the end of the one before (or write a file each)"
         if _goes_on(g, bad).all():
-            step, how = g.step, "the motion continues without a break"
-            remedy = "continue the time at the usual step there"
+            step, how, remedy = g.step, "the motion continues without a break", _CONTINUE
 
     def repair(r: Measurements) -> Measurements:
         if not step:
@@ -183,7 +170,7 @@ def backwards(g: Glance) -> Iterator[Issue]:
     yield Issue(
         "time runs backwards", "error", rows_text(bad + 3),
         f"the clock is set back {len(bad)} times, by up to {seconds:.3g} s: {how}.", _READ, remedy,
-        repair, _listed(bad + 3) | {"seconds": seconds},
+        repair, {"rows": (bad + 3)[:100].tolist(), "seconds": seconds},
     )  # fmt: skip
 
 
@@ -192,7 +179,7 @@ def repeated_time(g: Glance) -> Iterator[Issue]:
     same = bool(np.all(np.diff(g.run.q, axis=0)[bad[1:]] == 0.0))
     how = "are copies of the row before" if same else "differ from the row before"
     what = f"{{rows}} rows with a repeated time; the values {how}."
-    yield from _deleted(g, {"": bad}, "repeated time", what, remedy="keep the first of each")
+    yield from _deleted(g, "repeated time", {"": bad}, what, remedy="keep the first of each")
 
 
 def uneven(g: Glance) -> Iterator[Issue]:
@@ -214,17 +201,14 @@ def uneven(g: Glance) -> Iterator[Issue]:
     ratio = float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))
 
     def evened(r: Measurements) -> Measurements:
-        t = r.t.copy()
-        for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > pause) + 1):
-            t[part] = np.linspace(t[part[0]], t[part[-1]], len(part))
-        return replace(r, t=t)
+        parts = np.split(r.t, np.flatnonzero(np.diff(r.t) > pause) + 1)
+        return replace(r, t=np.concatenate([np.linspace(x[0], x[-1], len(x)) for x in parts]))
 
     if ratio >= TIMES:
         yield Issue(
             "jittered time stamps", "error" if spread > 1.0 else "warning", "column t",
-            f"the time steps vary by {100.0 * spread:.0f} %, but the positions are {ratio:.0f} times "
-            "smoother over the row number than over these times: the samples are evenly spaced, the "
-            "time stamps are not.",
+            f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly spaced: they are "
+            f"{ratio:.0f} times smoother over the row number than over these times.",
             "likely: if the sampling itself jittered, q would be smoother over the recorded times",
             "space the time stamps evenly (and log the samples' own time)",
             evened, {"percent": 100.0 * spread, "ratio": ratio},
@@ -235,28 +219,27 @@ def jumps(g: Glance) -> Iterator[Issue]:
     """Steps that are no jitter: of a clock that was set where the motion goes on, otherwise gaps."""
     long = np.flatnonzero(g.steps > max(TIMES * g.step, 0.02))
     moves = [g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long]
-    stays = np.array(moves, bool) & (g.steps[long] > 2.0 * TIMES * g.step) & _goes_on(g, long)
-    wrong = np.isin(np.arange(len(g.steps)), long[stays])
-    for rows in (long[stays], long[~stays]):
+    is_set = np.array(moves, bool) & (g.steps[long] > 2.0 * TIMES * g.step) & _goes_on(g, long)
+    for rows, kind in ((long[is_set], "clock step"), (long[~is_set], "gap in time")):
         if not len(rows):
             continue
-        steps, is_set = g.steps[rows], wrong[rows[0]]
-        seconds, where = float(steps.max()), f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
-        figures = _listed(rows + 3) | {"seconds": seconds, "step": g.step, "total": float(steps.sum())}
+        steps = g.steps[rows]
         what = (
-            f"{len(rows)} gaps of up to {seconds:.3g} s (the usual step is {g.step:.3g} s); in all "
+            f"{len(rows)} gaps of up to {steps.max():.3g} s (the usual step is {g.step:.3g} s); in all "
             f"{steps.sum():.3g} s are missing."
         )
+        sure, repair = _READ, None
         remedy = "no action needed: the run is split there, and the filters lose a second on either side"
-        kind, sure, repair = "gap in time", _READ, None
-        if is_set:
+        if kind == "clock step":
             what = (
-                f"the clock jumps ahead by up to {seconds:.3g} s while the moving arm does not: the "
+                f"the clock jumps ahead by up to {steps.max():.3g} s while the moving arm does not: the "
                 "clock was set, and no sample is missing."
             )
-            remedy = "continue the time at the usual step there"
-            kind, sure = "clock step", "likely: the distance travelled is that of one usual step"
-            repair = lambda r: with_steps(r, np.where(wrong, g.step, np.diff(r.t)))  # noqa: E731
+            sure, remedy = "likely: the distance travelled is that of one usual step", _CONTINUE
+            wrong = np.isin(np.arange(len(g.steps)), rows)
+            repair = lambda r, k=wrong: with_steps(r, np.where(k, g.step, np.diff(r.t)))  # noqa: E731
+        where = f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
+        figures = {"rows": (rows + 3)[:100].tolist(), "seconds": float(steps.max())}
         yield Issue(kind, "warning", where, what, sure, remedy, repair, figures)
 
 
@@ -282,10 +265,9 @@ def repeated_run(g: Glance) -> Iterator[Issue]:
     """
     number = g.row_numbers
     lag = np.arange(len(number)) - np.unique(number, return_index=True)[1][number]
-    lags, counts = np.unique(lag[lag > RUN], return_counts=True)
-    if not len(lags):
+    if not len(lag := lag[lag > RUN]):
         return
-    most = int(lags[np.argmax(counts)])
+    most = int(np.argmax(np.bincount(lag)))
     same = np.concatenate([np.zeros(most, bool), number[most:] == number[:-most]])
     again = _mask(len(same), [p for p in spans(same) if p[1] - p[0] >= RUN])
     # One pose, held by a simulator without noise, is no copy.
@@ -294,25 +276,23 @@ def repeated_run(g: Glance) -> Iterator[Issue]:
             "{rows} rows are copies, bit by bit, of rows {lag} earlier: a part of the run is in the "
             "file twice, and would count as a repetition without noise."
         )
-        yield from _deleted(g, {"": again}, "repeated run", what, remedy="delete the copies", lag=most)
+        yield from _deleted(g, "repeated run", {"": again}, what, lag=most)
 
 
 def frozen_packets(g: Glance) -> Iterator[Issue]:
     """Stretches in which every channel repeats one row, and a joint has then come farther than in its
     usual step and by more than its encoder's."""
     parts = spans(g.held)
-    lengths = np.diff(parts)[:, 0] if len(parts) else np.zeros(0)
+    lengths = np.diff(parts)[:, 0]
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
     if not len(long := parts[lengths >= max(STUCK, TIMES * usual)]):
         return
     steps = np.abs(np.diff(g.run.q, axis=0))
     least = 4.0 * np.median(steps, axis=0)
     found = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
-    what = (
-        "all channels repeat one row for up to {seconds:.3g} s, {parts} times, while the arm moves on: "
-    )
+    what = "all channels repeat one row for up to {seconds:.3g} s, {parts} times: no packets came."
     bad = {"": _mask(len(g.run.t), found)}
-    yield from _deleted(g, bad, "frozen packets", what + "no packets came.", brief=STUCK_SECONDS)
+    yield from _deleted(g, "frozen packets", bad, what, brief=STUCK_SECONDS)
 
 
 def doubled(g: Glance) -> Iterator[Issue]:
@@ -344,18 +324,16 @@ def doubled(g: Glance) -> Iterator[Issue]:
 def end_stops(g: Glance) -> Iterator[Issue]:
     """Rows in which a joint is told to go beyond its range and does not: its stop holds it, whose torque
     no model has. Where it follows the command, the range is not where the stop is."""
-    told, bad = g.run.commanded.get("qcmd", g.run.q), {}
-    for j, joint in enumerate(g.robot.joints):
-        beyond, asked = (
-            np.maximum(joint.lower - x[:, j], x[:, j] - joint.upper) for x in (g.run.q, told)
-        )
-        parts = [
-            p for p in spans(asked > 0.0) if beyond[slice(*p)].max() * TIMES < asked[slice(*p)].max()
-        ]
-        bad[f"q{j + 1}"] = _mask(len(told), parts) & (np.abs(beyond) * TIMES < asked)
-    what = "the command goes beyond the range of {named} for up to {seconds:.3g} s, the joint does not: "
-    sure = "certain: its stop holds the joint, and the drive pushes against it"
-    yield from _deleted(g, bad, "end stop", what + "it lies against its end stop.", sure)
+    low, high = np.transpose([(joint.lower, joint.upper) for joint in g.robot.joints])
+    told = g.run.commanded.get("qcmd", g.run.q)
+    beyond, asked = (np.maximum(low - x, x - high) for x in (g.run.q, told))
+    bad = (np.abs(beyond) * TIMES < asked).T
+    for rows, b, a in zip(bad, beyond.T, asked.T, strict=True):
+        held = [p for p in spans(a > 0.0) if b[slice(*p)].max() * TIMES < a[slice(*p)].max()]
+        rows &= _mask(len(rows), held)
+    what = "{named} stays in its range for up to {seconds:.3g} s while the command goes beyond it: the "
+    what, sure = f"{what}joint lies against its end stop.", "certain: the drive pushes against its stop"
+    yield from _deleted(g, "end stop", {f"q{j + 1}": x for j, x in enumerate(bad)}, what, sure)
 
 
 def interpolated_rows(g: Glance) -> Iterator[Issue]:
@@ -377,9 +355,7 @@ def interpolated_rows(g: Glance) -> Iterator[Issue]:
     least = max(STUCK, TIMES * float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0)
     parts = [p for p in edges if p[1] - p[0] >= least and moves[p[0] : p[1]].mean() > 0.5]
     what = "{rows} rows lie on straight lines in every channel: a gap was filled by interpolation."
-    remedy = f"{_DELETE}; the run is split there"
-    bad = {"": _mask(len(inside), parts)}
-    yield from _deleted(g, bad, "interpolated rows", what, remedy=remedy)
+    yield from _deleted(g, "interpolated rows", {"": _mask(len(inside), parts)}, what)
 
 
 def zeros(g: Glance) -> Iterator[Issue]:
@@ -398,29 +374,37 @@ def zeros(g: Glance) -> Iterator[Issue]:
             bad[name] = _mask(len(x), far)
     what = "{rows} rows of {named} are exactly zero, and jump there and back: nothing was measured."
     sure = "certain: the channel hardly ever takes any other value near zero"
-    yield from _deleted(g, bad, "zeros", what, sure)
+    yield from _deleted(g, "zeros", bad, what, sure)
+
+
+def _around(x: Array, width: int) -> Array:
+    """(N, n, width) so many samples around each of x (N, n)."""
+    padded = np.pad(x, ((width // 2, width // 2), (0, 0)), "edge")
+    return sliding_window_view(padded, width, axis=0)
 
 
 def spikes(g: Glance) -> Iterator[Issue]:
-    """Single samples far from the median around them: bits turned, packets torn."""
-    found, half = {}, _WIDTH // 2
+    """Single samples far from the median of seven: bits turned, packets torn. Half a second off every
+    start and stop of the arm."""
+    moves, t, bad = g.movement.at, g.run.t, {}
     for name, j, x in g.channels:
         least = SPIKE[1] * float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN]))) + 1e-9
         # Without such a step no sample can be that far from the median.
-        if g.moving[j] and np.abs(np.diff(x)).max() > least / half:
-            around = sliding_window_view(np.pad(x, half, "edge"), _WIDTH)
-            off = np.abs(x - np.median(around, axis=1))
-            bad = (off > max(SPIKE[0] * np.quantile(off, 0.9), least)) & g.inside
-            found[name] = bad & (bad.mean() <= 1 / RUN)
+        if g.moving[j] and np.abs(np.diff(x)).max() > least / 3.0:
+            off = np.abs(x - np.median(_around(x[:, None], 7)[:, 0], axis=1))
+            far = off > max(SPIKE[0] * np.quantile(off, 0.9), least)
+            far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
+            bad[name] = far & (far.mean() <= 1 / RUN)
     what = "{rows} samples of {named} lie far from the samples on both sides."
-    yield from _deleted(g, found, "spikes", what, "certain: no joint moves like that")
+    yield from _deleted(g, "spikes", bad, what, "certain: no joint moves like that")
 
 
 def lost_rows(g: Glance) -> Iterator[Issue]:
     """All joints skip ahead within one step of an even clock: rows are missing that it does not show.
 
     A position that comes again is a packet repeated, and makes up for the skip behind it: each counts
-    once, from its first stamp to that of the next.
+    once, from its first stamp to that of the next. Only joints that move well above their own scatter
+    can tell, three in four of them have to, and one row could be noise.
     """
     q = g.run.q[:, g.moving]
     fresh = np.flatnonzero(np.concatenate([[True], np.any(np.diff(q, axis=0) != 0.0, axis=1)]))
@@ -428,24 +412,15 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
     if len(fresh) < RUN or q.shape[1] < 2:
         return
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
-    around = sliding_window_view(np.pad(speed, ((5, 5), (0, 0)), "edge"), 11, axis=0)
-    # Only joints that move well above their own scatter there can tell, and three in four have to.
     least = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
     most = max(2, (q.shape[1] + 1) // 2)
-
-    def ahead(few: NDArray[np.intp], usual: Array) -> NDArray[np.intp]:
-        """Those of a few rows in which enough joints skip, were that their usual speed or less."""
-        return few[np.sum(speed[few] > 2.5 * np.maximum(usual, least), axis=1) > 0.74 * most]
-
-    few = ahead(np.arange(len(speed)), least)
-    few = ahead(few, around[few].min(axis=2))
+    few = np.sum(speed > 2.5 * least, axis=1) > 0.74 * most  # the others cannot skip
     usual = np.zeros_like(speed)
-    usual[few] = np.median(around[few], axis=2)  # which takes long
+    usual[few] = np.median(_around(speed, 11)[few], axis=2)
     tells = usual > least
     ratio = np.divide(speed, usual, out=np.full_like(speed, np.nan), where=tells)
-    skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)  # one row could be noise
-    enough = (told >= most) & (skips > 0.74 * told)
-    rows = np.flatnonzero(enough & (steps < 3.0 * np.median(steps)))
+    skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)
+    rows = np.flatnonzero((told >= most) & (skips > 0.74 * told) & (steps < 3.0 * np.median(steps)))
     if 0 < len(rows) <= 1 / RUN * len(steps):
         lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
@@ -456,30 +431,29 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
             f"{lost.sum():.0f} rows are missing and the clock was made again.",
             "certain: all joints skip by the same time", "put the missing time back",
             lambda r: with_steps(r, np.diff(r.t) + added),
-            _listed(rows + 3) | {"lost": lost.sum(), "missing": lost.tolist()[:100]},
+            {"rows": (rows + 3)[:100].tolist(), "missing": lost[:100].tolist()},
         )  # fmt: skip
 
 
-def frozen(g: Glance, word: str) -> Iterator[Issue]:
+def frozen(g: Glance, word: str, name: str) -> Iterator[Issue]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow down before."""
-    asked = [x for x in g.channels if x[0][0] == word[0].replace("p", "q") and np.ptp(x[2]) > 0.0]
-    bad = {n: _stuck(g, j, x, n[0] == "q") for n, j, x in asked if g.moving[j] or n[0] == "t"}
+    asked = [x for x in g.channels if x[0][0] == name and g.moving[x[1]] | (name == "t")]
+    bad = {channel: _stuck(g, j, x, name == "q") for channel, j, x in asked if np.ptp(x) > 0.0}
     what = "{named} repeats one value for {seconds:.3g} s, {parts} times, while the arm moves: "
     sure = "certain: elsewhere it never repeats for nearly as long"
-    yield from _deleted(g, bad, f"frozen {word}", what + "the channel was frozen.", sure)
+    yield from _deleted(g, f"frozen {word}", bad, what + "the channel was frozen.", sure)
 
 
 def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
     """(N,) where a channel of joint j is frozen: the same number for long, and then not the next one."""
-    parts, bad = spans(np.diff(x) == 0.0), np.zeros(len(x), bool)
+    parts = spans(np.diff(x) == 0.0)
     lengths = np.diff(parts)[:, 0]
-    if lengths.max(initial=0) < STUCK:
-        return bad
-    parts = parts[lengths * TIMES > lengths.max()]  # freezes must not hide each other
+    # Freezes must not hide each other.
+    parts = parts[(lengths * TIMES > lengths.max(initial=STUCK - 1)) & (lengths.max(initial=0) >= STUCK)]
     parts = parts[np.diff(g.run.t[parts])[:, 0] >= 2.0 * STUCK_SECONDS]
     if not len(parts):
-        return bad
-    step, q = np.abs(np.diff(x)), g.run.q[:, j]
+        return np.zeros(len(x), bool)
+    step, q, found = np.abs(np.diff(x)), g.run.q[:, j], []
     usual, level = float(np.median(step[step > 0.0])), 3.0 * lattice_step(x)
     for a, b in parts.tolist():
         jump, slows = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - STUCK, 0)])
@@ -488,9 +462,9 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
         else:  # dry friction is constant until its joint turns, and hides in a coarse channel's step
             after = q[min(b + STUCK, len(q) - 1)] - q[b]
             by_itself = usual < level and after * (q[b] - q[max(b - STUCK, 0)]) <= 0.0
-        clipped = x[a] in (x.min(), x.max())  # stays at its end
-        bad[a : b + 1] |= not clipped and not by_itself and jump >= level
-    return bad
+        if not by_itself and jump >= level and x[a] not in (x.min(), x.max()):  # clipped at its end
+            found.append((a, b + 1))
+    return _mask(len(x), found)
 
 
 def idle(g: Glance) -> Iterator[Issue]:
@@ -504,20 +478,21 @@ def idle(g: Glance) -> Iterator[Issue]:
         kind, severity, where = "idle joints", "warning", joints_text(joints)
         what = (
             f"{where} never moves: friction and inertia about that axis are not identifiable, and the "
+            "torque there is stiction."
         )
-        what, remedy = f"{what}torque there is stiction.", "move every joint, or add a run that does"
+        remedy = "move every joint, or add a run that does"
     sure, figures = "certain: the positions change by noise only", {"joints": (joints + 1).tolist()}
     yield Issue(kind, severity, where, what, sure, remedy, None, figures)
 
 
 def beside(g: Glance) -> Iterator[Issue]:
     if joints := beside_range(g.robot, g.run.q):
+        where, figures = joints_text(joints), {"joints": [j + 1 for j in joints]}
         yield Issue(
-            "encoder offset", "warning", joints_text(joints),
-            f"{joints_text(joints)}: positions outside the range all or part of the time.",
+            "encoder offset", "warning", where,
+            f"{where}: positions outside the range all or part of the time.",
             "certain: outside what the joint can reach",
-            "correct the zeros of these joints: the travel fits the range", None,
-            {"joints": [j + 1 for j in joints]},
+            "correct the zeros of these joints: the travel fits the range", None, figures,
         )  # fmt: skip
 
 
@@ -527,8 +502,7 @@ def dead(g: Glance) -> Iterator[Issue]:
         yield Issue(
             "dead channel", "error", f"tau{j + 1}",
             f"tau{j + 1} is {g.run.tau[0, j]:g} {g.robot.torque_units[j]} in every row.", _READ,
-            "find out why the logger wrote a constant", None,
-            {"joints": [j + 1], "value": float(g.run.tau[0, j])},
+            "find out why the logger wrote a constant", None, {"joints": [j + 1]},
         )  # fmt: skip
 
 
@@ -536,12 +510,10 @@ def magnitude(g: Glance) -> Iterator[Issue]:
     """Torques that are never negative because their sign is lost: whenever they come near zero, by
     a fifth of the largest, they come within a usual step of it: by chance with odds of step to fifth."""
     joints = []
-    least, most = g.run.tau.min(axis=0), g.run.tau.max(axis=0)
-    for j in np.flatnonzero(
-        g.moving & (least >= 0.0) & (least <= 0.01 * most) & (most > least)
-    ).tolist():
-        x = g.run.tau[:, j]
-        steps, near = np.abs(np.diff(x)), 0.2 * most[j]
+    for j, x in enumerate(g.run.tau.T):
+        if not (g.moving[j] and 0.0 <= x.min() <= 0.01 * x.max() and x.max() > x.min()):
+            continue
+        steps, near = np.abs(np.diff(x)), 0.2 * x.max()
         step = min(float(np.median(steps[steps > 0.0])), near)
         lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
         joints += [j] * bool(np.sum((lowest > 0.0) & (lowest < step)) * np.log(near / step) > c.ODDS)
@@ -559,42 +531,35 @@ def clipped(g: Glance) -> Iterator[Issue]:
     """A torque that stays exactly at its largest value while it is never constant elsewhere."""
     for j, x in enumerate(g.run.tau.T):
         parts = spans(np.diff(x) == 0.0)
-        if not len(parts) or not np.ptp(x):
-            continue
         lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]
-        ends = np.isin(values, (x.min(), x.max()))
-        elsewhere, k = int(lengths[~ends].max(initial=1)), int(np.argmax(lengths * ends))
-        if ends[k] and lengths[k] >= max(TIMES * elsewhere, STUCK):
-            samples = int(np.sum(x == values[k]))
+        ends = np.isin(values, (x.min(), x.max())) & (np.ptp(x) > 0.0)
+        elsewhere, longest = (int(lengths[k].max(initial=1)) for k in (~ends, ends))
+        if longest >= max(TIMES * elsewhere, STUCK):
+            value = values[np.argmax(lengths * ends)]
             yield Issue(
                 "saturation", "warning", f"tau{j + 1}",
-                f"tau{j + 1} is stuck at {values[k]:.6g} {g.robot.torque_units[j]} for up to "
-                f"{lengths[k]} consecutive samples ({samples} in total): the channel is clipped.",
+                f"tau{j + 1} is stuck at {value:.6g} {g.robot.torque_units[j]} for up to {longest} "
+                f"consecutive samples ({np.sum(x == value)} in total): the channel is clipped.",
                 f"likely: elsewhere it is never constant for more than {elsewhere} samples",
                 "record again with a larger range, or slower; delete those rows until then", None,
-                {"joint": j + 1, "limit": float(values[k]), "elsewhere": elsewhere}
-                | {"longest": int(lengths[k]), "samples": samples},
+                {"joint": j + 1, "limit": float(value)},
             )  # fmt: skip
 
 
 def quantised(g: Glance, motion: Motion, cutoff: float) -> Iterator[Issue]:
     """Rounding errors of positions, beside the acceleration in the band that identification uses: of a
-    motion behind the filter of that cut-off [Hz]."""
-    sizes = motion.ddq.std(axis=0)
-    for j, x in enumerate(g.run.q.T):
-        # They renew themselves when the level changes; the part below the cut-off stays. A second
-        # derivative weighs its power with (2 pi f)^4.
+    motion behind the filter of that cut-off [Hz]. They renew themselves when the level changes; the part
+    below the cut-off stays. A second derivative weighs its power with (2 pi f)^4."""
+    for j, (x, size) in enumerate(zip(g.run.q.T, motion.ddq.std(axis=0), strict=True)):
         step, lasts = lattice_step(x), g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
         noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * max(1.0, 0.5 / (cutoff * lasts)))
-        if g.moving[j] and noise > c.TYPICAL["link"] * sizes[j] > 0.0:
-            percent, unit = 100.0 * noise / float(sizes[j]), g.robot.position_units[j]
+        if g.moving[j] and noise > c.TYPICAL["link"] * size > 0.0:
             yield Issue(
                 "quantisation", "warning", f"q{j + 1}",
-                f"q{j + 1} is quantised in steps of {step:.3g} {unit}, which adds noise of about "
-                f"{percent:.0f} % of the acceleration below {cutoff:.3g} Hz.",
+                f"q{j + 1} is quantised in steps of {step:.3g} {g.robot.position_units[j]}: noise of "
+                f"about {100.0 * noise / size:.0f} % of the acceleration below {cutoff:.3g} Hz.",
                 "likely: the steps are read from the file, the noise is estimated",
-                "log more digits, or move faster", None,
-                {"joint": j + 1, "step": step, "percent": percent},
+                "log more digits, or move faster", None, {"joint": j + 1, "step": step},
             )  # fmt: skip
 
 
@@ -607,7 +572,7 @@ def sample_rate(g: Glance) -> Iterator[Issue]:
             f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second are too few to "
             f"differentiate it twice: {needed:.0f} Hz are needed.",
             "certain: from the spectrum of the positions", "log faster, or move slower", None,
-            {"rate_hz": rate, "highest_hz": highest, "needed": needed},
+            {"rate_hz": rate, "needed": needed},
         )  # fmt: skip
 
 
@@ -617,7 +582,7 @@ CLOCK: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
 )  # fmt: skip
 MOTION: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
     wrapped, repeated_run, frozen_packets, doubled, end_stops, interpolated_rows, zeros, spikes,
-    lost_rows, partial(frozen, word="position"), partial(frozen, word="torque"),
+    lost_rows, partial(frozen, word="position", name="q"), partial(frozen, word="torque", name="t"),
 )  # fmt: skip
 
 
