@@ -224,7 +224,6 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
         issues += residual.not_excited(
             problem.with_gravity(net.gravity), FilteredRuns.of(work, settings)
         )
-        issues += residual.hidden_errors(log, net)
     # A report holds the rows, not what was worked out of them.
     arm = (Likelihood(problem, data), net) if log.spare > 0.0 else None
     return Report(report.run, tuple(issues), work, fixed, log.score(net).unexplained, arm)

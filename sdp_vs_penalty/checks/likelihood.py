@@ -18,7 +18,7 @@ which tells a sign from a reversed clock. Prior costs of a repair are the search
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
 from typing import TypeAlias
@@ -33,7 +33,6 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.robot.robot import Robot
 
 #: Weighted normal equations (s, s), (s,); a repair by one number.
 Normal: TypeAlias = tuple[Array | float, Array | float]
@@ -44,41 +43,32 @@ At: TypeAlias = Callable[[float], Repair]
 class Equations:
     """Normal equations of n joints' rows for K torques, of one log or of several (..., n): gram (..., n,
     s, s), cross (..., n, s, K), energy (..., n, K) of the torque with own columns projected out, whole
-    (..., n, K) before; own (..., n, k, s + K) what these columns take of the shared ones and of the
+    (..., n, K) before; own (..., n, k, s + 1) what these columns take of the shared ones and of one
     torque."""
 
     gram: Array
     cross: Array
     energy: Array
     whole: Array
-    own: Array
+    own: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
-    def of(cls, gram: Array, cross: Array, whole: Array, k: int, apart: bool = False) -> Equations:
-        """gram (..., n, w, w) of k own columns and the shared ones, cross (..., n, w, K), whole (..., n,
-        K); apart : whether own columns are orthogonal, as they are over the whole log."""
-        full, s = np.concatenate([gram, cross], axis=-1), gram.shape[-1] - k
-        size = np.trace(gram[..., :k, :k], axis1=-2, axis2=-1)[..., None, None] / max(k, 1)
-        # A joint that rests in these rows has nothing of its own there.
-        mine = gram[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
-        own = full[..., :k, k:]
-        own = own / np.einsum("...ii->...i", mine)[..., None] if apart else np.linalg.solve(mine, own)
-        rest = full[..., k:, k:] - gram[..., k:, :k] @ own
-        energy = np.maximum(whole - np.sum(cross[..., :k, :] * own[..., s:], axis=-2), 0.0)
-        whole = np.maximum(whole, 1e-12 * whole.max(axis=-2, keepdims=True, initial=0.0) + 1e-280)
-        return cls(rest[..., :s], rest[..., s:], energy, whole, own)
-
-    @classmethod
-    def of_part(cls, full: Array, k: int) -> Equations:
+    def of(cls, full: Array, k: int) -> Equations:
         """full (..., n, w, w) : Gram matrices of k own columns, the shared ones and one torque."""
-        return cls.of(full[..., :-1, :-1], full[..., :-1, -1:], full[..., -1, -1:], k)
+        size = np.trace(full[..., :k, :k], axis1=-2, axis2=-1)[..., None, None] / max(k, 1)
+        # A joint that rests in these rows has nothing of its own there.
+        mine = full[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
+        own = np.linalg.solve(mine, full[..., :k, k:])
+        rest = full[..., k:, k:] - full[..., k:, :k] @ own
+        energy = np.maximum(rest[..., -1, -1:], 0.0)
+        return cls(rest[..., :-1, :-1], rest[..., :-1, -1:], energy, _positive(full[..., -1, -1:]), own)
 
     @classmethod
     def together(cls, logs: Sequence[Equations]) -> Equations:
         """The joints of several logs side by side, to fit one arm to them."""
         names = "gram", "cross", "energy", "whole"
         gram, cross, energy, whole = (np.concatenate([getattr(x, n) for x in logs]) for n in names)
-        return cls(gram, cross, energy, whole, logs[0].own)
+        return cls(gram, cross, energy, whole)
 
     def wider(self, more: int) -> Equations:
         """With so many further parameters, which these joints do not depend on."""
@@ -124,9 +114,8 @@ class Likelihood:
         self.revolute = [j for j in self.joints if problem.robot.joints[j].kind == "revolute"]
         self.none = Repair.none(self.n, problem.robot.gravity)
         self._rows, self.columns = lru_cache(6)(partial(Rows, self)), lru_cache(12)(self._made_columns)
-        self.robot = lru_cache(12)(self._made_robot)
+        self._model = lru_cache(12)(self._made_model)
         self._basis, self._late = lru_cache(20)(self._made_basis), lru_cache(40)(self._shifted)
-        self._weight = lru_cache(2)(self._made_weight)
 
     @cached_property
     def screen(self) -> Likelihood:
@@ -185,35 +174,19 @@ class Likelihood:
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
-    def _made_robot(self, gravity: Gravity, longer: Numbers) -> tuple[Robot, Model | None]:
-        """The robot, and what joints share of its model, under another vector of gravity, with other
-        distances between joints [m]."""
+    def _made_model(self, gravity: Gravity, longer: Numbers) -> Model | None:
+        """What joints share, under another gravity, with other distances between joints [m]."""
         robot, joints = self.problem.robot, list(self.problem.robot.joints)
         for j in np.flatnonzero(longer).tolist():
             placement = joints[j].placement.copy()
             placement[:3, 3] *= 1.0 + longer[j] / or_one(np.linalg.norm(placement[:3, 3]))
             joints[j] = replace(joints[j], placement=placement)
-        robot = replace(robot, gravity=gravity, joints=tuple(joints))
-        shared = self.data.shared
-        return robot, None if shared is None else on_robot(shared, robot)
+        robot, shared = replace(robot, gravity=gravity, joints=tuple(joints)), self.data.shared
+        return None if shared is None else on_robot(shared, robot)
 
     def _made_columns(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
-        """(n, M, p) columns of all parameters that joints share, of ``motion``: under another gravity
-        than the problem's they differ by multiples of the weight's."""
-        if repair.gravity != (own := self.none.gravity):
-            usual = replace(repair, gravity=own)
-            more = np.tensordot(np.subtract(repair.gravity, own), self._weight(usual), 1)
-            return np.asarray(self.columns(usual, speed, push) + more)
-        return self._wide(repair, speed, push)
-
-    def _made_weight(self, repair: Repair) -> Array:
-        """(3, n, M, p) what a unit of gravity along each of the base's axes adds to these columns."""
-        axes = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-        none, *each = (self._wide(replace(repair, gravity=axis), 0.0, 0.0) for axis in axes)
-        return np.asarray(each) - none
-
-    def _wide(self, repair: Repair, speed: float, push: float) -> Array:
-        model, motion = self.robot(repair.gravity, repair.longer)[1], self.motion(repair, speed, push)
+        """(n, M, p) columns of all parameters that joints share, of ``motion``."""
+        model, motion = self._model(repair.gravity, repair.longer), self.motion(repair, speed, push)
         return np.zeros((self.n, self.data.count, 0)) if model is None else model.wide(motion)
 
     def shared(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
@@ -255,7 +228,7 @@ class Likelihood:
         columns are own ones; more (n, M, r) : further columns that joints share."""
         rows, y = self.rows(repair), self.channels(repair)[:, :, None]
         further = y[:, :, :0] if more is None else more
-        full = np.concatenate([rows.both, further, y], axis=2)
+        full = np.concatenate([rows.basis, rows.raw, further, y], axis=2)
         edges = np.linspace(0, self.data.count, count + 1).astype(int)
         parts = [full[:, a:b] for a, b in pairwise(edges.tolist())]
         return np.stack([np.swapaxes(p, 1, 2) @ p for p in parts]), rows.basis.shape[2]
@@ -263,27 +236,27 @@ class Likelihood:
     def equations(self, repair: Repair, more: Array | None = None) -> Equations:
         """Of the whole log."""
         parts, k = self.parts(repair, 1, more)
-        return Equations.of_part(parts[0], k)
+        return Equations.of(parts[0], k)
 
     def scores(self, repairs: Sequence[Repair]) -> list[Score]:
-        """One arm fitted to each; those of one motion side by side."""
+        """One arm fitted to each; those of one motion side by side, and equations of one size by one
+        call."""
         groups, out = dict[Repair, list[Repair]](), dict[Repair, Score]()
         for r in repairs:
             groups.setdefault(r.of_motion, []).append(r)
-        alike = dict[tuple[int, int], list[tuple[list[Repair], Rows, Array]]]()
+        alike = dict[int, list[tuple[list[Repair], Rows, Array]]]()
         for of_motion, some in groups.items():
-            rows, y = self.rows(of_motion), np.stack([self.channels(r) for r in some], axis=2)
-            alike.setdefault((rows.basis.shape[2], len(some)), []).append((some, rows, y))
-        for (k, _), found in alike.items():  # equations of one size by one call
+            y = np.stack([self.channels(r) for r in some], axis=2)
+            alike.setdefault(len(some), []).append((some, self.rows(of_motion), y))
+        for found in alike.values():
             gram = np.stack([rows.gram for _, rows, _ in found])
-            cross = np.stack([np.swapaxes(rows.both, 1, 2) @ y for _, rows, y in found])
-            whole = np.stack([np.sum(y**2, axis=1) for _, _, y in found])
-            fit = Equations.of(gram, cross, whole, k, apart=True)
-            theta, left = fit.fitted(self.moving)
+            cross = np.stack([np.swapaxes(rows.apart, 1, 2) @ y for _, rows, y in found])
+            energy = np.stack([np.sum(rows.rest(y) ** 2, axis=1) for _, rows, y in found])
+            whole = _positive(np.stack([np.sum(y**2, axis=1) for _, _, y in found]))
+            theta, left = Equations(gram, cross, energy, whole).fitted(self.moving)
             for i, (some, rows, y) in enumerate(found):
                 for j, r in enumerate(some):
-                    each = theta[i, j], left[i, :, j], fit.whole[i, :, j], fit.gram[i]
-                    out[r] = Score(self, rows, y[..., j], *each)
+                    out[r] = Score(self, rows, y[..., j], theta[i, j], left[i, :, j], whole[i, :, j])
         return [out[r] for r in repairs]
 
     def score(self, repair: Repair) -> Score:
@@ -297,7 +270,7 @@ class Likelihood:
         of all other parts, whose joints weigh (n,), and of other logs' normal equations; (PARTS, n) what
         they leave of the part, over the mean energy of a part."""
         parts, k = self.parts(repair, PARTS, more)
-        rests = Equations.of_part(parts.sum(axis=0) - parts, k)
+        rests = Equations.of(parts.sum(axis=0) - parts, k)
         both = rests.normal(weights[:, None])
         gram, cross = (a[:, 0] + b for a, b in zip(both, others, strict=True))
         arms = solve(gram, cross[..., None])[..., 0]
@@ -317,7 +290,7 @@ class Likelihood:
             slopes[..., r] = (self.unexplained(at(values[r] + h), score.theta) - here) / h
         sizes = np.linalg.norm(slopes, axis=(0, 1))
         parts, k = self.parts(now, PARTS, -slopes / or_one(sizes))
-        gram, cross = Equations.of_part(parts.sum(axis=0) - parts, k).normal(score.weights[:, None])
+        gram, cross = Equations.of(parts.sum(axis=0) - parts, k).normal(score.weights[:, None])
         s = gram.shape[-1] - len(ats)
         full = np.concatenate([gram[:, 0], cross[:, 0, :, None]], axis=2)
         arm = solve(full[:, :s, :s], full[:, :s, s:])
@@ -339,14 +312,14 @@ class Likelihood:
 
 class Rows:
     """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own columns, raw
-    (n, M, s) columns of the shared parameters, gram (n, k + s, k + s) of ``both``."""
+    (n, M, s) columns of the shared parameters, apart (n, M, s) the same with own columns projected out,
+    gram (n, s, s) of these."""
 
     def __init__(self, of: Likelihood, repair: Repair) -> None:
         self.of, self.repair = of, repair
-        self.basis, raw = of._basis(repair.order, repair.events), of.raw(repair)
-        self.both = np.concatenate([self.basis, raw], axis=2)
-        self.raw = self.both[..., self.basis.shape[2] :]
-        self.gram = np.swapaxes(self.both, 1, 2) @ self.both
+        self.basis, self.raw = of._basis(repair.order, repair.events), of.raw(repair)
+        self.apart = self.rest(self.raw)
+        self.gram = np.swapaxes(self.apart, 1, 2) @ self.apart
 
     def rest(self, y: Array) -> Array:
         """(n, M, K) torques or columns with own columns projected out."""
@@ -365,8 +338,7 @@ class Rows:
 
 @dataclass
 class Score:
-    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole (n,) [(N m)^2],
-    gram (n, s, s) of the shared columns without what the own ones explain."""
+    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole (n,) [(N m)^2]."""
 
     of: Likelihood
     rows: Rows
@@ -374,7 +346,6 @@ class Score:
     theta: Array
     left: Array
     whole: Array
-    gram: Array
 
     @cached_property
     def shares(self) -> Array:
@@ -399,14 +370,14 @@ class Score:
     @cached_property
     def residual(self) -> Array:
         """(n, M) what the arm leaves of the channels."""
-        return self.rows.rest((self.channels - self.rows.raw @ self.theta)[:, :, None])[:, :, 0]
+        return self.rows.rest(self.channels[:, :, None])[:, :, 0] - self.rows.apart @ self.theta
 
     def gained(self, x: Array) -> Array:
         """(n, K) by how much log S_j falls with one more own column of joint j, of x (n, M, K) without
         what the own ones explain: a score test, less what the arm's parameters take of it."""
         pull = np.einsum("jm,jmk->jk", self.residual, x) ** 2
-        shared = np.swapaxes(self.rows.rest(self.rows.raw), 1, 2) @ x
-        normal = np.tensordot(self.weights, self.gram, 1)
+        shared = np.swapaxes(self.rows.apart, 1, 2) @ x
+        normal = np.tensordot(self.weights, self.rows.gram, 1)
         taken = self.weights[:, None] * np.sum(shared * solve(normal, shared), axis=1)
         whole = np.sum(x**2, axis=1)
         seen = np.maximum(whole - taken, 1e-3 * whole) * self.left[:, None]
@@ -452,7 +423,7 @@ class Score:
         turned = np.outer([1.0, 0.0], gradients[1].sum(axis=0))
         value = np.append(values[0], slopes @ self.theta + [values[1].sum(), 0.0])
         gradient = np.vstack([gradients[0], slopes + turned])
-        normal = np.tensordot(self.weights * samples, self.gram, 1)
+        normal = np.tensordot(self.weights * samples, self.rows.gram, 1)
         spread = np.append(noise[0], [noise[1].sum(), 0.0])
         spread += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = value / np.sqrt(np.maximum(spread, 1e-300))
@@ -465,6 +436,11 @@ class Score:
         sizes = np.linalg.norm([self.channels.T, nominal], axis=(1, 2))
         measured, needed = np.log(np.maximum(sizes, 1e-300)).tolist()
         return 0.5 * float((measured - needed) / np.log(EFFORT[1])) ** 2
+
+
+def _positive(whole: Array) -> Array:
+    """(..., n, K) energies of torques, none of them 0."""
+    return np.maximum(whole, 1e-12 * whole.max(axis=-2, keepdims=True, initial=0.0) + 1e-280)
 
 
 def jackknifed(found: Array) -> tuple[Array, Array]:

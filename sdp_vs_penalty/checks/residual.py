@@ -1,5 +1,5 @@
 """What the repaired log leaves over: is it what such arms leave, everywhere and all the time? Are the
-torques of a possible size, and what can this motion not show?
+torques of a possible size, and which parameters can this motion not show?
 
 Two witnesses for each joint: how much one arm leaves of its torque, and how much more that is than a
 model of this joint alone would leave. Friction, however odd, is in both.
@@ -12,8 +12,6 @@ makes it theirs, to first order: a gain, a zero, or the ten parameters of a load
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -33,74 +31,60 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: A one-off event lasts at most so long [s].
 _WIDTH = 1.0
-_SURE = (
-    "certain: by the best fit of this arm; signs, orders, gains, zeros, delays, units and gravity were "
-    "tried, and none explains it"
-)
+_SURE = "certain: signs, orders, gains, zeros, delays, units and gravity were tried; none explains it"
 
 
 def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     """A warning where more is left over than such an arm leaves, of logs with samples to spare for its
     parameters; an error where nothing is explained."""
     score = log.score(repair)
-    dark = _dark(score)
+    dark, percent, total = _dark(score), 100.0 * np.sqrt(score.shares), 100.0 * score.unexplained**0.5
     if dark > c.UNRELATED:
         yield Issue(
             "torque not explained", "error", "all torque channels",
             f"No inertia and friction of this arm explain {100.0 * dark:.0f} % of the torque energy.",
-            "certain: none of the tried signs, orders, units, zeros, delays and directions of gravity "
-            "helps",
-            "check that this is the right robot, that the columns are joint torques, and that positions "
-            "and torques come from the same recording", None, {"unexplained_percent": 100.0 * dark},
+            _SURE, "check that this is the right robot, that the columns are joint torques, and that "
+            "positions and torques come from the same recording", None,
+            {"unexplained_percent": 100.0 * dark},
         )  # fmt: skip
-    elif log.spare > 0.0:
-        yield from _unexplained(log, repair, score)
-        yield from _event(log, repair, score)
+    if dark > c.UNRELATED or log.spare <= 0.0:
+        return
+    where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * score.left_out_alone(repair)))
+    what = "cannot belong to the same arm as the other joints' torques"
+    if not len(where) and total > 200.0 * c.TYPICAL[log.problem.torque_side]:
+        where = np.array([np.argmax(np.where(log.moving, score.left, 0.0))])
+        what = f"leaves more than such arms do ({total:.2g} % of all torques)"
+    if len(where):
+        left = ", ".join(f"{percent[j]:.2g} %" for j in where)
+        yield Issue(
+            "unexplained torque", "warning", joints_text(where),
+            f"the torque of {joints_text(where)} {what}: {left} of it stays unexplained.", _SURE,
+            "look at that channel: `diagnose` draws what is left; check its source, gain and zero, "
+            "and that robot, mounting and torque side are those of the problem", None,
+            {"percent": percent[where].round(2).tolist(), "joints": (where + 1).tolist()},
+        )  # fmt: skip
+    yield from _event(log, repair, score)
 
 
 def _dark(score: Score) -> float:
     return float(np.mean(score.shares[score.of.moving]))
 
 
-def _unexplained(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
-    moving, percent = log.moving, 100.0 * np.sqrt(score.shares)
-    total = 100.0 * score.unexplained**0.5
-    where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * score.left_out_alone(repair)))
-    what = "cannot belong to the same arm as the other joints' torques"
-    if not len(where):
-        where = np.array([np.argmax(np.where(moving, score.left, 0.0))])
-        what = f"leaves more than such arms do ({total:.2g} % of all torques)"
-        if total <= 200.0 * c.TYPICAL[log.problem.torque_side]:
-            return
-    left = ", ".join(f"{percent[j]:.2g} %" for j in where)
-    yield Issue(
-        "unexplained torque", "warning", joints_text(where),
-        f"the torque of {joints_text(where)} {what}: {left} of it stays unexplained.", _SURE,
-        "look at that channel: `diagnose` draws what is left; check its source, gain and zero, "
-        "and that robot, mounting and torque side are those of the problem", None,
-        {"percent": percent.round(2).tolist(), "joints": (where + 1).tolist()},
-    )  # fmt: skip
-
-
 def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
-    """A moment at which the error is far larger than at any other: contact, a push."""
+    """A moment at which the error is far larger than at any other: contact, a push. At its ends the arm
+    starts or comes to rest, which is stiction; a step has been told."""
     t = log.data.motion.t
+    known = [t[0], t[-1], *(e.at for e in repair.events if isinstance(e.at, float))]
     for j in log.joints:
         error = np.abs(score.residual[j])
-        k = int(np.argmax(error))
-        elsewhere = error[np.abs(t - t[k]) > _WIDTH]
-        # At its ends the arm starts or comes to rest: stiction; a step has been told.
-        known = [e.at for e in repair.events if isinstance(e.at, float)]
-        inside = (
-            min(t[k] - t[0], t[-1] - t[k]) > 3.0 * _WIDTH < np.min(np.abs(t[k] - known), initial=9e9)
-        )
-        if inside and len(elsewhere) and error[k] > c.TIMES * elsewhere.max():
-            at, unit = float(t[k]), log.problem.robot.torque_units[j]
+        at, most = float(t[np.argmax(error)]), float(error.max())
+        elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
+        if np.min(np.abs(np.subtract(known, at))) > 3.0 * _WIDTH and most > c.TIMES * elsewhere > 0.0:
             yield Issue(
                 "one-off event", "warning", f"t = {at:.3g} s, {joints_text([j])}",
-                f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error "
-                f"there is {error[k]:.3g} {unit} in joint {j + 1}, over {c.TIMES:g} times that at "
-                f"any other moment.",
+                f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error is "
+                f"{most:.3g} {log.problem.robot.torque_units[j]} in joint {j + 1}, over {c.TIMES:g} "
+                "times that at any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
                 lambda r: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH), {"t": at, "joints": [j + 1]},  # noqa: B023
             )  # fmt: skip
@@ -118,12 +102,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
     effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
     each = np.abs(channels).max(axis=0) / effort
-    over = float(np.nanmax(each)) if np.isfinite(effort).any() else np.nan
-    masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
-    known, weighs = masses > 0.0 and not np.all(problem.guessed_links), f"{low:g} to {high:g}"
-    if not np.isfinite(high):
-        low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
-    odd = np.flatnonzero(each > c.EFFORT[1])
+    over, odd = float(np.max(each, initial=-1.0, where=each > 0.0)), np.flatnonzero(each > c.EFFORT[1])
     by_size = "likely: judged by size alone"
     convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
     if 0 < len(odd) <= 0.3 * log.n:
@@ -131,19 +110,21 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
             yield Issue(
                 "torque unit", "error", joints_text([j]),
                 f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made "
-                "for: its unit is not that of the others.", by_size, convert, None,
-                {"joints": [j + 1], "times_effort_limit": float(each[j])},
+                "for: its unit is not that of the others.", by_size, convert, None, {"joints": [j + 1]},
             )  # fmt: skip
         return
-    # Least and largest ratio of measured to nominal torque.
-    least, most = 1e-2, 1.0
-    if known:
+    masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
+    known, weighs = masses > 0.0 and not np.all(problem.guessed_links), f"{low:g} to {high:g}"
+    if not np.isfinite(high):
+        low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
+    least, most, measured = 1e-2, 1.0, over  # beside the effort limits where no mass is known
+    if known:  # least and largest ratio of measured to nominal torque
         least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
+        measured = ratio
     large, small, far = known and ratio > most, known and ratio < least, over > c.EFFORT[1]
     times = f"{ratio:.3g} times what" if large else f"{1.0 / ratio:.3g} times less than"
     told, right = f"{times} an arm of {weighs} kg needs", "if right, correct the problem's masses"
-    figures: dict[str, Any] = {"times_effort_limit": over, "times_nominal": ratio if known else None}
-    figures["joints"] = list(range(1, log.n + 1))
+    figures = {"times_nominal": ratio if known else None, "joints": list(range(1, log.n + 1))}
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
         yield Issue(
             "masses of the problem", "error", "the problem",
@@ -152,7 +133,6 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
             "correct total_mass in problem.toml (the inertials of a URDF)", None, figures,
         )  # fmt: skip
     elif large or (far and not known):
-        measured = ratio if known else over
         factor = next((u for u in UNITS if far and u < 0.1 and least <= measured * u <= most), None)
         told = f"{over:.3g} times what the joints are made for" if far else told
         how = f"they are in {UNITS[factor]}" if factor else "their unit is not N m"
@@ -189,27 +169,6 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
         "move these joints farther, faster and independently of each other, or add runs that do",
         None, {"base_parameters": total, **counts(known.base), "names": dark},
     )  # fmt: skip
-
-
-def hidden_errors(log: Likelihood, repair: Repair) -> Iterator[Issue]:
-    """One note: from which size on the zero of a joint would be named."""
-    ats = [partial(repair.with_entries, "zero", (j,)) for j in log.revolute]
-    values = np.array(repair.zero)[log.revolute]
-    spreads = 3.0 * log.screen.steps(repair, ats, values, 0.3 * c.CALIBRATED)[1]
-    zeros = {j + 1: x for j, x in zip(log.revolute, spreads.tolist(), strict=True)}
-    hidden = [
-        f"joint {j}{'' if not x < np.pi else f' below {np.degrees(x):.2g} degrees'}"
-        for j, x in zeros.items()
-        if not x < c.CALIBRATED
-    ]
-    if hidden:
-        yield Issue(
-            "not visible", "note", "the motion",
-            f"errors of these joints' zeros could not be seen in this motion: {', '.join(hidden)}.",
-            "likely: to first order, from what the arm leaves unexplained",
-            "move these joints farther, and in other poses of the joints before them", None,
-            {"zeros": zeros},
-        )  # fmt: skip
 
 
 #: What is different in a run, and what to do about it; x is the number, j the joint from 1.
@@ -315,7 +274,7 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     parts, k = log.parts(repair, 2 * c.PARTS)
     cuts = range(3, len(parts) - 2)  # neither may be short
     both = [[x.sum(axis=0) for x in (parts[:cut], parts[cut:])] for cut in cuts]
-    left = Equations.of_part(np.array(both), k).fitted(log.moving)[1][..., 0].sum(axis=1)
+    left = Equations.of(np.array(both), k).fitted(log.moving)[1][..., 0].sum(axis=1)
     cut = cuts[int(np.argmin(np.log(left[:, log.moving]).sum(axis=1)))]
     row = cut * log.data.count // len(parts)
     t, sides = float(log.data.motion.t[row]), (slice(row), slice(row, None))

@@ -30,29 +30,26 @@ class Search:
     """Of one log."""
 
     def __init__(self, log: Likelihood) -> None:
-        self.log = log
-        self.samples = log.score(log.none).samples
-        self._posteriors: dict[Repair, float] = {}
+        self.log, self.samples = log, log.score(log.none).samples
         self.elements = lru_cache(99)(self._elements)
+        self.posterior = lru_cache(99)(self._posterior)
 
     def _elements(self, repair: Repair) -> tuple[Element, ...]:
         return tuple(e for t in TRANSFORMATIONS for e in t.elements(self.log, repair))
 
     def likelihood(self, score: Score, repair: Repair) -> float:
-        """Log-likelihood less the repair's cost."""
-        told = self.elements(repair)
-        odd = sum(
-            e.number is not None and not np.isclose(e.number.value, e.number.snaps).any() for e in told
-        )
-        cost = sum(e.cost for e in told) + 0.5 * c.ODDS * odd  # round numbers come first
+        """Log-likelihood less the repair's cost; round numbers come first."""
+        cost = sum(e.cost + 0.5 * c.ODDS * e.odd for e in self.elements(repair))
         return -0.5 * self.samples * score.score - cost
 
-    def posterior(self, repair: Repair) -> float:
-        if repair not in self._posteriors:
-            score = self.log.score(repair)
-            value = self.likelihood(score, repair) + score.physics(repair, self.samples)
-            self._posteriors[repair] = value
-        return self._posteriors[repair]
+    def _posterior(self, repair: Repair) -> float:
+        score = self.log.score(repair)
+        return self.likelihood(score, repair) + score.physics(repair, self.samples)
+
+    def new(self, repair: Repair, now: Repair) -> list[Element]:
+        """What it does beyond another one."""
+        known = {e.name for e in self.elements(now)}
+        return [e for e in self.elements(repair) if e.name not in known]
 
     def run(self) -> Repair:
         """The net repair."""
@@ -71,32 +68,30 @@ class Search:
         score, screen = self.log.score(now), self.log.screen
         made = (t.proposals(self.log, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
-        here, scores = screen.score(now), screen.scores(asked)
-        self._known_of([min(scores, key=lambda s: s.score)] if scores else [])
+        here, scores = screen.score(now), dict(zip(asked, screen.scores(asked), strict=True))
+        self._known_of(sorted(scores.values(), key=lambda s: s.score)[:1])
         least = c.ODDS - self.likelihood(score, now) + self.posterior(now)
-        gains = [0.5 * self.samples * (here.score - s.score) for s in scores]
-        near = [i for i, gain in enumerate(gains) if gain + max(gain, 0.0) > least]  # before its cost
-        before = self.likelihood(here, now)
-        value = {i: self.likelihood(scores[i], asked[i]) - before for i in near}
-        order = sorted(
-            (i for i in near if value[i] + max(gains[i], 0.0) > least), key=lambda i: -round(value[i])
-        )
-        tied = [i for i in order if _same_fit(asked[i], now)]
+        gain = {r: 0.5 * self.samples * (here.score - s.score) for r, s in scores.items()}
+        more, before = {r: max(x, 0.0) for r, x in gain.items()}, self.likelihood(here, now)
+        near = [r for r in asked if gain[r] + more[r] > least]  # before its cost
+        value = {r: self.likelihood(scores[r], r) - before for r in near}
+        order = sorted((r for r in near if value[r] + more[r] > least), key=lambda r: -round(value[r]))
+        tied = [r for r in order if _same_fit(r, now)]
         # Of each thing its best number: a grid's neighbours must not crowd out another thing.
-        best: dict[frozenset[object], int] = {}
-        for i in order:
-            best.setdefault(frozenset(e.name for e in self.elements(asked[i])), i)
-        return [asked[i] for i in dict.fromkeys([*best.values()][: c.MOST] + tied[: c.MOST])]
+        best: dict[frozenset[object], Repair] = {}
+        for r in order:
+            best.setdefault(frozenset(e.name for e in self.elements(r)), r)
+        return list(dict.fromkeys([*best.values()][: c.MOST] + tied[: c.MOST]))
 
     def added(self, now: Repair) -> Repair | None:
         """The best composition with one thing more, or None where none is believed."""
         refined = [self.refined(r, now) for r in self.proposals(now)]
         self._known_of([self.log.score(r) for r in refined])
-        known, least = {e.name for e in self.elements(now)}, self.posterior(now) + c.ODDS
+        least = self.posterior(now) + c.ODDS
 
         def rank(repair: Repair) -> int:
             """What explains as much by a law, which arms have, comes before a fault."""
-            law = all(e.severity == "note" for e in self.elements(repair) if e.name not in known)
+            law = all(e.severity == "note" for e in self.new(repair, now))
             return -round(self.posterior(repair) + c.ODDS * law)
 
         likely = [
@@ -109,23 +104,23 @@ class Search:
     def _known_of(self, scores: Sequence[Score]) -> None:
         """The error of a wrong arm lasts longer than noise does: of that the best one knows most."""
         self.samples = max([self.samples, *(s.samples for s in scores)])
-        self._posteriors.clear()
+        self.posterior.cache_clear()
 
     def believed(self, repair: Repair, now: Repair) -> bool:
-        """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is
-        usual."""
-        fits, known = self.log, {e.name for e in self.elements(now)}
-        numbers = [e.number for e in self.elements(repair) if e.name not in known and e.number]
-        if not all(map(self._determined, numbers)):
+        """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is usual.
+        Of a number, whose interval is far from none, half as clear a prediction is enough."""
+        fits, new = self.log, self.new(repair, now)
+        if not all(self._determined(e.number) for e in new if e.number):
             return False
         before, after = (fits.left_out(r, fits.score(r).weights)[1] for r in (now, repair))
+        enough = c.SIGMAS * (0.5 if all(e.number for e in new) else 1.0)
         # Where the fit is the same, physics alone may tell.
-        return fits.predicts(before, after) > (-c.SIGMAS if _same_fit(repair, now) else c.SIGMAS)
+        return fits.predicts(before, after) > (-enough if _same_fit(repair, now) else enough)
 
     def _determined(self, number: Number) -> bool:
         """Beyond what is usual by more than its interval, which is closed: at either of its ends, and as
         far as the best value is looked for, it explains less."""
-        reach = c.SIGMAS * self.deviation(number)
+        reach = c.SIGMAS * self.step(number)[1]
         if abs(number.value) <= number.tolerance + reach:
             return False
         far = max(number.reach, reach)
@@ -133,18 +128,18 @@ class Search:
         here, *sides = self.log.scores([number.at(x) for x in values])
         return 0.5 * self.samples * (min(s.score for s in sides) - here.score) >= 0.5 * c.SIGMAS**2
 
-    def deviation(self, number: Number) -> float:
-        """A number's standard deviation."""
+    def step(self, number: Number) -> tuple[float, float]:
+        """To first order, what a number lacks of its best value, and its standard deviation."""
         now, h = number.at(number.value), 0.3 * number.tolerance
-        return float(self.log.steps(now, [number.at], np.array([number.value]), h)[1][0])
+        change, spread = self.log.steps(now, [number.at], np.array([number.value]), h)
+        return float(change[0]), float(spread[0])
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have: looked for on few rows, then
-        one step of Newton's on all; round ones where as likely."""
+        one step to first order on all; round ones where as likely."""
         from scipy.optimize import minimize_scalar
 
-        known = {e.name for e in self.elements(now)}
-        for name in [e.name for e in self.elements(repair) if e.number and e.name not in known]:
+        for name in [e.name for e in self.new(repair, now) if e.number]:
             number = next(e.number for e in self.elements(repair) if e.name == name)
             assert number is not None
             ends = number.value - number.reach, number.value + number.reach
@@ -152,12 +147,8 @@ class Search:
             settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
             found = minimize_scalar(few, bounds=ends, method="bounded", options=settings)
             best = float(found.x) if found.fun < few(number.value) else number.value
-            h = 0.3 * number.tolerance
-            around = self.log.scores([number.at(best + d * h) for d in (-1.0, 0.0, 1.0)])
-            # Of the joints' weights here, what is left is a parabola.
-            low, here, high = (float(around[1].weights @ s.left) for s in around)
-            bend = max(low - 2.0 * here + high, 1e-300)
-            better = best + h * float(np.clip(0.5 * (low - high) / bend, -3.0, 3.0))
+            change, far = self.step(replace(number, value=best))[0], 0.9 * number.tolerance
+            better = best + float(np.clip(change, -far, far))
             near = [x for x in number.snaps if abs(x - better) < number.tolerance]
             tried = [number.at(x) for x in near or (best, better)]
             repair = max(tried, key=lambda r: self.likelihood(self.log.score(r), r))
@@ -181,7 +172,7 @@ class Search:
             figures = {"joints": [j + 1 for j in e.joints], **e.figures, "log_odds": gain}
             what, gravity = e.what, None
             if (number := e.number) is not None:
-                reach = 2.0 * self.deviation(number)
+                reach = 2.0 * self.step(number)[1]
                 figures["interval"] = ends = [number.value - reach, number.value + reach]
                 low, high = map(number.text, ends)
                 what = f"{what.rstrip('.')} (95 %: {low} to {high})."

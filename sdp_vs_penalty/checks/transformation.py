@@ -68,6 +68,11 @@ class Element:
         return self.of if isinstance(self.of, Number) else None
 
     @property
+    def odd(self) -> bool:
+        """Whether it is a number that is not round."""
+        return self.number is not None and not np.isclose(self.number.value, self.number.snaps).any()
+
+    @property
     def without(self) -> Repair:
         return self.of.at(0.0) if isinstance(self.of, Number) else self.of
 
