@@ -5,7 +5,7 @@ the arm's dynamics judges compositions of transformations of the log (transforma
 reported is the net repair, each number once. Several runs are compared with each other at last.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -127,13 +127,13 @@ def check(
     for run in measurements.runs():
         windows = [run]
         if run.samples > PARTS * PART:  # half as many windows, whose rows count from their first
+            name = run.names[0]
             try:
-                check_usable(run.names[0], run)
+                check_usable(name, run)
             except InputError as error:
                 issue = _stopped("unusable rows", error, "certain: read from the file")
-                reports.append(Report(run.names[0], (issue,), run, run))
+                reports.append(Report(name, (issue,), run, run))
                 continue
-            name = run.names[0]
             starts = np.linspace(0, run.samples - PART, PARTS // 2).astype(int).tolist()
             windows = [run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts]
         reports += [_check_run(problem, window, settings, thorough) for window in windows]
@@ -147,13 +147,14 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     for number, issue in residual.compare([(*r.arm, r.run) for r in reports if r.arm]):
         report = out[k := whole[number]]
         if (issue.kind, issue.where) not in [(f.kind, f.where) for f in report.issues]:
-            out[k] = replace(report, issues=gravest_first((*report.issues, issue)))
+            out[k] = _gravest_first(replace(report, issues=(*report.issues, issue)))
     return out
 
 
-def gravest_first(issues: Iterable[Issue]) -> tuple[Issue, ...]:
-    """In the order of their severity, otherwise as they came."""
-    return tuple(sorted(issues, key=lambda f: ("error", "warning", "note").index(f.severity)))
+def _gravest_first(report: Report) -> Report:
+    """Issues in the order of their severity, otherwise as they came."""
+    grave = ("error", "warning", "note").index
+    return replace(report, issues=tuple(sorted(report.issues, key=lambda f: grave(f.severity))))
 
 
 def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:
@@ -168,16 +169,15 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
         try:
             check_plausible(problem.robot, run)
         except InputError as error:
-            issue = _stopped("position range", error, "certain: `identify` refuses it")
-            if far := far_outside(problem.robot, run.q):
-                issue = replace(issue, where=joints_text(far), figures={"joints": [j + 1 for j in far]})
-            issues.append(issue)
-    return replace(report, issues=gravest_first(issues))
+            far, sure = far_outside(problem.robot, run.q), "certain: `identify` refuses it"
+            issues.append(_stopped("position range", error, sure, far))
+    return _gravest_first(replace(report, issues=tuple(issues)))
 
 
-def _stopped(kind: str, error: InputError, sure: str) -> Issue:
-    remedy = error.remedy or "record a longer motion"
-    return Issue(kind, "error", "the run", f"{error.what.rstrip('.')}.", sure, remedy)
+def _stopped(kind: str, error: InputError, sure: str, joints: Sequence[int] = ()) -> Issue:
+    where, what = joints_text(joints) if joints else "the run", f"{error.what.rstrip('.')}."
+    figures = {"joints": [j + 1 for j in joints]}
+    return Issue(kind, "error", where, what, sure, error.remedy, None, figures)
 
 
 def _channels(problem: Problem, report: Report, settings: Preprocessing, thorough: bool) -> Report:
@@ -192,28 +192,25 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
         return replace(report, issues=tuple(rules.idle(glance)))
     settings = settings.resolve(run)
     told = [*rules.idle(glance), *rules.sample_rate(glance)]
-    cutoff = settings.state_cutoff
-    assert cutoff is not None
     if not run.torque_logged:  # rows, clock and positions are all there is
         motion, _ = FilteredRun(run, settings).low_passed()
-        told += rules.quantised(glance, motion, cutoff)
-        return replace(report, issues=(*told, *rules.beside(glance)))
+        told += [*rules.quantised(glance, motion, settings), *rules.beside(glance)]
+        return replace(report, issues=tuple(told))
     first = [*rules.dead(glance), *rules.magnitude(glance)]
     if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
         return replace(report, issues=tuple(first))
     log = Likelihood(problem, data := RegressionData.of(problem, run, settings))
-    told += rules.quantised(glance, data.motion, cutoff)
     net = (search := Search(log)).run()
     if apart := list(residual.two_arms(log, net)):  # another arm, or load, makes steps of its own
         net = replace(net, events=())
     stated, certain = search.told(net)
     left = [*residual.size(log, net), *residual.find(log, net), *apart]
-    issues = [*first, *stated, *told, *left]
+    issues = [*first, *stated, *told, *rules.quantised(glance, data.motion, settings), *left]
     if any(i.kind == "torque channel kind" for i in left):
         scales = "torque gain", "torque unit"
         issues = [replace(i, severity="note") if i.kind in scales else i for i in issues]
-    bent = {i.figures["joints"][0] for i in stated if i.kind == "saturation"}
-    issues += [i for i in rules.clipped(glance) if i.figures["joint"] not in bent]
+    bent = [i.figures["joints"] for i in stated if i.kind == "saturation"]
+    issues += [i for i in rules.clipped(glance) if i.figures["joints"] not in bent]
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
         issues += rules.beside(glance)
     work, fixed = net.apply(run), certain.apply(report.fixed)

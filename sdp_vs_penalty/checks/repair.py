@@ -91,6 +91,10 @@ class Repair:
         swapped: dict[str, Any] = {x: tuple(getattr(self, x)[k] for k in places) for x in names}
         return replace(self, **swapped)
 
+    def without(self, event: Event) -> Repair:
+        """But for an event."""
+        return replace(self, events=tuple(e for e in self.events if e != event))
+
     def changed(self, name: str) -> list[tuple[tuple[int, ...], float]]:
         """Joints whose entry of a tuple is not zero, and the entry: all where it is one."""
         values = getattr(self, name)

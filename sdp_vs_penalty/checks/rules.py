@@ -19,6 +19,7 @@ from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
@@ -542,14 +543,16 @@ def clipped(g: Glance) -> Iterator[Issue]:
                 f"consecutive samples ({np.sum(x == value)} in total): the channel is clipped.",
                 f"likely: elsewhere it is never constant for more than {elsewhere} samples",
                 "record again with a larger range, or slower; delete those rows until then", None,
-                {"joint": j + 1, "limit": float(value)},
+                {"joints": [j + 1], "limit": float(value)},
             )  # fmt: skip
 
 
-def quantised(g: Glance, motion: Motion, cutoff: float) -> Iterator[Issue]:
+def quantised(g: Glance, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
     """Rounding errors of positions, beside the acceleration in the band that identification uses: of a
-    motion behind the filter of that cut-off [Hz]. They renew themselves when the level changes; the part
+    motion behind the filter of these settings. They renew themselves when the level changes; the part
     below the cut-off stays. A second derivative weighs its power with (2 pi f)^4."""
+    cutoff = settings.state_cutoff
+    assert cutoff is not None
     for j, (x, size) in enumerate(zip(g.run.q.T, motion.ddq.std(axis=0), strict=True)):
         step, lasts = lattice_step(x), g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
         noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * max(1.0, 0.5 / (cutoff * lasts)))
@@ -559,7 +562,7 @@ def quantised(g: Glance, motion: Motion, cutoff: float) -> Iterator[Issue]:
                 f"q{j + 1} is quantised in steps of {step:.3g} {g.robot.position_units[j]}: noise of "
                 f"about {100.0 * noise / size:.0f} % of the acceleration below {cutoff:.3g} Hz.",
                 "likely: the steps are read from the file, the noise is estimated",
-                "log more digits, or move faster", None, {"joint": j + 1, "step": step},
+                "log more digits, or move faster", None, {"joints": [j + 1], "step": step},
             )  # fmt: skip
 
 

@@ -41,7 +41,7 @@ class Degrees(Transformation):
         yield Element(
             "positions in degrees" if every else "position unit", "error", joints,
             f"{what} (reaching {reach:.4g}).", f"multiply {named} (and dq) by pi / 180", without,
-            c.ODDS if every else len(joints) * choices(log.n), named, figures={"largest": reach},
+            c.ODDS if every else len(joints) * choices(log.n), named,
         )  # fmt: skip
 
 
@@ -56,11 +56,9 @@ class Clock(Transformation):
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         if repair.reversed:
-            yield Element(
-                "time reversed", "error", (),
-                "the rows are in reverse order: friction would drive the motion.",
-                "reverse q and tau in time", replace(repair, reversed=False), place="all rows",
-            )  # fmt: skip
+            what = "the rows are in reverse order: friction would drive the motion."
+            remedy, without = "reverse q and tau in time", replace(repair, reversed=False)
+            yield Element("time reversed", "error", (), what, remedy, without, place="all rows")
         if (factor := repair.rate) != 1.0:
             word, at = "fast" if factor < 1.0 else "slow", lambda x: replace(repair, rate=x)
             yield Element(
@@ -69,7 +67,7 @@ class Clock(Transformation):
                 "torques does not fit the weight.",
                 f"multiply t by {factor:.3g} (find out the log's true rate)",
                 Number.factor(factor, at, (min(_RATES), max(_RATES))),  # a half or twice is round
-                place="column t", figures={"factor": factor},
+                place="column t",
             )  # fmt: skip
 
 
@@ -198,7 +196,7 @@ class Length(Transformation):
                 f"joint {j + 1} is {text(abs(x))} {how} joint {j} than in the robot's kinematics.",
                 "correct the kinematics, or choose the problem of the robot that was logged",
                 Number.of(repair, "longer", (j,), x, 0.25 * c.CALIBRATED * unit, 0.35 * unit, text),
-                choices(log.n), mends=False, figures={"metres": x},
+                choices(log.n), mends=False,
             )  # fmt: skip
 
 

@@ -38,15 +38,13 @@ class Gain(Transformation):
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             g = abs(repair.gain[j])
             unit = next((name for u, name in UNITS.items() if abs(g / u - 1.0) < 1e-9), None)
+            kind, how = ("torque unit", f": it is in {unit}") if unit else ("torque gain", "")
             size = f"{1.0 / g:.3g} times too large" if g < 1.0 else f"{g:.3g} times too small"
-            what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours"
             at = lambda x, j=j, g=g: repair.times("gain", (j,), x / g)  # noqa: E731
             yield Element(
-                "torque gain" if unit is None else "torque unit",
-                "error" if abs(np.log(g)) > gross else "warning", (j,),
-                f"{what}." if unit is None else f"{what}: it is in {unit}.",
-                f"multiply tau{j + 1} by {g:.3g}",
-                Number.factor(g, at, tuple(UNITS)), choices(log.n),
+                kind, "error" if abs(np.log(g)) > gross else "warning", (j,),
+                f"the torque of {joints_text([j])} is {size} beside those of its neighbours{how}.",
+                f"multiply tau{j + 1} by {g:.3g}", Number.factor(g, at, tuple(UNITS)), choices(log.n),
                 figures={"factor": g},
             )  # fmt: skip
 
@@ -63,23 +61,23 @@ class Delay(Transformation):
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for name, joints, x in ((k, *found) for k in _LATE for found in repair.changed(k)):
-            every = len(joints) == log.n
+            every, late = len(joints) == log.n, name == "lead"
+            place = "all torque channels" if every and log.n > 1 else ""
             channel = "the torques" if every else f"tau{joints[0] + 1}"
             beside = "the positions have not" if every else "the other torques have not"
-            if name == "lead":
+            kind, low = "filter", f"{1.0 / (2.0 * np.pi * max(x, 1e-6)):.2g} Hz ({1e3 * x:.0f} ms)"
+            what = f"a causal low-pass of {low} on {channel}; {beside} one."
+            remedy = f"log {channel} unfiltered, or filter every channel alike and without lag"
+            if late:
                 kind, later = "delay", "later" if x > 0.0 else "earlier"
                 what = f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel}; {beside} moved."
                 remedy = f"shift {channel} in time (and log all channels from one source)"
-            else:
-                kind, low = "filter", f"{1.0 / (2.0 * np.pi * max(x, 1e-6)):.2g} Hz ({1e3 * x:.0f} ms)"
-                what = f"a causal low-pass of {low} on {channel}; {beside} one."
-                remedy = f"log {channel} unfiltered, or filter every channel alike and without lag"
             text = lambda v: f"{1e3 * v:.0f} ms"  # noqa: E731
+            kind = f"channel {kind}" if not every else kind if late else f"torque {kind}"
             yield Element(
-                f"{'channel ' if not every else 'torque ' * (name == 'lag')}{kind}", "warning", joints,
-                what, remedy, Number.of(repair, name, joints, x, c.USUAL_DELAY, 0.06, text),
-                choices(1 if every else log.n), "all torque channels" if every and log.n > 1 else "",
-                name == "lead", {"seconds": x},
+                kind, "warning", joints, what, remedy,
+                Number.of(repair, name, joints, x, c.USUAL_DELAY, 0.06, text),
+                choices(1 if every else log.n), place, late,
             )  # fmt: skip
 
 
@@ -104,13 +102,12 @@ class Weight(Transformation):
             gx, gy, gz = (float(round((1.0 - lacks) * v, 3)) + 0.0 for v in repair.gravity)
             of = "the torques" if common else f"the torque of {joints_text(joints)}"
             how = f", or identify with --gravity {gx:g},{gy:g},{gz:g}" if common else ""
-            percent = lambda v: f"{100.0 * v:.0f} %"  # noqa: E731
             yield Element(
                 "gravity removed", "error", joints,
-                f"{percent(lacks)} of the weight is missing from {of}.",
+                f"{_percent(lacks)} of the weight is missing from {of}.",
                 f"log the torques before gravity compensation{how}",
-                Number.of(repair, "lacks", joints, lacks, c.CALIBRATED_GAIN, 0.4, percent, (1.0,)),
-                choices(1 if common else log.n), mends=False, figures={"share_left": 1.0 - lacks},
+                Number.of(repair, "lacks", joints, lacks, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,)),
+                choices(1 if common else log.n), mends=False,
             )  # fmt: skip
 
 
@@ -131,8 +128,8 @@ class Saturation(Transformation):
             yield Element(
                 "saturation", "warning", (j,), f"{what}: its sensor or amplifier is near its end.",
                 "record again with a larger range, or slower",
-                Number(x, at, _STRAIGHT, 0.25, lambda v: f"{100.0 * v:.0f} % of the limit is reached"),
-                choices(log.n), mends=False, figures={"limit": limit},
+                Number(x, at, _STRAIGHT, 0.25, lambda v: f"{_percent(v)} of the limit is reached"),
+                choices(log.n), mends=False,
             )  # fmt: skip
 
 
@@ -142,25 +139,23 @@ class Law(Transformation):
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         heard, order = log.heard(now)[:, :, None], list(now.order)
-        gains = {
-            name: score.gained(score.rows.rest(heard * law[order])).max(axis=1)
-            for name, law in log.data.laws.items()
-        }
+        laws = log.data.laws
+        gains = [score.gained(score.rows.rest(heard * x[order])).max(axis=1) for x in laws.values()]
         for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
-            event = Event(j, max(gains, key=lambda name, j=j: gains[name][j]))  # type: ignore[misc]
+            event = Event(j, [*laws][int(np.argmax(gains, axis=0)[j])])
             if event not in now.events:
                 yield replace(now, events=(*now.events, event))
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for event in repair.events:
             if isinstance(event.at, str):
-                name, without = joints_text([event.joint]), [e for e in repair.events if e != event]
+                what = (
+                    f"the torque of {joints_text([event.joint])} holds a law of its own motion that the"
+                )
                 yield Element(
                     f"law: {event.at}", "note", (event.joint,),
-                    f"the torque of {name} holds a law of its own motion that the model lacks, most "
-                    f"like {event.at}.",
-                    "identify, and let `diagnose` name it", replace(repair, events=tuple(without)),
-                    choices(log.n * len(LAWS)), mends=False,
+                    f"{what} model lacks, most like {event.at}.", "identify, and let `diagnose` name it",
+                    repair.without(event), choices(log.n * len(LAWS)), mends=False,
                 )  # fmt: skip
 
 
@@ -182,8 +177,8 @@ class Change(Transformation):
             found[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
         found[~log.moving] = 0.0
         for drift in (True, False):
-            some = found[:, :1] if drift else found * (np.arange(len(events)) > 0)
-            j, k = divmod(int(np.argmax(some)), some.shape[1])
+            some = found * (drift == (np.arange(len(events)) == 0))
+            j, k = divmod(int(np.argmax(some)), len(events))
             event = Event(j, events[k])
             if event not in now.events and found[j, k] > 0.0:
                 yield replace(now, events=(*now.events, event))
@@ -194,11 +189,11 @@ class Change(Transformation):
                 continue
             j, t = event.joint, event.at
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
-            without = replace(repair, events=tuple(e for e in repair.events if e != event))
+            without = repair.without(event)
             # As far as the fit of its joint needs it.
             score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion.t)
             x = lacking.rest(log.heard(repair)[:, :, None] * shape)[j, :, 0]
-            away = score.channels[j] - lacking.raw[j] @ score.theta
+            away = score.channels[j] - lacking.apart[j] @ score.theta
             size = float(x @ away / max(x @ x, 1e-300))
             kind, many, place = "torque drift", log.n, ""
             how = f"drifts by {size:+.3g} {unit} from the first row to the last"
@@ -212,3 +207,7 @@ class Change(Transformation):
                 kind, "warning", (j,), f"the torque of {name} {how}.", remedy, without,
                 choices(many) + 2.0 * c.ODDS, place, False, {"size": size} | ({"t": t} if t else {}),
             )  # fmt: skip
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
