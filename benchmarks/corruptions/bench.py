@@ -24,7 +24,6 @@ from functools import partial
 from itertools import combinations
 from pathlib import Path
 
-import numpy as np
 import pandas
 from challenge.judge import wilson
 
@@ -42,8 +41,7 @@ from sdp_vs_penalty.formatting import markdown_table
 HARMFUL = 1.3
 #: Issues that say that something is wrong, and not what.
 _GENERAL = {
-    "torque not explained", "torque badly explained", "unexplained torque", "poor excitation",
-    "stand-still", "excitation", "quantisation", "low sample rate",
+    "torque not explained", "unexplained torque", "poor excitation", "quantisation", "low sample rate",
 }  # fmt: skip
 #: Which numbers of a joint, or of the log, an issue states.
 _NUMBERS = {
@@ -88,22 +86,22 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
         except InputError:
             outcome = "refused"
     joints = "+".join(str(j + 1) for j in corruption.joints)
-    what = arm.name, corruption.kind, joints, corruption.size, outcome, harm
-    return Case(*what, _said(problems), any(contradicts(report) for report in reports))
+    return _case((arm.name, corruption.kind, joints, corruption.size), outcome, harm, reports)
 
 
-def _said(problems: Sequence[Issue]) -> str:
-    return "; ".join(f"{f.kind} ({f.where})" for f in problems)
+def _case(
+    of: tuple[str, str, str, str], outcome: str, harm: float | None, reports: Sequence[Report]
+) -> Case:
+    said = "; ".join(f"{f.kind} ({f.where})" for report in reports for f in report.problems)
+    return Case(*of, outcome, harm, said, any(contradicts(report) for report in reports))
 
 
 def contradicts(report: Report) -> bool:
     """Whether two issues are about the same number of the same joint."""
-    asked = [
-        (number, _joints(f) or {0})
-        for f in report.problems
-        for number, kinds in _NUMBERS.items()
-        if f.kind in kinds
+    every = [
+        (number, f) for number, kinds in _NUMBERS.items() for f in report.problems if f.kind in kinds
     ]
+    asked = [(number, _joints(f) or {0}) for number, f in every]
     return any(a == b and (j & k or {0} in (j, k)) for (a, j), (b, k) in combinations(asked, 2))
 
 
@@ -120,11 +118,7 @@ def _outcome(corruption: Corruption, problems: Sequence[Issue]) -> str:
 
 def _joints(issue: Issue) -> set[int]:
     """Joints (from 1) that an issue is about; empty: all."""
-    found = issue.figures.get("joints", issue.figures.get("joint"))
-    if found is None:
-        order = issue.figures.get("order", ())
-        found = [k for k, o in enumerate(order, start=1) if o != k]
-    return {int(j) for j in np.atleast_1d(found).tolist()}
+    return set(issue.figures.get("joints", ()))
 
 
 def clean(arm: Arm) -> list[Case]:
@@ -140,8 +134,8 @@ def clean(arm: Arm) -> list[Case]:
             if {f.kind for f in report.problems} == {"poor excitation"}:
                 harm = arm.harm(identify(arm.problem, part))
                 outcome = "true warning" if harm > HARMFUL else outcome
-            what = arm.name, "(clean)", run.names[0], f"{a:.3g}-{b:.3g} s", outcome, harm
-            cases.append(Case(*what, _said(report.problems), contradicts(report)))
+            what = arm.name, "(clean)", run.names[0], f"{a:.3g}-{b:.3g} s"
+            cases.append(_case(what, outcome, harm, [report]))
     return cases
 
 

@@ -318,7 +318,9 @@ class Rows:
     def __init__(self, of: Likelihood, repair: Repair) -> None:
         self.of, self.repair = of, repair
         self.basis, self.raw = of._basis(repair.order, repair.events), of.raw(repair)
-        self.apart = self.rest(self.raw)
+        left = self.rest(self.raw)
+        seen = np.linalg.norm(left, axis=1) > 1e-6 * np.linalg.norm(self.raw, axis=1)
+        self.apart = left * seen[:, None]  # rounding errors of the others are no columns
         self.gram = np.swapaxes(self.apart, 1, 2) @ self.apart
 
     def rest(self, y: Array) -> Array:

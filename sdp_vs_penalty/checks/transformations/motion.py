@@ -128,7 +128,6 @@ class Exchange(Transformation):
                     kind, "error", changed, f"{what}{'' if len(changed) == 2 else f': {how}'}.",
                     f"rename the columns of {names}", without,
                     (len(changed) - 1) * choices(log.n * (log.n - 1) // 2),
-                    figures={"order": [k + 1 for k in order]},
                 )  # fmt: skip
 
 
