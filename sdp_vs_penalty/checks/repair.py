@@ -128,16 +128,13 @@ class Repair:
         none = Repair.none(self.n, self.gravity)
         if replace(none, **{k: getattr(self, k) for k in ("lacks", "longer", "bend", "events")}) == self:
             return run
-        t, q, tau = run.t, self.positions(run.q), run.tau[:, list(self.tau_order)]
-        dq = None
-        if run.dq is not None:
-            dq = run.dq[:, list(self.order)] * np.array(self.scale) / self.rate
+        t, tau, speed = run.t, run.tau[:, list(self.tau_order)], np.array(self.scale) / self.rate
+        dq = None if run.dq is None else run.dq[:, list(self.order)] * speed
         for j, late in enumerate(self.lead):
             if late:
                 tau[:, j] = np.interp(t + late, t, tau[:, j])
-        tau = tau * np.array(self.gain)
         keep = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
-        t = run.t[0] + self.rate * (run.t - run.t[0])
+        t, q, tau = t[0] + self.rate * (t - t[0]), self.positions(run.q), tau * np.array(self.gain)
         out = replace(run, t=t, q=q, tau=tau, dq=dq).rows(keep)
         if not self.reversed:
             return out

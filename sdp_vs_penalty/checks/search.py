@@ -108,12 +108,13 @@ class Search:
 
     def believed(self, repair: Repair, now: Repair) -> bool:
         """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is usual.
-        Of a number, whose interval tells as well, half as clear a prediction is enough."""
+        Of a number, whose interval tells as well, half as clear a prediction of several joints is
+        enough."""
         fits, new = self.log, self.new(repair, now)
         if not all(self._determined(e.number) for e in new if e.number):
             return False
         before, after = (fits.left_out(r, fits.score(r).weights)[1] for r in (now, repair))
-        least = c.SIGMAS * (0.5 if all(e.number for e in new) else 1.0)
+        least = c.SIGMAS * (0.5 if len(fits.joints) > 1 and all(e.number for e in new) else 1.0)
         # Where the fit is the same, physics alone may tell.
         return fits.predicts(before, after) > (-least if _same_fit(repair, now) else least)
 

@@ -26,9 +26,9 @@ class LinkCheck:
     triangle_margin : smallest of D1 + D2 - D3 over the principal moments about the centre of mass
         [kg m^2], >= 0 for a possible body; pseudo_inertia_margin : smallest eigenvalue of the 4x4
         pseudo-inertia about the link's origin (kg, kg m, kg m^2 mixed: its sign is what counts);
-    nearest : the nearest consistent Inertial of an inconsistent link with mass; distance :
-        |I - I_nearest| in the Frobenius norm [kg m^2]; gyration : sqrt(tr I / (2 m)) about the centre of
-        mass [m]; reach : of its body [m], from geometry or the joints around it (3: nothing moves it).
+    reach : of its body [m], from geometry or the joints around it (3: nothing moves it); gyration :
+        sqrt(tr I / (2 m)) about the centre of mass [m]; nearest : the nearest consistent Inertial of an
+        inconsistent link with mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2].
     """
 
     link: str
@@ -36,10 +36,10 @@ class LinkCheck:
     triangle_margin: float
     pseudo_inertia_margin: float
     verdict: str
+    reach: float
+    gyration: float = 0.0
     nearest: Inertial | None = None
     distance: float = 0.0
-    gyration: float = 0.0
-    reach: float = 3.0
 
     @property
     def unlikely(self) -> bool:
@@ -72,8 +72,8 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     moving = zip(placed_links(path), bodies, strict=True)
     reach = {link.get("name"): body.reach for parts, body in moving for link, _ in parts}
     links = [x for x in Document.read(path).root.findall("link") if x.find("inertial") is not None]
-    made = [_check(str(link.get("name")), read_inertial(path, link)) for link in links]
-    return [replace(c, reach=reach.get(c.link, c.reach)) for c in made]
+    named = ((str(link.get("name")), link) for link in links)
+    return [_check(name, read_inertial(path, link), reach.get(name, 3.0)) for name, link in named]
 
 
 #: What :func:`table` writes of each link; margins that are negative are violated.
@@ -123,24 +123,24 @@ def massless_links(path: str | Path) -> list[str]:
     return [child[j] for j, theta in zip(carriers, nominal, strict=True) if not theta.any()]
 
 
-def _check(name: str, theta: Array) -> LinkCheck:
-    given, margin = Inertial.of(theta), float(inertia.consistency_margin(theta))
+def _check(name: str, theta: Array, reach: float) -> LinkCheck:
+    given, margin, verdict = Inertial.of(theta), float(inertia.consistency_margin(theta)), "consistent"
     if not theta.any():
-        return LinkCheck(name, 0.0, 0.0, margin, "consistent")
+        return LinkCheck(name, 0.0, 0.0, margin, verdict, reach)
     if given.mass <= 0.0:
         verdict = "negative mass" if given.mass < 0.0 else "moment of inertia without mass"
-        return LinkCheck(name, given.mass, np.nan, margin, verdict)
+        return LinkCheck(name, given.mass, np.nan, margin, verdict, reach)
     triangle, least = float(inertia.triangle_margin(theta)), np.linalg.eigvalsh(given.about_com)[0]
     trace = float(np.trace(given.about_com))
     # What rounding leaves of a moment is relative to the moments about the link's origin.
     zero = -ROUNDING * (abs(trace) + 2.0 * given.mass * float(np.sum(given.com**2)))
     if triangle >= zero and least >= zero:
         gyration = float(np.sqrt(max(trace, 0.0) / (2.0 * given.mass)))
-        return LinkCheck(name, given.mass, triangle, margin, "consistent", gyration=gyration)
+        return LinkCheck(name, given.mass, triangle, margin, verdict, reach, gyration)
     nearest = replace(given, about_com=nearest_inertia(given.about_com))
     verdict = "negative moment of inertia" if least < zero else "triangle inequality violated"
     distance = float(np.linalg.norm(given.about_com - nearest.about_com))
-    return LinkCheck(name, given.mass, triangle, margin, verdict, nearest, distance)
+    return LinkCheck(name, given.mass, triangle, margin, verdict, reach, 0.0, nearest, distance)
 
 
 def nearest_inertia(about_com: Array) -> Array:
