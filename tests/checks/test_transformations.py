@@ -40,6 +40,15 @@ def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
     assert found.figures["size"] == pytest.approx(0.3, rel=0.1)
 
 
+def test_an_arm_that_changes_in_the_middle_of_a_log_is_two_arms_from_there_on():
+    one, heavier = PROBLEM, replace(PROBLEM, nominal_links=PROBLEM.nominal_links * [[1.0], [2.0]])
+    light, heavy = (small_run(x, seconds=16.0) for x in (one, heavier))
+    late = (light.t > 8.0)[:, None]
+    (report,) = check(PROBLEM, replace(light, tau=np.where(late, heavy.tau, light.tau)), thorough=False)
+    (found,) = (f for f in report.problems if f.kind == "two arms")
+    assert found.figures["t"] == pytest.approx(8.0, abs=0.2)
+
+
 @pytest.mark.parametrize(("second", "fourth"), [(0.5, -0.5), (-0.5, 1.0)])
 def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth):
     """Also where neither joint's own torque shows it."""

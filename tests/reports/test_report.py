@@ -19,6 +19,7 @@ from sdp_vs_penalty import Estimate, Measurements, Problem, follow, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
+from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.reports.markup import bars
 from sdp_vs_penalty.reports.parameters import ellipsoid
 from sdp_vs_penalty.robot import inertia
@@ -120,6 +121,7 @@ def test_the_figures_are_those_of_the_models(made):
     for comparison in compare(models, run):
         assert f">{comparison.relative_error_percent:.3g}<" in html
         assert f">{comparison.rmse[1]:.3g}<" in html
+        assert f">{number(1e3 * comparison.estimate.certificate.smallest_thickness)}<" in html
     text = re.sub(r"<[^>]+>", " ", html)
     assert "coulomb_friction" in text
     visible = re.sub(r"<script.*?</script>|<style.*?</style>|<[^>]+>", " ", html, flags=re.DOTALL)
