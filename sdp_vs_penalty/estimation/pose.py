@@ -157,8 +157,14 @@ def pose(
             std = gain * np.linalg.norm(errors, axis=1)
             details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
     else:
-        model, runs, scale_error, details = _of_servos(problem, model, runs, options, progress)
-        errors = np.column_stack([errors, np.full(problem.robot.n, scale_error)])
+        log, wanted, asked = runs, options.instruments != "none", options.effects is not None
+        servos = problem, model.effects, log, options.weighting, progress
+        model, runs, servo = servo_log(*servos, instruments=wanted, chosen=asked)
+        model, scale = with_scale(model, log, options.known, options.known_loads)
+        # Loads are other runs: what they made of the scale is told instead.
+        scaled = replace(options, known=scale["known"]) if options.known_loads else options
+        details = {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
+        errors = np.column_stack([errors, np.full(problem.robot.n, scale["scale_error"])])
 
     def compressed(part: Model) -> Regression:
         return in_columns(runs, part, workers)
@@ -168,31 +174,6 @@ def pose(
     regression = compressed(model)
     task = make_task(problem, model, regression, options.weighting, options.seed, progress)
     return Posed(problem, runs, regression, task, options.weighting, errors, details)
-
-
-def _of_servos(
-    problem: Problem,
-    model: Model,
-    runs: FilteredRuns,
-    options: PoseOptions,
-    progress: Progress,
-) -> tuple[Model, FilteredRuns, float, dict[str, Any]]:
-    """Of a log without torque: the model with its servos' law in true units, where the scale is known;
-    the log with its instruments; the relative standard deviation of that scale; and plain JSON."""
-    model, rows, servo = servo_log(
-        problem,
-        model.effects,
-        runs,
-        options.weighting,
-        progress,
-        instruments=options.instruments != "none",
-        chosen=options.effects is not None,
-    )
-    model, scale = with_scale(model, runs, options.known, options.known_loads)
-    # Loads are other runs: what they made of the scale is told instead.
-    scaled = replace(options, known=scale["known"]) if options.known_loads else options
-    details = {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
-    return model, rows, scale["scale_error"], details
 
 
 def in_columns(runs: FilteredRuns, model: Model, workers: Workers = ALONE) -> Regression:

@@ -200,13 +200,15 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
 
 @dataclass(frozen=True)
 class _Loop:
-    """A log without torque and what its model is made of: the load's effects and the drives'."""
+    """A log without torque and what its model is made of: the load's effects and the drives', and
+    whether their delay is open."""
 
     problem: Problem
     runs: FilteredRuns
     weighting: str
     load: tuple[Effect, ...]
     drives: Sequence[Effect]
+    open_delay: bool
 
     def balanced(self, delay: float) -> Model:
         """The model whose commands act late by ``delay`` [s], up to a factor, in which links weigh as
@@ -234,7 +236,9 @@ class _Loop:
         return make_task(self.problem, model, compress(rows, model), self.weighting)
 
     def with_better_delay(self, model: Model, rows: FilteredRuns) -> Model:
-        """A step of Gauss and Newton of the delay, in which joints share their links."""
+        """A step of Gauss and Newton of the delay, in which joints share their links, if it is open."""
+        if not self.open_delay:
+            return model
         wide = with_sensitivities(model, _reference_of(model), lambda e: bool(e.position_gains))
         (drive,) = (e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
@@ -278,7 +282,12 @@ def servo_log(
         what = "this log holds neither torque nor commands"
         raise InputError(what, "log tau1..taun or qcmd1..qcmdn", runs.measurements.names[0])
     drives = [e for e in effects if e.forward == "drive"]
-    load = _load_of(problem, effects, chosen)
+    load = [e for e in effects if e.forward != "drive"]
+    if not drives:  # kd and viscous friction have one column: kd is their sum
+        load = [e for e in load if e.name != "viscous_friction"]
+    if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
+        # A drive has a rotor. A single joint's cannot be told from what it moves.
+        load.append(effect_types()["rotor_inertia"](problem.robot))
     given = next((e.shape["T"] for e in drives if "T" in e.given), None)
     names = tuple(LAWS)
     if drives:
@@ -288,11 +297,10 @@ def servo_log(
     law, delay, errors = find_law(load, runs, names, given)
     progress("balancing the gains")
     of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
-    loop = _Loop(problem, runs, weighting, load, of_law)
+    loop = _Loop(problem, runs, weighting, tuple(load), of_law, given is None and delay > 0.0)
     shapes = loop.shapes(loop.balanced(delay))
     loop = replace(loop, load=with_shapes(load, shapes))
-    open_delay = given is None and delay > 0.0
-    model, rows, apart = _refined(loop, loop.balanced(delay), open_delay, instruments, progress)
+    model, rows, apart = _refined(loop, loop.balanced(delay), instruments, progress)
     details = {
         "law": "as given" if drives else law,
         "delay": model.effects[-1].shape["T"],
@@ -303,29 +311,17 @@ def servo_log(
     return model, rows, details
 
 
-def _load_of(problem: Problem, effects: Sequence[Effect], chosen: bool) -> tuple[Effect, ...]:
-    """The effects that drives work against; chosen : whether they were asked for."""
-    load = [e for e in effects if e.forward != "drive"]
-    if len(load) == len(effects):  # kd and viscous friction have one column: kd is their sum
-        load = [e for e in load if e.name != "viscous_friction"]
-    if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
-        # A drive has a rotor. A single joint's cannot be told from what it moves.
-        load.append(effect_types()["rotor_inertia"](problem.robot))
-    return tuple(load)
-
-
 def _refined(
-    loop: _Loop, model: Model, open_delay: bool, instruments: bool, progress: Progress
+    loop: _Loop, model: Model, instruments: bool, progress: Progress
 ) -> tuple[Model, FilteredRuns, Array]:
     """The model after as many passes as bring its simulation much nearer to the measured motion, the log
     with the instruments that it was fitted with, and how far (n,) they are from the motion; without
-    instruments after one step of the delay, if that is open, and (0,)."""
-    if not instruments:
-        better = loop.with_better_delay(model, loop.runs) if open_delay else model
-        return better, loop.runs, np.zeros(0)
+    instruments after one step of the delay, and (0,)."""
     least, used, rows, motion = np.inf, loop.runs, loop.runs, np.zeros(0)
+    if not instruments:
+        return loop.with_better_delay(model, rows), rows, motion
     for k in count(1):
-        better = loop.with_better_delay(model, rows) if open_delay else model
+        better = loop.with_better_delay(model, rows)
         progress(f"simulating the command, pass {k}")
         simulated, apart = loop.simulated(better, rows)
         error = float(np.mean(np.log(or_least(apart))))

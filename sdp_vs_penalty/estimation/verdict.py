@@ -32,10 +32,10 @@ GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")
 #: A joint's error counts as noise up to so many noise floors (standard deviations): its variance is then
 #: at most four times that of the noise.
 ABOVE_NOISE = 2.0
-#: Relative torque errors beyond the noise [%]. Identified models of real arms reach 0.2 to 9 % (dVRK,
-#: Panda, UR10, TX40, published and ours): up to the first a prediction is good, above the second a model
-#: is not to be used.
-CLOSE, NO_MODEL = 5.0, 15.0
+#: Relative torque error beyond the noise [%] above which a model is not to be used; up to CHANGES a
+#: prediction is good. Identified models of real arms reach 0.2 to 9 % (dVRK, Panda, UR10, TX40,
+#: published and ours).
+NO_MODEL = 15.0
 #: From this share of new motion on, errors are those of unseen motion; below, they show repeatability.
 MOSTLY_NEW = 0.5
 #: No link of an arm weighs less than this share of it; the lightest wrists have a hundredth.
@@ -183,7 +183,7 @@ def _prediction(beyond: float, relative: float, share: float | None, far: bool, 
         if grade == "do not use":
             said = f"{beyond:.3g} % relative error beyond the noise already here. {said}"
     else:
-        grade = "good" if beyond <= CLOSE and not far else grade
+        grade = "good" if beyond <= 100.0 * CHANGES and not far else grade
         said = f"{relative:.3g} % relative error on motion of which {percent} is new to the model"
     return Line(PREDICTION, grade, said + end)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.estimator import Array, Fit, Task
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import repair
@@ -93,43 +94,38 @@ class PosedSdp:
         near : the fit to similar data, from which half the steps remain. Raises InputError where nothing
         near an optimum is found.
         """
-        if self.cones is not None:
-            fit = self._own(self.cones, objective, accuracy, near)
-            if fit is not None and fit.gap <= TIGHT:
+        data, found = objective.least_squares, None
+        if self.cones is not None and near is not None and near.central is not None:
+            found = minimise(self.cones, data, [near.central], accuracy)
+        if self.cones is not None and found is None:
+            found = minimise(self.cones, data, [self._start(data), self.interior], accuracy)
+        if self.cones is not None and found is not None:
+            multipliers, slopes = self.cones.multipliers(found.multipliers)
+            fit = Fit(
+                repair(self.constraints, found.theta, self.interior),
+                objective,
+                self.constraints,
+                multipliers,
+                slopes,
+                self.interior,
+                self.task.bound,
+                {"solver": OWN, "solver_said": [f"relative gap {found.error:.1e} ({found.iterations})"]},
+                found.central,
+            )
+            if fit.gap <= TIGHT:
                 return fit
         return _solved(self, objective, accuracy)
 
-    def _own(
-        self, cones: SmallCones, objective: Objective, accuracy: float, near: Fit | None
-    ) -> Fit | None:
-        data, central = objective.least_squares, None if near is None else near.central
-        found = None if central is None else minimise(cones, data, [central], accuracy)
-        if found is None:
-            # What only has a sign (friction, rotor inertia) starts where it makes a tenth of the torque:
-            # next to zero its multiplier would be the first to block a step.
-            start, norms = self.interior.copy(), np.linalg.norm(data.R, axis=0)
-            lower = np.array([q.lower for q in self.task.model.parameters])
-            signed = np.isfinite(lower) & (norms > 0.0)
-            signed[self.task.model.rigid_indices] = False
-            size = _STARTING_SHARE * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
-            start[signed] = (lower + np.minimum(size, 0.5 * self.task.bound))[signed]
-            starts = [start, self.interior]
-            found = minimise(cones, data, starts, accuracy)
-        if found is None:
-            return None
-        multipliers, slopes = cones.multipliers(found.multipliers)
-        said = f"relative gap {found.error:.1e} ({found.iterations})"
-        return Fit(
-            repair(self.constraints, found.theta, self.interior),
-            objective,
-            self.constraints,
-            multipliers,
-            slopes,
-            self.interior,
-            self.task.bound,
-            details={"solver": OWN, "solver_said": [said]},
-            central=found.central,
-        )
+    def _start(self, data: LeastSquares) -> Array:
+        """What only has a sign (friction, rotor inertia) starts where it makes a tenth of the torque:
+        next to zero its multiplier would be the first to block a step."""
+        start, norms = self.interior.copy(), np.linalg.norm(data.R, axis=0)
+        lower = np.array([q.lower for q in self.task.model.parameters])
+        signed = np.isfinite(lower) & (norms > 0.0)
+        signed[self.task.model.rigid_indices] = False
+        size = _STARTING_SHARE * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
+        start[signed] = (lower + np.minimum(size, 0.5 * self.task.bound))[signed]
+        return start
 
 
 def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:

@@ -25,7 +25,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.solvers.conic_files import cbf_text, sdpa_text
+from sdp_vs_penalty.solvers.conic import cbf_text, sdpa_text
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, linear_objective
 

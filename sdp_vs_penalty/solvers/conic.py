@@ -1,15 +1,19 @@
-"""The standard conic form that every solver gets.
+"""The standard conic form that every solver gets, and its files.
 
     minimise 1/2 x^T P x + q^T x   subject to   A x + s = b,  s in K = K_1 x K_2 x ...
 
 K_i is one of "zero", "nonnegative", "soc" (axis first), "psd" (svec: upper triangle column by
-column, off-diagonals times sqrt(2)), "exp" {(x, y, z): y exp(x / y) <= z}.
+column, off-diagonals times sqrt(2)), "exp" {(x, y, z): y exp(x / y) <= z}. Files are sparse SDPA
+(.dat-s; Borchers, Optimization Methods and Software 1999) and the conic benchmark format (.cbf),
+version 3 (H. A. Friberg, CBF format reference).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,3 +87,82 @@ def unsvec(vector: Array, d: int) -> Array:
     out = np.zeros((*vector.shape[:-1], d, d))
     out[..., i, j] = out[..., j, i] = vector / weight
     return out
+
+
+CBF_NAMES = {"zero": "L=", "nonnegative": "L+", "soc": "Q", "exp": "EXP"}
+
+
+def sdpa_text(problem: ConicProblem) -> str:
+    """Sparse SDPA: minimise c^T x subject to sum_i x_i F_i - F_0 >= 0, blocks in order of the cones."""
+    sizes = [-c.size if c.kind == "nonnegative" else c.size for c in problem.cones]
+    lines = [
+        '"physically consistent identification of robot dynamics, by sdp-vs-penalty"',
+        f"{len(problem.q)} = mDIM",
+        f"{len(sizes)} = nBLOCK",
+        " ".join(str(s) for s in sizes),
+        " ".join(f"{x:.17g}" for x in problem.q),
+    ]
+    block, i, j, factor = svec_entries(problem.cones)
+    whole = sparse.hstack([sparse.csc_matrix(problem.b[:, None]), problem.A], "csc").tocoo()
+    for row, k, value in zip(whole.row, whole.col, -whole.data * factor[whole.row], strict=True):
+        if value != 0.0:
+            lines.append(f"{k} {block[row] + 1} {i[row] + 1} {j[row] + 1} {value:.17g}")
+    return "\n".join(lines) + "\n"
+
+
+def cbf_text(problem: ConicProblem) -> str:
+    """CBF: free variables x, affine cones by rows of (h - G x), psd cones by HCOORD and DCOORD."""
+    m, starts = len(problem.q), np.cumsum([0, *(c.rows for c in problem.cones)])
+    lines = ["VER", "3", "", "OBJSENSE", "MIN", "", "VAR", f"{m} 1", f"F {m}", ""]
+    psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
+    if psd.any():
+        sizes = [str(cone.size) for cone in problem.cones if cone.kind == "psd"]
+        lines += ["PSDCON", str(len(sizes)), *sizes, ""]
+    rows, cones = [np.zeros(0, np.intp)], []
+    for start, cone in zip(starts, problem.cones, strict=False):
+        if cone.kind != "psd":
+            own = np.arange(start, start + cone.rows)
+            rows.append(own[::-1] if cone.kind == "exp" else own)  # CBF: (t, s, r), t >= s exp(r / s)
+            cones.append(f"{CBF_NAMES[cone.kind]} {cone.rows}")
+    order = np.concatenate(rows)
+    if cones:
+        lines += ["CON", f"{len(order)} {len(cones)}", *cones, ""]
+    block, i, j, factor = svec_entries(problem.cones)
+    number, matrix = np.cumsum(psd) - 1, sparse.csr_matrix(-problem.A)
+    matrices = np.flatnonzero(psd[block])
+    part = matrix[matrices].tocoo()
+    at, values = matrices[part.row], part.data * factor[matrices[part.row]]
+    lines += _section("OBJACOORD", *_nonzero(problem.q))
+    lines += _section("HCOORD", number[block[at]], part.col, j[at], i[at], values)
+    rest = matrix[order].tocoo()
+    lines += _section("ACOORD", rest.row, rest.col, rest.data)
+    lines += _section("BCOORD", *_nonzero(problem.b[order]))
+    at = matrices[problem.b[matrices] != 0.0]
+    lines += _section("DCOORD", number[block[at]], j[at], i[at], problem.b[at] * factor[at])
+    return "\n".join(lines) + "\n"
+
+
+def _nonzero(values: Any) -> tuple[Any, Any]:
+    places = np.flatnonzero(values)
+    return places, values[places]
+
+
+def _section(name: str, *columns: Any) -> list[str]:
+    """Whole numbers and a value a line, behind their count; nothing where there are none."""
+    found = [
+        " ".join([*map(str, row[:-1]), f"{row[-1]:.17g}"])
+        for row in zip(*(column.tolist() for column in columns), strict=True)
+    ]
+    return [name, str(len(found)), *found, ""] if found else []
+
+
+def svec_entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:
+    """For each row its block, row and column and the factor that turns svec into entries."""
+    parts = []
+    for number, cone in enumerate(cones):
+        i = j = np.arange(cone.size)
+        weight = np.ones(cone.size)
+        if cone.kind == "psd":
+            i, j, weight = triangle(cone.size)
+        parts.append((np.full(len(i), number), i, j, 1.0 / weight))
+    return tuple(np.concatenate(x) for x in zip(*parts, strict=True))  # type: ignore[return-value]

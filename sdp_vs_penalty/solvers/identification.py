@@ -279,8 +279,6 @@ def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
     Beside rows and right-hand side what no theta reaches, |rho|^2 less that of the new right-hand side.
     By QR with pivoted columns: half the entries of any other choice, hence two thirds of the time.
     """
-    if matrix.size == 0:
-        return np.zeros((0, matrix.shape[1])), np.zeros(0), float(rho @ rho)
     q, r, pivots = scipy.linalg.qr(matrix, mode="economic", pivoting=True, check_finite=False)
     diagonal = np.abs(np.diagonal(r))
     rank = int(np.sum(diagonal > 1e-13 * diagonal[0])) if diagonal[0] > 0.0 else 0

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, svec
-from sdp_vs_penalty.solvers.conic_files import sdpa_text, svec_entries
+from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, sdpa_text, svec, svec_entries
 from sdp_vs_penalty.solvers.solver import ACCURACY, SDPA_CLAIMS, Solver
 
 

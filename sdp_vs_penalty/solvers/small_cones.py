@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, Entries, alike
+from sdp_vs_penalty.robot.constraint import Alike, Constraint, ConstraintSet, Entries, alike
 from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
@@ -53,7 +53,7 @@ class SmallCones:
         found = alike(chosen)
         rows = [kind for kind in found if kind.cone == "nonnegative"]
         others = [kind for kind in found if kind.cone != "nonnegative"]
-        kinds = [*rows, *map(_matrices, (*alike(links), *others))]
+        kinds = [*map(_each_row, rows), *map(_matrices, (*alike(links), *others))]
         entries, linear = Entries.of(kinds), np.zeros(p)
         count = sum(kind.constant.size for kind in rows)
         weight = np.zeros((len(entries.constant) - count) // ORDER**2)
@@ -62,21 +62,22 @@ class SmallCones:
             linear = entropy.weight * entropy.entries.adjoint(entropy.nominal_terms[0].ravel(), p)
         pairs, wide = list[_Triplets](), 0
         for kind in kinds:
-            pairs.append((_row_pairs if kind.cone == "nonnegative" else _block_pairs)(kind, wide, p))
-            wide += kind.constant.size * (1 if kind.cone == "nonnegative" else ORDER**2)
+            pairs.append(_pairs(kind, wide, p))
+            wide += kind.constant.size * kind.constant.shape[1] ** 2
         curvature = _sparse(pairs, (p * p, wide))
         places = np.flatnonzero(np.diff(curvature.indptr))
-        back, own, start = list[_Triplets](), {}, 0
+        back, own, start, first = list[_Triplets](), dict[Constraint, int](), 0, 0
         for kind in constraints.groups:
             for k in kind.places.tolist():
                 own[constraints.convex[k]], start = start, start + constraints.convex[k].constant.size
-        first = 0
         for kind in (*rows, *others):
-            if kind.cone != "nonnegative":
-                first = max(first, count + len(links) * ORDER**2)
             where = np.array([own[chosen[k]] for k in kind.places.tolist()])
-            back.append(_homeward(kind, where, first))
-            first += len(where) * (kind.constant.shape[1] if kind.cone == "nonnegative" else ORDER**2)
+            if kind.cone == "nonnegative":
+                width = kind.constant.shape[1]
+            else:
+                first, width = max(first, count + len(links) * ORDER**2), ORDER**2
+            back.append(_homeward(kind, where, first + width * np.arange(len(where))))
+            first += width * len(where)
         shape = (len(entries.constant), p)
         slack_map = _sparse([(entries.row, entries.column, entries.value)], shape)
         small = math.prod(shape) <= _DENSE
@@ -108,61 +109,54 @@ def _sparse(parts: Sequence[_Triplets], shape: tuple[int, int]) -> sparse.csr_ma
 
 def _matrices(kind: Alike) -> Alike:
     """As matrices (g, 4, 4) and coefficients (g, k, 4, 4): second-order cones as arrows, and padded."""
-    size = kind.constant.shape[1]
-    if size > ORDER:
+    if (size := kind.constant.shape[1]) > ORDER:
         raise NotApplicableError(f"no matrices and cones of order {size}")
-
-    def padded(values: Array, lead: int, rest: float) -> Array:
-        out = np.zeros((*values.shape[:lead], ORDER, ORDER))
-        out[..., range(size, ORDER), range(size, ORDER)] = rest
-        if kind.cone == "psd":
-            out[..., :size, :size] = values
-        else:
-            out[..., range(size), range(size)] = values[..., :1]
-            out[..., 0, 1:size] = out[..., 1:size, 0] = values[..., 1:]
-        return out
-
-    constant, coefficients = padded(kind.constant, 1, 1.0), padded(kind.coefficients, 2, 0.0)
-    return Alike("psd", kind.places, kind.indices, constant, coefficients)
+    constant = _padded(kind.cone, kind.constant)
+    constant[:, range(size, ORDER), range(size, ORDER)] = 1.0
+    return Alike("psd", kind.places, kind.indices, constant, _padded(kind.cone, kind.coefficients))
 
 
-def _homeward(kind: Alike, where: NDArray[np.intp], start: int) -> _Triplets:
-    """Entries of constraints, from ``where`` (g,) on, and the multipliers (from ``start`` on) that they
-    are made of; a second-order cone's of its arrow."""
-    size = kind.constant.shape[1]
-    entry = own = np.arange(size)
-    value, width = np.ones(size), size
-    if kind.cone == "psd":
-        i, j = (x.ravel() for x in np.indices((size, size)))
-        entry, own, value, width = i * size + j, i * ORDER + j, np.ones(size**2), ORDER**2
-    elif kind.cone == "soc":
-        entry, own = np.append(0 * own, own[1:]), np.append(own * (ORDER + 1), own[1:])
-        value, width = np.repeat([1.0, 2.0], [size, size - 1]), ORDER**2
-    first = start + width * np.arange(len(where))
-    every = where[:, None] + entry, first[:, None] + own, np.tile(value, (len(where), 1))
-    return every[0].ravel(), every[1].ravel(), every[2].ravel()
+def _padded(cone: str, values: Array) -> Array:
+    """(..., 4, 4) of matrices (..., d, d), or of second-order cones (..., d), zeros beside them."""
+    size, lead = values.shape[-1], values.shape[: -2 if cone == "psd" else -1]
+    out = np.zeros((*lead, ORDER, ORDER))
+    if cone == "psd":
+        out[..., :size, :size] = values
+    else:
+        out[..., range(size), range(size)] = values[..., :1]
+        out[..., 0, 1:size] = out[..., 1:size, 0] = values[..., 1:]
+    return out
 
 
-def _row_pairs(kind: Alike, start: int, p: int) -> _Triplets:
-    """Place in H, row, and a_i a_j with which y / s of the row (from ``start`` on) counts there."""
-    both = kind.coefficients[:, :, None] * kind.coefficients[:, None]
-    member, i, j, entry = np.nonzero(both)
-    row, column = kind.indices[member, i], kind.indices[member, j]
-    lower = row >= column
-    where = start + member * kind.constant.shape[1] + entry
-    return (column * p + row)[lower], where[lower], both[member, i, j, entry][lower]
+def _each_row(kind: Alike) -> Alike:
+    """Rows one by one, as matrices (g d, 1, 1) and coefficients (g d, k, 1, 1)."""
+    d = kind.constant.shape[1]
+    places, indices = np.repeat(kind.places, d), np.repeat(kind.indices, d, axis=0)
+    coefficients = np.moveaxis(kind.coefficients, 2, 1).reshape(*indices.shape, 1, 1)
+    return Alike("psd", places, indices, kind.constant.reshape(-1, 1, 1), coefficients)
 
 
-def _block_pairs(kind: Alike, start: int, p: int) -> _Triplets:
-    """The same for <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d] (S^-1)[a, c] Z[d, b]."""
-    g, k = kind.indices.shape
+def _homeward(kind: Alike, where: NDArray[np.intp], first: NDArray[np.intp]) -> _Triplets:
+    """Entries of constraints, from ``where`` (g,) on, and the multipliers (from ``first`` (g,) on) that
+    they are made of: the adjoint of what makes the slacks of them."""
+    each = np.eye(kind.constant[0].size).reshape(-1, *kind.constant.shape[1:])
+    made = each if kind.cone == "nonnegative" else _padded(kind.cone, each).reshape(len(each), -1)
+    entry, own = np.nonzero(made)
+    rows, columns = where[:, None] + entry, first[:, None] + own
+    return rows.ravel(), columns.ravel(), np.tile(made[entry, own], len(where))
+
+
+def _pairs(kind: Alike, start: int, p: int) -> _Triplets:
+    """Of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d] (S^-1)[a, c] Z[d, b]: place in H, product of S^-1
+    and Z (from ``start`` on), and F_i[a, b] F_j[c, d] with which it counts there."""
+    (g, k), order = kind.indices.shape, kind.constant.shape[1]
     flat = kind.coefficients.reshape(g, k, -1)
     own, entry = np.nonzero(np.any(flat != 0.0, axis=0))
     one, other = (x.ravel() for x in np.indices((len(own), len(own))))
-    (a, b), (c, d) = np.divmod(entry[one], ORDER), np.divmod(entry[other], ORDER)
-    where = ((a * ORDER + c) * ORDER + d) * ORDER + b
+    (a, b), (c, d) = np.divmod(entry[one], order), np.divmod(entry[other], order)
+    where = ((a * order + c) * order + d) * order + b
     row, column = kind.indices[:, own[one]], kind.indices[:, own[other]]
     value = flat[:, own[one], entry[one]] * flat[:, own[other], entry[other]]
     used = (row >= column) & (value != 0.0)
-    where = start + np.arange(g)[:, None] * ORDER**4 + where
+    where = start + np.arange(g)[:, None] * order**4 + where
     return (column * p + row)[used], where[used], value[used]

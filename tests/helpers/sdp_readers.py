@@ -10,7 +10,7 @@ import pytest
 from scipy import sparse
 
 from sdp_vs_penalty.solvers import Cone, ConicProblem
-from sdp_vs_penalty.solvers.conic_files import CBF_NAMES
+from sdp_vs_penalty.solvers.conic import CBF_NAMES
 
 
 def read_sdpa(path: str | Path) -> ConicProblem:
