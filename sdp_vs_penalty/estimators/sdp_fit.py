@@ -32,7 +32,7 @@ REFERENCE, OWN = "clarabel", "primal-dual"
 FAR_GAP = 1e-3
 #: Each attempt's way from the last answer to the interior point at which cones are scaled, and
 #: whether parameters are scaled by the residual instead of the torque.
-_ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
+ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
 #: The loss at the optimum relative to |tau|^2 that the first attempt expects at least.
 _FIRST_LOSS = 1e-6
 
@@ -134,7 +134,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     sent, data = essential(constraints, objective), objective.least_squares
     best: Fit | None = None
     answered, said, least = False, list[str](), _FIRST_LOSS * data.tau_squared
-    for share, fine in _ATTEMPTS:
+    for share, fine in ATTEMPTS:
         centre = interior if best is None else best.theta
         inside = centre + share * (interior - centre)
         # Without noise, or with as many rows as parameters, the unconstrained residual vanishes and

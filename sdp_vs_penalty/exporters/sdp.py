@@ -22,7 +22,7 @@ from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
+from sdp_vs_penalty.estimators.sdp_fit import ATTEMPTS, essential, interior_point
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.solvers.conic import cbf_text, sdpa_text
@@ -31,9 +31,6 @@ from sdp_vs_penalty.solvers.rewrite import linear_matrix_inequalities, linear_ob
 
 #: Ending of the sparse SDPA format, and the method that goes into it unless another is named.
 _SDPA, SDPA_METHOD = ".dat-s", "lmi-sdp-thickness"
-#: A file is centred at the answer, its cones scaled at this share of the way to an interior point: seen
-#: from that point itself csdp is 2e-6 off on the TX40, 0 from here (0.03 to 0.3 alike, on three arms).
-_SHARE = 0.3
 
 
 def check_format(path: str | Path, exponential: bool) -> None:
@@ -119,7 +116,9 @@ def write_posed(
     progress("proving the optimum")
     fit = estimator.fit(task)
     proof, centre = proved(task, fit, certify(task, fit)[0], method), fit.theta
-    inside = centre + _SHARE * (interior_point(task, constraints) - centre)
+    # Cones scaled as where our loop goes on from an answer: seen from the interior point csdp is 2e-6
+    # off on the TX40, 0 from here (0.03 to 0.3 of the way alike, on three arms).
+    inside = centre + ATTEMPTS[1][0] * (interior_point(task, constraints) - centre)
     sent, least = essential(constraints, objective), objective.least_squares.loss_scale(centre)
     sdp = least_squares_sdp(objective, sent, inside, task.bound, centre, least_loss=least)
     return export_sdp(

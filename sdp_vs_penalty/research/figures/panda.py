@@ -31,11 +31,9 @@ def _torques(
     for method in methods:
         estimated = predicted(rows, study.theta(method, data))
         errors[method] = 100.0 * float(np.linalg.norm(measured - estimated) / np.linalg.norm(measured))
-        for (left, right), torque, error in zip(
-            axes, estimated.T, (estimated - measured).T, strict=True
-        ):
-            left.plot(t, torque, label=method, **LOOKS[method])
-            right.plot(t, error, label=method, **LOOKS[method])
+        for j, (left, right) in enumerate(axes):
+            left.plot(t, estimated[:, j], label=method, **LOOKS[method])
+            right.plot(t, (estimated - measured)[:, j], label=method, **LOOKS[method])
     return errors
 
 

@@ -108,10 +108,8 @@ class Contestant:
 
     def told(self, accuracy: float) -> str:
         """What it is told, in its documentation's names."""
-        if self.options is None:
-            return ""
-        told = self.options(accuracy).items()
-        return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in told)
+        told = {} if self.options is None else self.options(accuracy)
+        return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in told.items())
 
     def refuses(self, instance: Instance) -> str | None:
         """Why an instance cannot be posed to it, or None."""

@@ -195,21 +195,15 @@ def shape_cones(task: Task) -> list[Constraint]:
 def _task(robot: str, source: str, stop: float) -> Task:
     problem, effects = load_problem(robot), None
     if source == "measured":
-        run = measurements(problem, stop)
+        if not (runs := list(measured_runs(robot).values())):
+            what = f"The measurements of {robot} are absent"
+            raise InputError(what, "name their folder in SDP_VS_PENALTY_DATA")
+        run = replace(runs[0], dq=None)
     else:
         described = experiment(problem)
-        run, effects = _part(described.training_run(seed=0), problem, stop), described.effects
-    task = pose(problem, run, PoseOptions(effects)).task
+        run, effects = described.training_run(seed=0), described.effects
+    task = pose(problem, _part(run, problem, stop), PoseOptions(effects)).task
     return replace(task, constraints=ConstraintSet(task.constraints.convex))
-
-
-def measurements(problem: Problem, stop: float = np.inf) -> Measurements:
-    """The real identification run of a robot up to ``stop`` [s] of motion; InputError without it."""
-    runs = measured_runs(problem.name)
-    if not runs:
-        what = f"The measurements of {problem.name} are absent"
-        raise InputError(what, "name their folder in SDP_VS_PENALTY_DATA")
-    return _part(replace(next(iter(runs.values())), dq=None), problem, stop)
 
 
 def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
@@ -228,7 +222,7 @@ def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
 
 def chain_problem(n: int, draw: int = 0) -> Problem:
     """Twist +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal links as balls."""
-    rng = np.random.default_rng(_seeds(_CHAIN_SEED, n, draw))
+    rng = np.random.default_rng([_CHAIN_SEED, n, *[draw] * (draw > 0)])
     a, twist, d = rng.uniform(0.0, 0.3, n), rng.choice([-0.5, 0.0, 0.5], n), rng.uniform(0.05, 0.3, n)
     robot = Robot.from_dh(f"chain{n}", a.tolist(), (np.pi * twist).tolist(), d.tolist(), "modified")
     balls = np.zeros((n, 10))
@@ -239,16 +233,12 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
     return Problem(robot.name, title, robot, open_box(n), links, torque_side="link")
 
 
-def _seeds(seed: int, n: int, draw: int) -> list[int]:
-    return [seed, n] + ([draw] if draw else [])
-
-
 def chain_task(n: int, draw: int = 0) -> Task:
     """Random states, torque of thin random links with friction and white noise, 1 % of each joint's.
 
     draw : another arm of the same size, with another motion.
     """
-    rng = np.random.default_rng(_seeds(_CHAIN_SEED + 1, n, draw))
+    rng = np.random.default_rng([_CHAIN_SEED + 1, n, *[draw] * (draw > 0)])
     problem, samples = chain_problem(n, draw), 60
     model = problem.model()
     q = problem.robot.random_configurations(samples, _CHAIN_SEED)

@@ -153,10 +153,9 @@ def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[flo
 def _dual(instance: Instance, answer: Answer) -> float:
     """The bound from the contestant's own multipliers, -inf without finite ones."""
     own, slopes = answer.multipliers, answer.entropy_slopes
-    if own is None or not all(np.all(np.isfinite(x)) for x in (answer.theta, own)):
+    numbers = (x for x in (answer.theta, own, slopes) if x is not None)
+    if own is None or not all(np.all(np.isfinite(x)) for x in numbers):
         return -np.inf
-    if slopes is not None and not np.all(np.isfinite(slopes)):
-        slopes = None
     posed = answer.theta, instance.objective, instance.constraints, own, slopes
     with suppress(np.linalg.LinAlgError):
         return float(np.nan_to_num(Fit(*posed, bound=instance.task.bound).lower, nan=-np.inf))

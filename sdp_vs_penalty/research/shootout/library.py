@@ -98,7 +98,7 @@ def _npz(problem: ConicProblem) -> bytes:
     """minimise c^T x subject to b - A x in a product of cones, matrices as svec (README.md)."""
     file, A = io.BytesIO(), problem.A.tocoo()
     arrays = {"c": problem.q, "b": problem.b, "A_row": A.row, "A_column": A.col, "A_value": A.data}
-    arrays["A_shape"] = np.array(A.shape)
+    arrays |= {"A_shape": np.array(A.shape)}
     arrays |= {f"cone_{x}s": np.array([getattr(c, x) for c in problem.cones]) for x in ("kind", "size")}
     np.savez_compressed(file, **arrays)
     return file.getvalue()

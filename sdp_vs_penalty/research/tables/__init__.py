@@ -28,18 +28,11 @@ def makers() -> dict[str, Maker]:
 
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     """The tables as data. Raises InputError for a table that does not exist for the problem."""
-    chosen = _chosen(names or DEFAULT_TABLES)
-    for maker in chosen:
+    for maker in (chosen := _chosen(names)):
         if maker.problems and study.problem.name not in maker.problems:
-            raise InputError(
-                f"table {maker.name} belongs to {' and '.join(maker.problems)}",
-                "choose it with --problem, or leave the table out",
-            )
-    out = []
-    for maker in chosen:
-        study.progress(f"table {maker.name}")
-        out.append(maker.made(study))
-    return out
+            what = f"table {maker.name} belongs to {' and '.join(maker.problems)}"
+            raise InputError(what, "choose it with --problem, or leave the table out")
+    return [maker.made(study) for maker in chosen]
 
 
 def all_tables() -> tuple[str, ...]:
@@ -47,12 +40,12 @@ def all_tables() -> tuple[str, ...]:
     return tuple(name for name, maker in makers().items() if not maker.slow)
 
 
-def _chosen(names: Sequence[str]) -> list[Maker]:
+def _chosen(names: Sequence[str] | None) -> list[Maker]:
     known = {name.lower(): maker for name, maker in makers().items()}
-    for name in names:
+    for name in names or ():
         if name.lower() not in known:
             raise unknown("table", name, makers())
-    return list(dict.fromkeys(known[name.lower()] for name in names))
+    return list(dict.fromkeys(known[name.lower()] for name in names or DEFAULT_TABLES))
 
 
 def make_tables(
@@ -76,7 +69,7 @@ def make_tables(
     exist, before anything is computed or written.
     """
     groups: dict[Any, list[str]] = {}
-    for maker in _chosen(names or DEFAULT_TABLES):
+    for maker in _chosen(names):
         # The default problem where the table applies to it, else its own.
         where = maker.problems or (DEFAULT_PROBLEM,)
         own = DEFAULT_PROBLEM if DEFAULT_PROBLEM in where else where[0]

@@ -43,6 +43,7 @@ class Maker:
 
     def made(self, study: Any) -> Table:
         """The table under its name, its caption where it gives none the study's sentence."""
+        study.progress(f"table {self.name}")
         table = self.build(study)
         return replace(table, name=self.name, caption=table.caption or study.sentence)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.exporters.urdf import make_urdf
-from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine
+from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
 
 class Bullet(Engine):
@@ -52,7 +52,7 @@ class Bullet(Engine):
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         bullet, joints = self.bullet, list(range(self.robot.n))
-        told = {"targetVelocities": velocity.tolist(), "forces": [STRONG] * len(joints)}
+        told = {"targetVelocities": velocity.tolist(), "forces": [np.inf] * len(joints)}
         bullet.setJointMotorControlArray(self.body, joints, bullet.VELOCITY_CONTROL, **told)
         bullet.stepSimulation()
         torque = np.array([state[3] for state in bullet.getJointStates(self.body, joints)])

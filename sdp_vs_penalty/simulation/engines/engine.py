@@ -16,9 +16,6 @@ from sdp_vs_penalty.exporters.content import Content, about_joints
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
-#: A motor that always reaches its velocity [N m, N].
-STRONG = 1e6
-
 
 class Engine(ABC):
     """A robot of rigid links inside one engine, without friction, limits or contacts.

@@ -17,7 +17,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.simulation.engines.engine import STRONG, Array, Engine
+from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
 #: dParamVel and dParamFMax of ode/common.h.
 _PARAMETERS = {"velocity": 2, "force": 5}
@@ -131,7 +131,7 @@ class Ode(Engine):
                 ode.dJointSetHingeAnchor(made, *frame[:3, 3])
             getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
             self.motors.append(partial(getattr(ode, f"dJointSet{kind}Param"), made))
-            self.motors[k](_PARAMETERS["force"], STRONG)
+            self.motors[k](_PARAMETERS["force"], np.inf)
             ode.dJointSetFeedback(made, byref(self.feedback[k]))
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
