@@ -16,7 +16,7 @@ from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
-from sdp_vs_penalty.robot.urdf import load_urdf, placed_links, read_inertial
+from sdp_vs_penalty.robot.urdf import load_urdf, named, placed_links, read_inertial
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,10 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     moving = zip(placed_links(path), bodies, strict=True)
     reach = {link.get("name"): body.reach for parts, body in moving for link, _ in parts}
     links = [x for x in Document.read(path).root.findall("link") if x.find("inertial") is not None]
-    named = ((str(link.get("name")), link) for link in links)
-    return [_check(name, read_inertial(path, link), reach.get(name, 3.0)) for name, link in named]
+    names = [str(link.get("name")) for link in links]
+    with named(path):
+        own = zip(names, map(read_inertial, links), strict=True)
+        return [_check(name, given, reach.get(name, 3.0)) for name, given in own]
 
 
 #: What :func:`table` writes of each link; margins that are negative are violated.

@@ -61,14 +61,8 @@ def _require_memory() -> None:
         return
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if 0 <= limit < LEAST_MEMORY:  # no limit is negative
-        raise InputError(
-            f"this process may take {limit // 2**20} MiB of memory, and needs {LEAST_MEMORY // 2**20}",
-            "raise the limit (ulimit -v)",
-        )
-
-
-def _file(verb: str) -> Path:
-    return Path(__file__).parent / "verbs" / f"{verb.replace('-', '_')}.py"
+        what = f"this process may take {limit // 2**20} MiB of memory"
+        raise InputError(f"{what}, and needs {LEAST_MEMORY // 2**20}", "raise the limit (ulimit -v)")
 
 
 def _help() -> str:
@@ -78,7 +72,8 @@ def _help() -> str:
     for purpose, verbs in VERBS.items():
         said.append(f"{purpose}:")
         for name in verbs:
-            told = _file(name).read_text().partition("def verb(")[2].split('"""')[1]
+            file = Path(__file__).parent / "verbs" / f"{name.replace('-', '_')}.py"
+            told = file.read_text().partition("def verb(")[2].split('"""')[1]
             line = f"{name:15} {' '.join(told.partition(chr(10) * 2)[0].split())}"
             said.append(textwrap.fill(line, 80, initial_indent="  ", subsequent_indent=18 * " "))
     return "\n".join(said)
@@ -89,17 +84,15 @@ def named(name: str) -> Callable[..., None]:
     names = [name for verbs in VERBS.values() for name in verbs]
     if name not in names:
         raise unknown("command", name, names)
-    return import_module(f"sdp_vs_penalty.cli.verbs.{_file(name).stem}").verb  # type: ignore[no-any-return]
+    home = import_module(f"sdp_vs_penalty.cli.verbs.{name.replace('-', '_')}")
+    return home.verb  # type: ignore[no-any-return]
 
 
 def _run(words: Sequence[str]) -> None:
     """Do what the words say. Every path among the parameters that is not an output is an input."""
     first = words[0] if words else "--help"
-    if first == "--help":
-        print(_help())
-        return
-    if first == "--version":
-        print(f"sdp-vs-penalty {__version__}")
+    if first in ("--help", "--version"):
+        print(_help() if first == "--help" else f"sdp-vs-penalty {__version__}")
         return
     _require_memory()
     if sys.flags.optimize > 1:

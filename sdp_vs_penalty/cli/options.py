@@ -46,11 +46,8 @@ models model.json ...: Models written by `identify` or `add`.
 """
 
 
-class Budget(StrEnum):
-    """How much effort tables and figures may take."""
-
-    quick = "quick"
-    paper = "paper"
+#: How much effort tables and figures may take.
+Budget = StrEnum("Budget", "quick paper")
 
 
 def _told(lines: str) -> dict[str, Any]:

@@ -116,7 +116,7 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
 
     Where a base parameter that should be the data's has no standard deviation, none of it is known.
     """
-    base = result.details.get("base_parameters")
+    base, name = result.details.get("base_parameters"), "determined by the data"
     if base is None:
         return []
     prior = {b["name"]: b["source"] for b in base if b["source"] not in ("data", "given")}
@@ -124,11 +124,9 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
     blind = sum(b["source"] == "data" and np.isnan(std.get(b["name"], 0.0)) for b in base)
     if blind:
         text = f"nothing is known of the intervals: {blind} of {len(base)} base parameters have none"
-        return [("determined by the data", text)]
-    text = (
-        f"{len(base) - len(prior)} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
-    )
-    lines = [("determined by the data", text)]
+        return [(name, text)]
+    sure = f"{len(base) - len(prior)} of {len(base)} base parameters"
+    lines = [(name, f"{sure}, {own} of {len(result.theta)} standard")]
     if prior:
         first = next(iter(prior.values()))
         lines.append((f"from the {first}", f"{', '.join(prior)}; see `source` in the file"))

@@ -104,7 +104,7 @@ class Task:
     def minimum_thickness(self, radius: float) -> list[Constraint]:
         """Sigma_c >= m radius^2 1 for every link; nothing for radius 0."""
         links = enumerate(self.links if radius > 0.0 else (), start=1)
-        return [build.minimum_thickness(f"link {k}", indices, radius) for k, indices in links]
+        return [build.pseudo_inertia(f"link {k}", indices, radius) for k, indices in links]
 
 
 class Estimator(ABC):

@@ -134,17 +134,10 @@ _LOOKS = {1: [("link", COLOURS[0], 0.75)], 2: [("measured", MEASURED, 0.45), ("l
 def chart_and_arm(
     view: View, label: str, about: Mapping[str, Any], said: str, arms: int = 1
 ) -> tuple[Any, Callable[..., None]]:
-    """A chart over time, still empty, with ``label`` as its text, and beside it :func:`draw_arm`, where
-    there are links to be drawn; returns the chart, and what to call with a recording."""
-    with tag("div", style="pair"):
-        drawn = chart({}, label).classes("timed")
-        move = draw_arm(view, about, said, arms) if about["bodies"] else lambda *_: None
-    return drawn, move
-
-
-def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> Callable[..., None]:
-    """The scene and its clock, of ``arms`` arms in one place; returns what to call with a recording: its
-    name, its t, tf and poses, and the errors (F, n), 0 to 1, that colour the first arm's links, if any.
+    """A chart over time, still empty, with ``label`` as its text, and beside it, where there are links
+    to be drawn, the scene and its clock, of ``arms`` arms in one place. Returns the chart, and what to
+    call with a recording: its name, its t, tf and poses, and the errors (F, n), 0 to 1, that colour the
+    first arm's links, if any.
 
     about : of a model (jobs.py). workbench.js moves what is drawn here once: a group a joint, in it
     the links that it carries.
@@ -157,20 +150,25 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
                 view.look(joint=min(int(link), len(view.session.robot["joints"]) - 1))
                 return
 
-    with tag("div", style="arm") as frame:
-        look = {"width": 360, "height": 330, "grid": False, "background_color": "#f8f9fb"}
-        camera = ui.scene.perspective_camera(fov=_ANGLE)
-        with ui.scene(**look, on_click=clicked, camera=camera) as scene:  # type: ignore[arg-type]
-            groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, look)]
-        frame.props["data-arm"] = scene.id
-        scene.props.update({"role": "img", "aria-label": f"The arm in 3D: {said}"})
-        with tag("div", style="row"):
-            play = f"arms[{scene.id}]?.play()"
-            button("Play", lambda: ui.run_javascript(play), f"play-{arms}", data_play="")
-            bar = {"type": "range", "min": "0", "max": "1000", "value": "0", "data_key": f"time-{arms}"}
-            tag("input", "", "", **bar, data_time=scene.id, aria_label="Time in the run")
-            tag("span", "0.0 s", "soft", data_clock="")
-        note(f"Ellipsoids of uniform density; {said}. Click a link to see its joint.")
+    with tag("div", style="pair"):
+        drawn = chart({}, label).classes("timed")
+        if not about["bodies"]:
+            return drawn, lambda *_: None
+        with tag("div", style="arm") as frame:
+            look = {"width": 360, "height": 330, "grid": False, "background_color": "#f8f9fb"}
+            camera = ui.scene.perspective_camera(fov=_ANGLE)
+            with ui.scene(**look, on_click=clicked, camera=camera) as scene:  # type: ignore[arg-type]
+                groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, look)]
+            frame.props["data-arm"] = scene.id
+            scene.props.update({"role": "img", "aria-label": f"The arm in 3D: {said}"})
+            with tag("div", style="row"):
+                play = f"arms[{scene.id}]?.play()"
+                button("Play", lambda: ui.run_javascript(play), f"play-{arms}", data_play="")
+                bar = {"type": "range", "min": "0", "max": "1000", "value": "0"}
+                how = {"data_key": f"time-{arms}", "data_time": scene.id}
+                tag("input", "", "", **bar, **how, aria_label="Time in the run")
+                tag("span", "0.0 s", "soft", data_clock="")
+            note(f"Ellipsoids of uniform density; {said}. Click a link to see its joint.")
 
     there = [""]
 
@@ -190,7 +188,7 @@ def draw_arm(view: View, about: Mapping[str, Any], said: str, arms: int = 1) -> 
         scene.move_camera(**_camera(poses[:, : len(about["joints"])], about), duration=0.0)
         ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")
 
-    return load
+    return drawn, load
 
 
 def _one_arm(scene: Any, about: Mapping[str, Any], look: tuple[str, str, float]) -> Any:

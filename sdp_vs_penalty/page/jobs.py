@@ -31,7 +31,6 @@ from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
-from sdp_vs_penalty.estimation.known_load import parsed_known_load
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -101,7 +100,7 @@ class Asked(dict[str, Any]):
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
         loaded = load_measurements(*(self.folder / run["file"] for run in self["runs"]))
-        sides: dict[str, list[Measurements]] = {"train": [], "test": [], "load": []}
+        sides: dict[str, list[Measurements]] = {"train": [], "test": []}
         for run, part in zip(self["runs"], loaded.runs(), strict=True):
             named = replace(part, names=(run["name"],))
             if run["use"] != "split":
@@ -125,7 +124,7 @@ def read(asked: Asked) -> Answer:
                 warnings.simplefilter("always", Remark)
                 part = _loaded(asked, problem, path)
             remarks += [str(w.message) for w in heard if w.category is Remark]
-            for twin in (run for run in (*asked["runs"], *runs) if run["hash"] == part.data_hash):
+            for twin in (run for run in (*asked["runs"], *runs) if run["file"] == _file(part)):
                 raise InputError(f"holds the same samples as {twin['name']}", "name each run once", path)
             runs.append(keep(asked, problem, part, file["name"]))
         except InputError as error:
@@ -194,7 +193,8 @@ def keep(
     asked.progress(f"checking {name}")
     part = replace(concatenate([part]), names=(name,))
     (found,) = check(problem, part, thorough=False)
-    file, view = (f"{what}-{part.data_hash[:16]}.npz" for what in ("run", "view"))
+    file = _file(part)
+    view = f"view-{file}"
     save(part, asked.folder / file)
     save_arrays(asked.folder / view, _preview(problem, part, found.mended))
     seconds = float(part.t[-1] - part.t[0])
@@ -203,13 +203,17 @@ def keep(
         "view": view,
         "name": name,
         "use": use,
-        "hash": part.data_hash,
         "samples": part.samples,
         "seconds": seconds,
         "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
         "findings": [{**f.to_dict(), "gravity": f.gravity} for f in found.problems],
     }
+
+
+def _file(part: Measurements) -> str:
+    """Where the session keeps a run: by its samples."""
+    return f"run-{part.data_hash[:16]}.npz"
 
 
 def _preview(problem: Problem, part: Measurements, mended: Measurements) -> dict[str, Any]:
@@ -295,23 +299,10 @@ def fit(asked: Asked) -> Answer:
         with_solver(asked["method"], options.get("solver")),
         effects=asked["effects"],
         gain_uncertainty=asked.number("gain_uncertainty", 0.0),
-        known_loads=_known_loads(asked, options.get("known_load")),
         workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),
         **asked.how,
     )
     return summary(asked, estimate)
-
-
-def _known_loads(asked: Asked, text: str | None) -> list[tuple[str, float]]:
-    """Runs with a load, by their shown names: "load.csv:2.8", several separated by commas."""
-    files = {run["name"]: run["file"] for run in asked["runs"]}
-    loads = []
-    for word in text.split(",") if text else []:
-        run, mass = parsed_known_load(word)
-        if str(run) not in files:
-            raise InputError(f"{run}: not a run of this page", f"choose one of {', '.join(files)}")
-        loads.append((str(asked.folder / files[str(run)]), mass))
-    return loads
 
 
 def open_model(asked: Asked) -> Answer:

@@ -15,10 +15,10 @@ from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import lives
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.worker import WorkerPool
+from sdp_vs_penalty.page.worker import LEAST, WorkerPool
 
-#: Bytes of all files of a session.
-LARGEST = 2**30
+#: Bytes of all files of a session: those that a job's memory holds at least.
+LARGEST = LEAST
 #: How long a browser may be silent, sleep or wait for a busy computer [s]: a file that it sends is then
 #: refused, the work of a tab that was closed ends, and a tab that was asked for is not waited for.
 SILENCE = 30.0

@@ -15,10 +15,15 @@ from sdp_vs_penalty.problem.constants import (
     ACTUATOR,
     DEFAULT_DENSITY,
     DEFAULT_RADIUS,
+    FAR_MASS,
+    GEOMETRY_MARGIN,
     HOLDING,
     INERTIAL_MARGIN,
     LARGEST,
+    LAYER,
+    LEAST_RADIUS,
     POWER,
+    RADIUS_SHARE,
     TUBE,
 )
 from sdp_vs_penalty.robot import inertia
@@ -27,13 +32,6 @@ from sdp_vs_penalty.robot.body import Body, around, balls
 from sdp_vs_penalty.robot.geometry import Geometry
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
-
-#: Half axes of the body over those of the ellipsoid around the link's geometry, and a layer on it [m].
-GEOMETRY_MARGIN, LAYER = 1.2, 0.03
-#: Radius of a link where nothing tells it: this share of its reach, at least so much [m].
-RADIUS_SHARE, LEAST_RADIUS = 0.5, 0.1
-#: Geometry larger than so many robots is not in metres (smaller than the layer it marks a place).
-ROBOTS = 3.0
 
 
 def link_bodies(
@@ -45,11 +43,11 @@ def link_bodies(
     standard parameters that came with the robot, zeros where none did.
     """
     reach = robot.link_reach()
-    largest = ROBOTS * max(float(reach.sum()), 1.0)
+    largest = FAR_MASS * max(float(reach.sum()), 1.0)
     out = []
     for k in range(robot.links):
         shape = None if geometry is None else geometry[k]
-        if shape is not None:  # in metres, and no marker
+        if shape is not None:  # in metres, and no marker of a place
             farthest = float(np.linalg.norm(shape.points, axis=1).max())
             usable = float(np.ptp(shape.points, axis=0).max()) > LAYER and farthest < largest
             shape = shape if usable else None
@@ -107,10 +105,6 @@ def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
     return np.concatenate([centre + ends.T, centre - ends.T])
 
 
-#: Smallest eigenvalue of a pseudo-inertia in units of reach and mass that counts as that of a body.
-_SLENDEREST = 1e-6
-
-
 def plausible_links(
     robot: Robot, given: Array, bodies: Sequence[Body] | None = None
 ) -> tuple[Array, tuple[str, ...]]:
@@ -125,7 +119,8 @@ def plausible_links(
         scale = np.array([reach, reach, reach, 1.0])
         scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
         mass = out[i, 0]
-        if mass > 0.0 and np.linalg.eigvalsh(scaled)[0] > _SLENDEREST * mass:
+        # Above what files' seven digits leave open.
+        if mass > 0.0 and np.linalg.eigvalsh(scaled)[0] > np.finfo(np.float32).eps * mass:
             sources.append("inertial")
             continue
         body = None if bodies is None else bodies[i]

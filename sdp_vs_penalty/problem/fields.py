@@ -82,23 +82,22 @@ _MANY = ("centre_of_mass_cone",)
 def check_fields(data: Mapping[str, Any]) -> None:
     """InputError naming the section and the field that is unknown, missing or of the wrong kind."""
     for section, fields in SECTIONS.items():
-        many, names = section in _MANY, tuple(fields)
-        where = f"[[{section}]]" if many else f"[{section}]"
-        if not section:
-            where, names, parts = "the top level", (*fields, *filter(None, SECTIONS)), [data]
-        else:
-            parts = data.get(section, [] if many else {})
-            parts = parts if many else [parts]
+        many, names = section in _MANY, (*fields, *(() if section else filter(None, SECTIONS)))
+        where = f"[[{section}]]" if many else f"[{section}]" if section else "the top level"
+        if section and section not in data:
+            if section == "kinematics":
+                remedy = "give the robot's DH table or its URDF"
+                raise InputError("the section [kinematics] is missing", remedy)
+            continue
+        given = data[section] if section else data
+        parts = given if many else [given]
         if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
             what = f"{section} is no {'list of sections' if many else 'section'}"
             raise InputError(what, f"write {where} above its fields")
-        for part in parts if section in data or not section else []:
+        for part in parts:
             for key in part:
                 if key not in names:
                     raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(names)}")
-            if not section and "kinematics" not in data:
-                remedy = "give the robot's DH table or its URDF"
-                raise InputError("the section [kinematics] is missing", remedy)
             for key, field in fields.items():
                 if key in part:
                     _check(where if section else "", key, field, part)
@@ -108,21 +107,18 @@ def check_fields(data: Mapping[str, Any]) -> None:
 
 def _check(section: str, name: str, field: Field, data: Mapping[str, Any]) -> None:
     """InputError for a value of another kind or length."""
-    value, label, joints = data[name], f"{section} {name}".strip(), data.get("a")
-    hint = "correct it"
-    if field.hint or field.several:
-        hint = "write " + (field.hint or '["one", "two"]')
-    word = _WORDS[field.kind]
+    value, label, word = data[name], f"{section} {name}".strip(), _WORDS[field.kind]
+    hint = "write " + (field.hint or '["one", "two"]') if field.hint or field.several else "correct it"
     if field.several and not isinstance(value, list):
         raise InputError(f"{label} is {_shown(value)}, not a list of {word}s", hint)
     for k, entry in enumerate(value if field.several else [value], start=1):
         if type(entry) not in (field.kind, *((int,) if field.kind is float else ())):
             where, remedy = (f"{label}: entry {k}", "correct it") if field.several else (label, hint)
             raise InputError(f"{where} is {_shown(entry)}, not a {word}", remedy)
-    shown = {"joints": joints, "hint": field.hint.split(",")}.get(field.length)
-    if isinstance(shown, list) and len(value) != (length := len(shown)):
+    shown = {"joints": data.get("a"), "hint": field.hint.split(",")}.get(field.length)
+    if isinstance(shown, list) and len(value) != len(shown):
         needed = "one per joint, as in a" if field.length == "joints" else hint
-        raise InputError(f"{label} has {len(value)} entries, {length} are needed", needed)
+        raise InputError(f"{label} has {len(value)} entries, {len(shown)} are needed", needed)
 
 
 def _shown(value: Any) -> str:
@@ -141,11 +137,8 @@ def barycentric_names(link: int) -> tuple[str, ...]:
 
 def entries(links: int) -> dict[str, tuple[int, int]]:
     """Where each name stands in a problem's box: link (from 0) and entry."""
-    return {
-        name: (link, entry)
-        for link in range(links)
-        for entry, name in enumerate(barycentric_names(link + 1))
-    }
+    names = (barycentric_names(link + 1) for link in range(links))
+    return {name: (link, k) for link, own in enumerate(names) for k, name in enumerate(own)}
 
 
 def problem_to_dict(problem: Problem) -> dict[str, Any]:

@@ -25,8 +25,8 @@ from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.constants import (
     DEFAULT_LINK_MASS,
     DEFAULT_RADIUS,
-    DEFAULT_REACH_FACTOR,
     FAR_MASS,
+    RADIUS_SHARE,
 )
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
@@ -147,7 +147,7 @@ class Problem(Shown):
         second = np.trace(inertia.pseudo_inertia(self.nominal_links)[:, :3, :3], axis1=1, axis2=2)
         extent = np.sqrt(np.maximum(np.where(mass > 0.0, second, 0.0) / or_one(mass), 0.0))
         least = np.full(len(mass), DEFAULT_RADIUS), np.where(np.isfinite(stroke), stroke, 0.0)
-        radius = np.max([DEFAULT_REACH_FACTOR * reach, *least, 2.0 * extent], axis=0)
+        radius = np.max([(1.0 + RADIUS_SHARE) * reach, *least, 2.0 * extent], axis=0)
         return np.column_stack([default_mass(mass), radius])
 
     @cached_property

@@ -273,11 +273,6 @@ class Alike:
         out[np.arange(g)[:, None], :, self.indices] = flat
         return out.reshape(-1, out.shape[2])
 
-    @cached_property
-    def sizes(self) -> Array:
-        """(g d, p') of the entries of ``matrix``."""
-        return np.abs(self.matrix)
-
     def values(self, theta: Array) -> Array:
         """(g, ...) all F(theta)."""
         flat = self.matrix @ theta[: self.matrix.shape[1]]
@@ -285,7 +280,7 @@ class Alike:
 
     def terms(self, theta: Array) -> Array:
         """(g, ...) |F_0| + sum |theta_i F_i|: the size of what :meth:`values` sums up."""
-        flat = self.sizes @ np.abs(theta[: self.sizes.shape[1]])
+        flat = np.abs(self.matrix) @ np.abs(theta[: self.matrix.shape[1]])
         return np.abs(self.constant) + flat.reshape(self.constant.shape)
 
 
@@ -362,20 +357,16 @@ def margins(constraints: Sequence[Constraint], theta: ArrayLike) -> tuple[Array,
     return margin, size
 
 
-def pseudo_inertia(name: str, indices: ArrayLike) -> Constraint:
-    """P(theta) >= 0: contains m >= 0, positive definiteness and the triangle inequalities."""
-    basis = inertia.PSEUDO_INERTIA_BASIS
-    return linear("pseudo-inertia", name, indices, basis, np.zeros((4, 4)), "psd")
+def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constraint:
+    """P(theta) >= 0: contains m >= 0, positive definiteness and the triangle inequalities.
 
-
-def minimum_thickness(name: str, indices: ArrayLike, radius: float) -> Constraint:
-    """Sigma_c >= m r^2 1, as [[Sigma - m r^2 1, m c], [(m c)^T, m]] >= 0 (Schur complement).
-
-    Keeps the SDP from answering with rods of zero thickness [radius in m].
+    radius [m] : with one, Sigma_c >= m r^2 1, as [[Sigma - m r^2 1, m c], [(m c)^T, m]] >= 0 (Schur
+    complement): keeps the SDP from answering with rods of zero thickness.
     """
     coefficients = inertia.PSEUDO_INERTIA_BASIS.copy()
     coefficients[0, :3, :3] -= radius**2 * np.eye(3)
-    return linear("minimum thickness", name, indices, coefficients, np.zeros((4, 4)), "psd")
+    family = "minimum thickness" if radius else "pseudo-inertia"
+    return linear(family, name, indices, coefficients, np.zeros((4, 4)), "psd")
 
 
 def density_in_ellipsoid(family: str, name: str, indices: ArrayLike, quadric: ArrayLike) -> Constraint:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sdp_vs_penalty.files import LARGEST_TEXT, reading
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.urdf import load_urdf, numbers_of, placed_links, pose_of
+from sdp_vs_penalty.robot.urdf import load_urdf, named, numbers_of, placed_links, pose_of
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,9 @@ def link_geometry(path: str | Path) -> list[Geometry | None]:
     Raises InputError for a file that is not a URDF of a tree of joints.
     """
     out: list[Geometry | None] = []
-    for found in _link_shapes(Path(path)):
+    for parts in placed_links(path):
+        with named(path):
+            found = [_shapes(Path(path), link, at) for link, at in parts]
         every = [shape for part in found for shape in part or []]
         cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in every)])
         known = len(cloud) and None not in found
@@ -80,18 +82,13 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
     return (lambda q: not any(touching(row, placed, True) for row in q)) if left else None
 
 
-def _link_shapes(path: Path) -> list[list[list[Geometry] | None]]:
-    """Of each moving link the shapes of it and of what is fixed to it."""
-    return [[_shapes(path, link, at) for link, at in parts] for parts in placed_links(path)]
-
-
 def _shapes(path: Path, link: Any, placement: Array) -> list[Geometry] | None:
     """Of one <link> element: all its collision shapes, else all visual ones; None: some are missing."""
     elements = [link.findall(tag) for tag in ("collision", "visual")]
     for members in elements:
         shapes = [_shape(path, element.find("geometry")) for element in members]
         if shapes and None not in shapes:
-            poses = [placement @ pose_of(path, element) for element in members]
+            poses = [placement @ pose_of(element) for element in members]
             return [
                 Geometry(shape.points @ pose[:3, :3].T + pose[:3, 3], shape.volume)
                 for shape, pose in zip(shapes, poses, strict=True)

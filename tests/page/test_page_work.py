@@ -266,8 +266,8 @@ def test_files_are_kept_under_our_names(tmp_path):
 
 
 def test_too_much_is_refused_before_it_is_kept(tmp_path, monkeypatch):
-    for length in (2**31, 10**400):
-        with pytest.raises(InputError, match=r"run\.csv: \d+ MB; the page takes files up to 1024 MB"):
+    for length in (2**32, 10**400):
+        with pytest.raises(InputError, match=r"run\.csv: \d+ MB; the page takes files up to 2048 MB"):
             receive(tmp_path, "run.csv", b"never read", length=length)
     with pytest.raises(InputError, match="holds more than was announced"):
         receive(tmp_path, "run.csv", b"0" * 2**16, b"0", length=2**16)

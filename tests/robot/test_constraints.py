@@ -40,7 +40,7 @@ def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed, radius)
     theta = wild_link(np.random.default_rng(seed))
     if theta[0] <= 1e-3 or abs(inertia.thickness(theta) - radius) < 1e-6:
         return
-    constraint = build.minimum_thickness("link 1", np.arange(10), radius)
+    constraint = build.pseudo_inertia("link 1", np.arange(10), radius)
     assert (constraint.margin(theta) >= 0.0) == (inertia.thickness(theta) >= radius)
 
 

@@ -26,7 +26,7 @@ def verb(
     from sdp_vs_penalty.cli.verbs import convert, identify
 
     offered: dict[str, tuple[Any, str]] = {
-        "identify": (identify, "window filters bounds solver gain_uncertainty known_load jobs"),
+        "identify": (identify, "window filters bounds solver gain_uncertainty jobs"),
         "robot": (identify, "gravity"),
         "read": (convert, "rename motors motor_side rate topic joints"),
     }

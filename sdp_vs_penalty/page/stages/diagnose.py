@@ -47,12 +47,8 @@ def findings(view: View) -> None:
     session, found = view.session, view.session.findings
     with draw.tag("div", style="row"):
         again = "Diagnose" if found is None else "Diagnose again"
-        draw.button(
-            again,
-            partial(session.start, session.diagnose),
-            "diagnose",
-            "primary" if found is None else "",
-        )
+        diagnose = partial(session.start, session.diagnose)
+        draw.button(again, diagnose, "diagnose", "primary" if found is None else "")
         said = "Keep the model fixed (the only way to see a payload)"
         draw.check(said, session.frozen, partial(setattr, session, "frozen"), "frozen")
     _by_hand(view)
@@ -69,9 +65,8 @@ def findings(view: View) -> None:
             _card(view, found, k, finding.text in added)
     _curves(view, found)
     if len(sure) > 1:
-        draw.button(
-            f"Add the {len(sure)} confident ones", partial(session.start, session.add, sure), "add-all"
-        )
+        add = partial(session.start, session.add, sure)
+        draw.button(f"Add the {len(sure)} confident ones", add, "add-all")
     _rest(found)
 
 

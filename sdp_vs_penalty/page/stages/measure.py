@@ -30,11 +30,12 @@ def robot(view: View) -> None:
         return
     file = f"{robot['file']}: " if robot["file"] else ""
     draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
-    draw.note(f"{_joints(robot)} {robot['known']}")
+    joints = (f"{name} [{unit}]" for name, unit in zip(robot["joints"], robot["units"], strict=True))
+    draw.note(f"Joints in order, with the units of torque: {', '.join(joints)}. {robot['known']}")
     (gravity,) = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
-    turn = partial(session.start, session.mount)
     with draw.tag("div", style="pick"):
+        turn = partial(session.start, session.mount)
         draw.text_field(draw.told(gravity), now, turn, "gravity", str(gravity.metavar))
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
@@ -48,9 +49,8 @@ def _choose(view: View) -> None:
     """The built-in robots, those of the folder, and a place to drop one."""
     session, robot = view.session, view.session.robot
     with draw.tag("div", style="row"):
-        draw.button(
-            "Show me", partial(session.start, session.show_me), "show-me", "" if robot else "primary"
-        )
+        show = partial(session.start, session.show_me)
+        draw.button("Show me", show, "show-me", "" if robot else "primary")
         draw.note("The whole job on a simulated arm with something hidden, in about a minute.")
     # By name or path: what to call it, what it is, and the shown name of a URDF.
     there: dict[str, tuple[str, str, str | None]] = {}
@@ -69,19 +69,10 @@ def _choose(view: View) -> None:
     draw.drop("Your robot's URDF", "robot")
 
 
-def _joints(robot: dict[str, Any]) -> str:
-    """Names in order, and the unit of the torque: one for all where it is the same."""
-    if len(set(robot["units"])) == 1:
-        return f"Joints in order: {', '.join(robot['joints'])}; torques in {robot['units'][0]}."
-    both = zip(robot["joints"], robot["units"], strict=True)
-    return f"Joints in order: {', '.join(f'{name} [{unit}]' for name, unit in both)}."
-
-
 _USES = (
     ("train", "identify from it"),
     ("test", "test on it"),
     ("split", "70 % / test on the rest"),
-    ("load", "carries a known load"),
     ("", "remove"),
 )
 
@@ -161,7 +152,8 @@ def _list(view: View) -> None:
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
                         said, use = f"Use of {run['name']}", partial(session.use, run["file"])
-                        draw.choice(said, _USES, run["use"], use, f"use-{k}", hidden_label=True)
+                        uses = [(name, text) for name, text in _USES if name != "split" or run["split"]]
+                        draw.choice(said, uses, run["use"], use, f"use-{k}", hidden_label=True)
     if session.runs and all(run["use"] == "train" for run in session.runs):
         draw.note(
             "No run is kept for testing: the errors below are training errors, and a diagnosis "
