@@ -3,6 +3,7 @@
 from argparse import Action
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +109,8 @@ def _nothing(session: Session) -> None:
 @dataclass(frozen=True)
 class Part:
     """anchor, title : where and what; ready : whether it is shown yet; depends : everything that its
-    content is made of, so that it is drawn anew only when that changes; draw : fills it."""
+    content is made of, so that it is drawn anew only when that changes; draw : fills it: the function
+    that ``@partial(Part, ...)`` stands before."""
 
     anchor: str
     title: str
@@ -129,20 +131,10 @@ class Stage:
     verdict: Callable[[Session], Verdict | None] = _nothing
 
 
-def part(
-    anchor: str, title: str, ready: Callable[[Session], bool], depends: Callable[[Session], Any]
-) -> Callable[[Callable[[View], None]], Part]:
-    """What a function draws, as a part."""
-    return lambda draw: Part(anchor, title, ready, depends, draw)
-
-
 def after_model(
     anchor: str, title: str, also: Callable[[Session], Any] = _nothing
 ) -> Callable[[Callable[[View], None]], Part]:
     """A part that is shown once there is a model; it depends on the models and on ``also``."""
-    return part(
-        anchor,
-        title,
-        lambda session: session.model is not None,
-        lambda session: ([model.file for model in session.history], also(session)),
-    )
+    ready = lambda session: session.model is not None  # noqa: E731
+    depends = lambda session: ([model.file for model in session.history], also(session))  # noqa: E731
+    return partial(Part, anchor, title, ready, depends)

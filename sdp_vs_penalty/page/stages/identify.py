@@ -17,7 +17,7 @@ from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.session import ModelStep, Session
-from sdp_vs_penalty.page.view import Stage, View, after_model, identified, part, spoken
+from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, spoken
 from sdp_vs_penalty.reports import markup
 from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
@@ -31,7 +31,7 @@ def _model_now(session: Session) -> Any:
     return *chosen, session.meaningless, session.model is None
 
 
-@part("model", "", lambda s: any(run["use"] != "test" for run in s.runs), _model_now)
+@partial(Part, "model", "", lambda s: any(run["use"] != "test" for run in s.runs), _model_now)
 def model(view: View) -> None:
     """What is identified, and how; folded away once there is a model."""
     again = "Effects, method, options: identify again"

@@ -11,7 +11,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import ROBOT_SUFFIXES, RUN_SUFFIXES
-from sdp_vs_penalty.page.view import Stage, Verdict, View, part
+from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
@@ -21,7 +21,7 @@ def _robot_now(session: Session) -> Any:
     return own, bool(session.runs)
 
 
-@part("robot", "Robot", lambda session: True, _robot_now)
+@partial(Part, "robot", "Robot", lambda session: True, _robot_now)
 def robot(view: View) -> None:
     """The robot that is chosen and its gravity; or those to choose from."""
     session, robot = view.session, view.session.robot
@@ -77,7 +77,13 @@ _USES = (
 )
 
 
-@part("runs", "Measurements", lambda s: bool(s.robot), lambda s: (s.robot["source"], s.runs, s.refusals))
+@partial(
+    Part,
+    "runs",
+    "Measurements",
+    lambda s: bool(s.robot),
+    lambda s: (s.robot["source"], s.runs, s.refusals),
+)
 def runs(view: View) -> None:
     """The ways to get measurements, and the runs that are there."""
     ways = {"Your runs": _own, "Simulated, with a hidden effect": _simulated}
@@ -176,7 +182,7 @@ def _measured(session: Session) -> Verdict | None:
 MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
 
 
-@part("check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs))
+@partial(Part, "check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs))
 def check(view: View) -> None:
     """What the check says, and the runs as they were measured."""
     session, units = view.session, view.session.robot["units"]
