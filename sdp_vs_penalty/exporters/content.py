@@ -81,18 +81,16 @@ class Content:
             )
         links = about_joints(robot, estimate.links)
         values = {name: np.zeros(robot.n) for name in _PLACES.values()}
-        for parameter, value in zip(model.parameters, estimate.theta, strict=True):
-            place = _PLACES.get(parameter.effect)
-            if place is None:
+        for p, value in zip(model.parameters, estimate.theta, strict=True):
+            if (place := _PLACES.get(p.effect)) is None:
                 continue
             if value < 0.0:
                 raise InputError(
-                    f"joint {parameter.joint}: {parameter.effect} is {value:.4g} "
-                    f"{parameter.unit}, and a negative {place} would feed energy into a "
-                    "simulation",
+                    f"joint {p.joint}: {p.effect} is {value:.4g} {p.unit}, and a negative {place} would "
+                    "feed energy into a simulation",
                     "identify with a method that keeps signs (lmi-sdp, penalty)",
                 )
-            values[place][parameter.joint - 1] += value
+            values[place][p.joint - 1] += value
         held = (*_PLACES, "rigid_body", "servo_position")
         others = tuple(e.brief for e in model.effects if e.name not in held)
         given = {p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)}
@@ -188,30 +186,25 @@ def xml_text(root: Any, declaration: bool = True) -> bytes:
 
 @dataclass(frozen=True)
 class Part:
-    """A joint of the tree by its index, its link and inertial (None: declared massless); place :
-    among the joints that move by themselves, None for one that follows."""
+    """A joint of the tree by its index, its link and inertial; place : among the joints that move by
+    themselves, None for one that follows."""
 
     index: int
     joint: Joint
     name: str
     parent: str
-    body: Inertial | None
+    inertial: Inertial
     place: int | None
-
-    @property
-    def inertial(self) -> Inertial:
-        return self.body or Inertial.of(np.zeros(10))
 
 
 def parts(robot: Robot, links: Array) -> Iterator[Part]:
     """Every joint in the tree's order, from its links (links, 10) about the joints' frames."""
-    link_of = {carrier: k for k, carrier in enumerate(robot.link_joints)}
+    link_of = dict(zip(robot.link_joints, links, strict=True))
+    places = {name: k for k, name in enumerate(robot.joint_names)}
     for i, joint in enumerate(robot.tree):
         parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
-        body = Inertial.of(links[link_of[i]]) if i in link_of else None
-        own = joint.name in robot.joint_names
-        place = robot.joint_names.index(joint.name) if own else None
-        yield Part(i, joint, f"link{i + 1}", parent, body, place)
+        body = Inertial.of(link_of.get(i, np.zeros(10)))  # nothing where it is declared massless
+        yield Part(i, joint, f"link{i + 1}", parent, body, places.get(joint.name))
 
 
 def payload(estimate: Estimate) -> Inertial:

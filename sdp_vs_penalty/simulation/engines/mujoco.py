@@ -1,11 +1,10 @@
 """MuJoCo (Todorov, Erez, Tassa, IROS 2012): generalised coordinates."""
 
-import re
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError, install_command
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
@@ -16,15 +15,7 @@ class MuJoCo(Engine):
     moves the robot."""
 
     name, package = "MuJoCo", "mujoco"
-    install = f"{install_command('engines')}; 3.14 or newer: older ones ignore inertial rpy"
     formulation = "generalised coordinates, semi-implicit Euler"
-
-    @classmethod
-    def version(cls) -> str | None:
-        found = super().version()
-        # Before 3.14 the orientation of a URDF's inertial is ignored.
-        new = found is not None and [int(word) for word in re.findall(r"\d+", found)[:2]] >= [3, 14]
-        return found if new else None
 
     def load(self) -> None:
         import mujoco
