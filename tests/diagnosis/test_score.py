@@ -156,6 +156,16 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     assert score.judged(fit, own, {0: noise}).J < 0.0
 
 
+def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
+    data, z = made()
+    z, errors = np.repeat(np.random.default_rng(6).normal(size=(2, M // 10)), 10, axis=1)  # by clusters
+    data.y[0] += 2.0 * errors
+    fit = (score := Score(data, 10)).fit(())
+    robust, plainly = (Columns.of(score, fit, z[:, None], 0, robust=x) for x in (True, False))
+    assert plainly.v == pytest.approx(1.0 + plainly.count / ALPHA)
+    assert robust.v > 2.0 * plainly.v
+
+
 def test_screening_is_the_drop_of_the_squared_error():
     data, z = made(size=0.5)
     score = Score(data, 10)
@@ -166,8 +176,6 @@ def test_screening_is_the_drop_of_the_squared_error():
     drop = np.sum(fit.residual**2) - np.sum(plain(data, fit, z) ** 2)
     assert values[0] == pytest.approx(drop - np.log(fit.degrees[0]), rel=1e-2)
     assert values[1] < 0.0 < values[0]
-    plainly = Columns.of(score, fit, z, 0, robust=False)  # rows are worth one, but for the coarsening
-    assert plainly.v == pytest.approx(1.0 + plainly.count / ALPHA)
     forbidden = Batch(
         (0,), (form(lower=0.0),), -z[None]
     )  # a size below zero: nothing is won, the price is

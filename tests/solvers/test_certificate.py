@@ -261,3 +261,8 @@ def test_a_certificate_tells_what_holds_from_what_was_not_imposed():
     ):
         shown = str(Certificate(dict.fromkeys(broken, 0.1), 1.0, gap=gap))
         assert ("every other constraint holds" in shown) == spared
+    for share, said in (
+        (1.0, "(at most 1 of a link's body)"),
+        (1.1, "(beyond what any mass inside can"),
+    ):
+        assert said in str(Certificate({}, 1.0, body_share=share, largest_gyration=0.2))
