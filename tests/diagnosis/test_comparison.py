@@ -160,3 +160,14 @@ def test_an_error_after_reversals_is_seen_there(two_link):
     instants = run.t[turns]
     assert all(np.min(np.abs(instants - 0.5 * (s.start + s.stop))) < 0.5 for s in near)
     assert not any(s.cause == REVERSAL for s in first.stretches)
+
+
+def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link):
+    run = repeating_run(two_link, 0, noise=0.05)
+    ripple = run.tau + [[0.0, 0.6]] * np.sin(40.0 * run.q)
+    first, second = where_it_fails(identify(two_link, run), replace(run, tau=ripple))
+    order, amplitude, over = second.orders[0]
+    assert order == 40
+    assert 0.4 < amplitude < 0.6  # less where the joint is slow: what is slow is taken away
+    assert over > 5.0
+    assert 40 not in [k for k, *_ in first.orders]

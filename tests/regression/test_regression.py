@@ -312,3 +312,10 @@ def test_a_block_that_several_runs_show_comes_once():
     assert (joint, indices.tolist(), found.tolist()) == (0, [0, 1], [0, 1])
     both = parts[0].T @ parts[0] + parts[2].T @ parts[2]
     np.testing.assert_allclose(rows.swapaxes(1, 2) @ rows, [both, parts[1].T @ parts[1]])
+
+
+def test_as_many_rows_as_parameters_leave_nothing():
+    made = LeastSquares.stacked([np.array([[2.0, 1.0, 3.0], [0.0, 1.0, 1.0]])], 2)
+    assert made.residual_norm == 0.0
+    assert made.loss(np.array([1.0, 1.0])) == pytest.approx(0.0, abs=1e-24)
+    assert made.tau_squared == pytest.approx(10.0)
