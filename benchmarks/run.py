@@ -129,7 +129,7 @@ def renewed(problem: Problem, run: Measurements) -> list[Row]:
     task = make_task(problem, model, regression)
     weights = joint_weights(regression, make_task(problem, model, regression, "none").ols)
     objective, constraints = LmiSdp().posed(task)
-    posed = PosedSdp.of(task, objective, constraints)
+    posed = PosedSdp(task, objective, constraints)
     last, prior, rng = posed.fit(objective), sample_variance(task), np.random.default_rng(0)
     spent = []
     for _ in range(40):

@@ -31,7 +31,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import Regression, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
-from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
+from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
@@ -167,7 +167,7 @@ def cross_validate(
     if estimator.needs_black_box:
         raise InputError(f"method {estimator.name} needs a black box's answers", "choose another method")
     options = PoseOptions(effects, preprocessing, weighting, seed=seed, known=known or {})
-    split = split_by_phase(problem, measurements, options, folds, progress)
+    split = Split(problem, measurements, options, folds, progress)
     workers = replace(workers, progress=progress)
     return split.result(estimator, list(workers.map(partial(split.judged, estimator), split.numbers)))
 
@@ -198,19 +198,50 @@ class FoldData:
         return Fold(self.start, self.stop, theta, *errors, squares)
 
 
-@dataclass(frozen=True)
 class Split:
-    """What each fold needs, wherever it is worked on; common : all rows, in the model's columns; raw :
-    where servos stand for a torque, the same without instruments, by which folds are judged."""
+    """The data of :func:`cross_validate`, whatever the method: what each fold needs, wherever it is
+    worked on. Raises InputError as that does.
 
-    problem: Problem
-    model: Model
-    runs: FilteredRuns
-    phases: PhaseFolds
-    common: Regression
-    weighting: str
-    seed: int
-    raw: Regression | None = None
+    common : all rows, in the model's columns; raw : where servos stand for a torque, the same without
+    instruments, by which folds are judged.
+    """
+
+    def __init__(
+        self,
+        problem: str | Path | Problem,
+        measurements: Source,
+        options: PoseOptions,
+        folds: int,
+        progress: Progress = no_progress,
+    ) -> None:
+        self.problem = problem = as_problem(problem, "cross_validate(problem=...)")
+        self.weighting, self.seed = options.weighting, options.seed
+        names = problem.robot.joint_names
+        data = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
+        if folds < 2:
+            raise InputError(f"cross_validate(folds={folds}) is no number of folds", "give 2 or more")
+        check_plausible(problem.robot, data)
+        self.raw: Regression | None = None
+        if data.torque_logged:
+            self.runs = FilteredRuns.of(data, options.preprocessing or problem.preprocessing)
+            self.model = problem.model(options.effects).without_drives
+            self.phases = phase_folds(data, self.runs.settings, folds)
+            self.common = compress_cells(self.runs, self.model.reference_free, self.phases)
+        else:
+            posed = pose(problem, data, options, progress)
+            assert isinstance(posed.data, FilteredRuns)
+            self.runs, self.model = FilteredRuns.of(data, posed.preprocessing), posed.task.model
+            self.phases = phase_folds(data, self.runs.settings, folds)
+            self.common = compress_cells(posed.data, self.model, self.phases)
+            self.raw = compress_cells(self.runs, replace(self.model, reference=None), self.phases)
+        trained = all(self.common.select(self.phases.training(k)).factors for k in range(folds))
+        if not (trained and self.numbers):
+            raise InputError(
+                f"{formatting.count(folds, 'fold')} with {self.phases.guard:.3g} s kept clear on either "
+                "side leave nothing to train on or to judge",
+                "choose fewer folds, or record longer",
+                data.names[0],
+            )
 
     @property
     def numbers(self) -> list[int]:
@@ -264,41 +295,3 @@ class Split:
         if any(shape.after != shape.before for shape in shapes):
             model = replace(model, effects=with_shapes(model.effects, shapes))
         return with_reference(self.problem, model, compressed, self.weighting)
-
-
-def split_by_phase(
-    problem: str | Path | Problem,
-    measurements: Source,
-    options: PoseOptions,
-    folds: int,
-    progress: Progress = no_progress,
-) -> Split:
-    """The data of :func:`cross_validate`, whatever the method. Raises InputError as it does."""
-    problem = as_problem(problem, "cross_validate(problem=...)")
-    names = problem.robot.joint_names
-    data = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
-    if folds < 2:
-        raise InputError(f"cross_validate(folds={folds}) is no number of folds", "give 2 or more")
-    check_plausible(problem.robot, data)
-    if data.torque_logged:
-        runs = FilteredRuns.of(data, options.preprocessing or problem.preprocessing)
-        model = problem.model(options.effects).without_drives
-        phases, raw = phase_folds(data, runs.settings, folds), None
-        common = compress_cells(runs, model.reference_free, phases)
-    else:
-        posed = pose(problem, data, options, progress)
-        assert isinstance(posed.data, FilteredRuns)
-        runs, model = FilteredRuns.of(data, posed.preprocessing), posed.task.model
-        phases = phase_folds(data, runs.settings, folds)
-        common = compress_cells(posed.data, model, phases)
-        raw = compress_cells(runs, replace(model, reference=None), phases)
-    split = Split(problem, model, runs, phases, common, options.weighting, options.seed, raw)
-    trained = all(common.select(phases.training(k)).factors for k in range(folds))
-    if not (trained and split.numbers):
-        raise InputError(
-            f"{formatting.count(folds, 'fold')} with {phases.guard:.3g} s kept clear on either side "
-            "leave nothing to train on or to judge",
-            "choose fewer folds, or record longer",
-            data.names[0],
-        )
-    return split

@@ -36,7 +36,7 @@ from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
-from sdp_vs_penalty.estimation.sandwich import sandwich, stretched, white_variance
+from sdp_vs_penalty.estimation.sandwich import Sandwich, stretched, white_variance
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import least_squares, partialled, smallest, visible
@@ -119,7 +119,7 @@ def gains_from_loads(
             weights = joint_weights(linear, x)
         elif np.abs(moved).max() < 1e-9:
             break
-    known = sandwich(_linearised(parts, p, x, log_gain), weights, scale)
+    known = Sandwich(_linearised(parts, p, x, log_gain), weights, scale)
     std = known.half_widths(np.eye(len(scale))[-n:]) / c.NORMAL_95
     return np.exp(log_gain), stretched(known.factor[-n:], std)
 

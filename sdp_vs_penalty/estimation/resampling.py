@@ -51,7 +51,7 @@ def bootstrap(
     posed = pose(problem, measurements, PoseOptions(effects, seed=seed))
     task, regression = posed.task, posed.regression
     objective, constraints = estimator.posed(task)
-    data, sdp = objective.least_squares, PosedSdp.of(task, objective, constraints, estimator.solver)
+    data, sdp = objective.least_squares, PosedSdp(task, objective, constraints, estimator.solver)
     first = sdp.fit(objective, estimator.accuracy)
     p, count = len(task.bound), len(regression.blocks)
     whole = np.vstack([np.column_stack([data.R, data.rho]), np.append(np.zeros(p), data.residual_norm)])

@@ -15,7 +15,6 @@ freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -29,25 +28,43 @@ from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
 
 
-@dataclass(frozen=True)
 class Sandwich:
-    """directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates; kernel
+    """The sandwich of weighted least squares on compressed data.
+
+    prior_scale : (p,) standard deviations of parameters that are known beforehand to be zero, infinite
+    for all others; taken_white : the blocks are not asked.
+
+    directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates; kernel
     (B, B): how far blocks' errors are one error; white: variance of white rows, and pooled: that all
     directions say together; prior (r, r): part of the information that is no data's; norms (p,): of the
-    columns; solution (p,): the smallest least-squares theta; taken_white: the blocks are not asked."""
+    columns; solution (p,): the smallest least-squares theta.
+    """
 
-    regression: Regression
-    weights: Array
-    directions: Array
-    grams: Array
-    scores: Array
-    kernel: sparse.csr_array
-    white: float
-    pooled: float
-    prior: Array
-    norms: Array
-    solution: Array
-    taken_white: bool = False
+    def __init__(
+        self, regression: Regression, weights: Array, prior_scale: Array, taken_white: bool = False
+    ) -> None:
+        self.regression, self.weights, self.taken_white = regression, weights, taken_white
+        data = regression.least_squares(weights)
+        self.white = white_variance(data, regression.oversampling)
+        # Where the torque is fitted to rounding, a prior weighs that much and no less.
+        strength = max(self.white, 1e-24 * data.tau_squared / max(data.rows, 1))
+        whole = data.with_prior(prior_scale, strength) if np.any(np.isfinite(prior_scale)) else data
+        self.directions = V = visible(whole.R)[1]
+        z = V.T @ (whole.R.T @ whole.rho)
+        B, r = len(regression.blocks), V.shape[1]
+        self.grams, self.scores = np.zeros((B, r, r)), np.zeros((B, r))
+        for joint, indices, blocks, rows in regression.by_joint():
+            seen = rows[..., :-1] @ (weights[joint] * V[indices])
+            left = weights[joint] * rows[..., -1] - seen @ z
+            self.grams[blocks] += seen.swapaxes(1, 2) @ seen
+            self.scores[blocks] += (left[:, None] @ seen)[:, 0]
+        excess = float(np.sum(np.trace(self.grams, axis1=1, axis2=2)) - np.sum(self.grams**2))
+        inflation = 1.0
+        if excess > 1e-6 * r and self.white > 0.0:
+            inflation = float(np.sum(self.scores**2)) / excess / self.white
+        self.pooled, self.kernel = inflation * self.white, _kernel(regression, inflation)
+        self.prior = V.T * (strength / prior_scale**2) @ V
+        self.norms, self.solution = whole.column_norms, V @ z
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
         """Which linear functions (k, p) of theta the data determine."""
@@ -138,36 +155,6 @@ class Sandwich:
             rows, weight = f.triangle[:, :-1], self.weights[f.joint] ** 2
             moved[:, f.joint] = weight * (rows @ theta[f.indices]) @ (rows @ self.directions[f.indices])
         return np.asarray(self.directions @ moved)
-
-
-def sandwich(regression: Regression, weights: Array, prior_scale: Array) -> Sandwich:
-    """The sandwich of weighted least squares on compressed data.
-
-    prior_scale : (p,) standard deviations of parameters that are known beforehand to be zero, infinite
-    for all others.
-    """
-    data = regression.least_squares(weights)
-    white = white_variance(data, regression.oversampling)
-    # Where the torque is fitted to rounding, a prior weighs that much and no less.
-    strength = max(white, 1e-24 * data.tau_squared / max(data.rows, 1))
-    whole = data.with_prior(prior_scale, strength) if np.any(np.isfinite(prior_scale)) else data
-    V = visible(whole.R)[1]
-    z = V.T @ (whole.R.T @ whole.rho)
-    B, r = len(regression.blocks), V.shape[1]
-    grams, scores = np.zeros((B, r, r)), np.zeros((B, r))
-    for joint, indices, blocks, rows in regression.by_joint():
-        seen = rows[..., :-1] @ (weights[joint] * V[indices])
-        left = weights[joint] * rows[..., -1] - seen @ z
-        grams[blocks] += seen.swapaxes(1, 2) @ seen
-        scores[blocks] += (left[:, None] @ seen)[:, 0]
-    excess = float(np.sum(np.trace(grams, axis1=1, axis2=2)) - np.sum(grams**2))
-    inflation = 1.0
-    if excess > 1e-6 * r and white > 0.0:
-        inflation = float(np.sum(scores**2)) / excess / white
-    prior = V.T * (strength / prior_scale**2) @ V
-    kernel = _kernel(regression, inflation)
-    known = white, inflation * white, prior, whole.column_norms, V @ z
-    return Sandwich(regression, weights, V, grams, scores, kernel, *known)
 
 
 def stretched(factor: Array, std: Array) -> Array:

@@ -61,13 +61,27 @@ class Separation:
     collisions: bool
 
 
-@dataclass(frozen=True)
 class Hypotheses:
-    """Two effects beside a model, or one and none, and how large the noise is."""
+    """Two effects beside a model, or one and none, and how large the noise is.
 
-    estimate: Estimate
-    effects: tuple[Effect, ...]
-    scale: tuple[float, ...]
+    Of effects as they are written, each of ``level`` times the noise of its joint (root mean square) on
+    the default excitation. Raises InputError for more than two effects, or one that the model has.
+    """
+
+    def __init__(self, estimate: Estimate, texts: str, level: float) -> None:
+        self.estimate, self.effects = estimate, tuple(parse_effects(texts, estimate.robot))
+        if not 1 <= len(self.effects) <= 2:
+            what = f"--separate {texts!r} names {len(self.effects)} effects"
+            raise InputError(what, 'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one')
+        own = {p.name for p in estimate.model.parameters}
+        for effect in self.effects:
+            if twice := own & {p.name for p in effect.parameters}:
+                what = f"the model has {effect.name} already ({min(twice)})"
+                raise InputError(what, "separate effects that it lacks")
+        motion = self.motion(default_excitation(estimate, 20.0, 0), 20.0)
+        # Mean squares of unit parameters over the noise, of the joint that each effect moves most.
+        squares = ((self._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max() for e in self.effects)
+        self.scale = tuple(level / float(or_one(np.sqrt(x))) for x in squares)
 
     @property
     def noise(self) -> Array:
@@ -78,26 +92,6 @@ class Hypotheses:
     def row_rate(self) -> float:
         """Independent rows a second [Hz]."""
         return independent_rate(self.estimate)
-
-    @classmethod
-    def of(cls, estimate: Estimate, texts: str, level: float) -> Hypotheses:
-        """Of effects as they are written, each of ``level`` times the noise of its joint (root mean
-        square) on the default excitation. Raises InputError for more than two effects, or one that
-        the model has already."""
-        found = parse_effects(texts, estimate.robot)
-        if not 1 <= len(found) <= 2:
-            what = f"--separate {texts!r} names {len(found)} effects"
-            raise InputError(what, 'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one')
-        own = {p.name for p in estimate.model.parameters}
-        for effect in found:
-            if twice := own & {p.name for p in effect.parameters}:
-                what = f"the model has {effect.name} already ({min(twice)})"
-                raise InputError(what, "separate effects that it lacks")
-        bare = cls(estimate, tuple(found), (1.0,) * len(found))
-        motion = bare.motion(default_excitation(estimate, 20.0, 0), 20.0)
-        # Mean squares of unit parameters over the noise, of the joint that each effect moves most.
-        squares = [(bare._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max() for e in found]
-        return replace(bare, scale=tuple(level / float(or_one(np.sqrt(x))) for x in squares))
 
     def motion(self, states: States, duration: float) -> Motion:
         """A motion with the model's torque and links, sampled."""
@@ -182,7 +176,7 @@ def separate(
     (:func:`~sdp_vs_penalty.robot.geometry.self_collision`). Raises InputError for hypotheses that
     cannot be separated.
     """
-    told, rng = Hypotheses.of(estimate, effects, level), np.random.default_rng(seed)
+    told, rng = Hypotheses(estimate, effects, level), np.random.default_rng(seed)
     bounds = Limits.of_robot(estimate.robot) if limits is None else limits
     low, high = (bounds.middle + s * _SHARE * bounds.half for s in (-1.0, 1.0))
     # Where nothing states a limit of jerk: acceleration within .1 s of its limit.

@@ -115,7 +115,7 @@ def estimate_shapes(
         whole = folds.least_squares()
         theta = scipy.linalg.lstsq(whole.R, whole.rho, 1e-10, lapack_driver="gelsy")[0]
         weights = joint_weights(folds, theta)
-    profile = _Profile.of(folds, weights, base, banks)
+    profile = _Profile(folds, weights, base, banks)
     u, moves, refused = profile.from_grid(), np.ones(len(banks), bool), np.ones(1, bool)
     while refused.any():  # those that together explain most, and that folds that are left out confirm
         u = profile.best(np.where(moves, u, profile.now), np.flatnonzero(moves))
@@ -228,51 +228,36 @@ class _Grid(Effect):
         return out
 
 
-@dataclass(frozen=True)
 class _Profile:
-    """What least squares in all other columns leave of the banks' (r, P) and of the torque (r,).
+    """What least squares in all other columns leave of the banks' ``count`` and of the torque (r,).
 
     parts : of each bank its columns at all values (K, r); now, ends (B,), (B, 2) : ln u as the model has
     them, or the nearest that is known, and of their ranges; brakes (B,) : whose coefficients are not
     negative; shown (b, k) : what the data show of the other columns' coefficients, at unit norm of what
-    they make; variance : of a row times how often rows repeat each other; folds, weights : what it was
-    made of.
+    they make; variance : of a row times how often rows repeat each other.
     """
 
-    columns: Array
-    torque: Array
-    banks: list[_Bank]
-    parts: list[Array]
-    now: Array
-    ends: Array
-    brakes: NDArray[np.bool_]
-    shown: Array
-    variance: float
-    folds: Regression
-    weights: Array
-
-    @classmethod
-    def of(
-        cls, folds: Regression, weights: Array, base: NDArray[np.intp], banks: list[_Bank]
-    ) -> _Profile:
+    def __init__(
+        self, folds: Regression, weights: Array, base: NDArray[np.intp], banks: list[_Bank]
+    ) -> None:
         """Of all blocks; base : where the other columns stand, before the banks'."""
+        self.folds, self.weights, self.banks = folds, weights, banks
         data = folds.least_squares(weights)
         both = np.column_stack([data.R[:, len(base) :], data.rho])
-        shown, V = visible(data.R[:, base])
+        shown, self.shown = visible(data.R[:, base])
         made = shown.T @ both
         left = triangular([both - shown @ made])
         U, _ = visible(left[:, :-1])
+        self.torque, self.count = left[:, -1], left.shape[1] - 1
         error = float(np.sum(partialled(left[:, :-1], left[:, -1]) ** 2)) + data.residual_norm**2
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared) or 1.0
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
-        variance = folds.oversampling * error / free
-        parts = [np.ascontiguousarray(left.T[b.columns - len(base)]) for b in banks]
-        ends = np.array([b.spline.x[[0, -1]] for b in banks])
-        now = np.clip(np.log([b.now for b in banks]), *ends.T)
-        brakes = np.array([b.effect.parameters[0].lower == 0.0 for b in banks])
-        told = banks, parts, now, ends, brakes, V, variance, folds, weights
-        return cls(left[:, :-1], left[:, -1], *told)
+        self.variance = folds.oversampling * error / free
+        self.parts = [np.ascontiguousarray(left.T[b.columns - len(base)]) for b in banks]
+        self.ends = np.array([b.spline.x[[0, -1]] for b in banks])
+        self.now = np.clip(np.log([b.now for b in banks]), *self.ends.T)
+        self.brakes = np.array([b.effect.parameters[0].lower == 0.0 for b in banks])
 
     def _made(self, u: Array) -> tuple[Array, Array]:
         """The columns (r, B) at constants ln u (B,), and their derivatives."""
@@ -297,7 +282,7 @@ class _Profile:
     def _by_joint(self) -> list[tuple[NDArray[np.intp], Array, Array, NDArray[np.intp]]]:
         """Of each joint the folds that show it, what the other columns make there in the directions that
         the data show (F, r, k), its banks' columns and its torque (F, r, c + 1), and their places."""
-        (b, _), p, out = self.shown.shape, self.columns.shape[1], []
+        (b, _), p, out = self.shown.shape, self.count, []
         for joint, indices, blocks, rows in self.folds.by_joint():
             others, weight = int(np.sum(indices < b)), self.weights[joint]  # they come first
             made = rows[..., :others] @ (weight * self.shown[indices[:others]])
@@ -351,7 +336,7 @@ class _Profile:
                 several = bank.weights(float(np.log(s.after)))
                 parts += [(x, k, True) for x in several[: 1 if s.at_end else 2]]
         of, new = (np.array([part[i] for part in parts]) for i in (1, 2))
-        T = np.zeros((self.columns.shape[1] + 1, len(parts) + 1))
+        T = np.zeros((self.count + 1, len(parts) + 1))
         for out, (weights, k, _) in zip(T.T, parts, strict=False):
             out[self.banks[k].columns - len(self.shown)] = weights
         T[-1, -1] = 1.0  # the torque

@@ -19,7 +19,7 @@ import numpy as np
 
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, WIDTHS
-from sdp_vs_penalty.estimation.sandwich import Sandwich, sandwich, stretched
+from sdp_vs_penalty.estimation.sandwich import Sandwich, stretched
 from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.files import Plain
@@ -177,7 +177,7 @@ def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> San
     def of(regression: Regression) -> Sandwich:
         # A shape constant has a standard normal prior.
         scale = np.append(task.model.plausible, np.ones(regression.p - len(task.bound)))
-        return replace(sandwich(regression, task.weights, scale), taken_white=white)
+        return Sandwich(regression, task.weights, scale, white)
 
     known, agrees = of(regression), np.array([q.effect == ON_A_GRID for q in regression.parameters])
     if agrees.any():

@@ -26,7 +26,7 @@ from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
-from sdp_vs_penalty.estimators.penalty_paper import barycentric_box
+from sdp_vs_penalty.estimators.penalty_paper import BarycentricBox
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.regression.partial import in_turn
 from sdp_vs_penalty.regression.regression import LeastSquares
@@ -120,36 +120,26 @@ def affine_part(group: Alike, theta_scale: Array, reference: Array) -> Part:
     return Part(group.cone, lambda x: constant + (matrix @ x).reshape(at.shape), lambda x: matrix, scale)
 
 
-@dataclass(frozen=True)
 class ShiftedPenalty:
     """L(x; S, w) with f(x) = |R x - rho|^2, x = theta / theta_scale; losses and cones are of size one.
 
     ``shifts`` has one array a part; received : convex, without what others imply."""
 
-    R: Array
-    rho: Array
-    parts: tuple[Part, ...]
-    theta_scale: Array
-    loss_scale: float
-    received: ConstraintSet
-
-    @classmethod
-    def of(
-        cls, task: Task, data: LeastSquares, constraints: ConstraintSet, interior: Array
-    ) -> ShiftedPenalty:
+    def __init__(
+        self, task: Task, data: LeastSquares, constraints: ConstraintSet, interior: Array
+    ) -> None:
         """In units of what each parameter can be, of the cones at the interior point and of the loss."""
         norms, size = data.column_norms, np.sqrt(data.tau_squared)
         own = np.where((norms > 0.0) & (size > 0.0), size / or_one(norms), np.inf)
-        theta_scale = np.minimum(own, task.bound)
+        self.theta_scale = np.minimum(own, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
-        loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
-        received = ConstraintSet(constraints.essential)
-        parts = [affine_part(s, theta_scale, interior) for s in received.groups]
+        self.loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
+        self.received = ConstraintSet(constraints.essential)
+        self.parts = [affine_part(s, self.theta_scale, interior) for s in self.received.groups]
         if constraints.nonconvex:
-            parts.append(barycentric_part(constraints.nonconvex, theta_scale, interior))
-        root = np.sqrt(loss_scale)
-        scaled = data.R * theta_scale / root, data.rho / root
-        return cls(*scaled, tuple(parts), theta_scale, loss_scale, received)
+            self.parts.append(barycentric_part(constraints.nonconvex, self.theta_scale, interior))
+        root = np.sqrt(self.loss_scale)
+        self.R, self.rho = data.R * self.theta_scale / root, data.rho / root
 
     def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> Array:
         """(e,) the shifts as dual variables of the constraints' entries, in units of loss per F."""
@@ -263,8 +253,8 @@ def fit_penalty(
 ) -> Fit:
     """The best of several runs, each made feasible; raises InputError where nothing is feasible."""
     interior = interior_point(task, constraints)
-    penalty = ShiftedPenalty.of(task, data, constraints, interior)
-    box, rng = barycentric_box(task), np.random.default_rng(task.seed)
+    penalty = ShiftedPenalty(task, data, constraints, interior)
+    box, rng = BarycentricBox(task), np.random.default_rng(task.seed)
     runs: list[dict[str, Any]] = []
     best: tuple[float, Array, list[Array]] | None = None
     for run in range(max(starts, 1)):

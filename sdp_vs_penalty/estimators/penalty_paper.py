@@ -34,13 +34,27 @@ PAPER_BUDGET = 5 * 3000 * 91
 JOINT_PARAMETER_RANGE = 100.0
 
 
-@dataclass(frozen=True)
 class BarycentricBox:
-    """Bounds of p (p,): each link's ten barycentric parameters in place of theta's, the rest as is."""
+    """Bounds of p (p,): each link's ten barycentric parameters in place of theta's, the rest as is.
 
-    lower: Array
-    upper: Array
-    links: NDArray[np.intp]  # (n, 10)
+    The problem's box; where it is open, what the problem implies (Task.bound). Centres of mass: |c| <=
+    largest |m c| / largest m; moments and products of inertia: the largest moment about the frame. Joint
+    parameters: their sign, and max(100, |tau| / |Y_k|) in SI units, where |tau| / |Y_k| is the size at
+    which parameter k alone makes all the measured torque.
+    """
+
+    def __init__(self, task: Task) -> None:
+        norms, self.links = task.data.column_norms, task.links
+        alone = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0) / or_one(norms)
+        self.upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
+        lowest = [parameter.lower for parameter in task.model.parameters]
+        self.lower = np.maximum(-self.upper, lowest)
+        implied = task.bound[self.links]
+        implied[:, 1:4] /= or_one(implied[:, :1])
+        low, (least, most) = -implied, np.moveaxis(task.box[: len(self.links)], 2, 0)
+        low[:, [0, 4, 6, 9]] = 0.0
+        self.lower[self.links] = np.where(np.isfinite(least), least, low)
+        self.upper[self.links] = np.where(np.isfinite(most), most, implied)
 
     def theta(self, p: Array) -> Array:
         """Standard parameters of p: h = m c, J = I + m (c.c 1 - c c^T)."""
@@ -62,26 +76,6 @@ class BarycentricBox:
         out[self.links] = inertia.barycentric_from_standard(theta[self.links])
         middle = 0.5 * (self.lower + self.upper)
         return np.clip(np.where(np.isfinite(out), out, middle), self.lower, self.upper)
-
-
-def barycentric_box(task: Task) -> BarycentricBox:
-    """The problem's box; where it is open, what the problem implies (Task.bound).
-
-    Centres of mass: |c| <= largest |m c| / largest m; moments and products of inertia: the largest
-    moment about the frame. Joint parameters: their sign, and max(100, |tau| / |Y_k|) in SI units,
-    where |tau| / |Y_k| is the size at which parameter k alone makes all the measured torque.
-    """
-    norms, links = task.data.column_norms, task.links
-    alone = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0) / or_one(norms)
-    upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
-    lower = np.maximum(-upper, [parameter.lower for parameter in task.model.parameters])
-    implied = task.bound[links]
-    implied[:, 1:4] /= or_one(implied[:, :1])
-    low, (least, most) = -implied, np.moveaxis(task.box[: len(links)], 2, 0)
-    low[:, [0, 4, 6, 9]] = 0.0
-    lower[links] = np.where(np.isfinite(least), least, low)
-    upper[links] = np.where(np.isfinite(most), most, implied)
-    return BarycentricBox(lower, upper, links)
 
 
 @dataclass(frozen=True)
@@ -123,8 +117,7 @@ class PenaltyPaperTwoStep(PenaltyPaper):
 
 def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> Fit:
     """The best of several annealed runs over the parameters ``free``; the others as OLS has them."""
-    box = barycentric_box(task)
-    loss = PenalisedLoss(task, data, box, free, box.p(task.ols))
+    loss = PenalisedLoss(task, data, free)
     rng = np.random.default_rng(task.seed)
     runs: list[dict[str, Any]] = []
     best: tuple[float, Array] | None = None
@@ -135,7 +128,7 @@ def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArr
             u, spent = anneal_and_search(loss, weight, u, budget, rng)
             evaluations += spent
         penalised, p = loss.value(u, settings.weights[-1]), loss.p(u)
-        theta, broken = box.theta(p), loss.violations(p)
+        theta, broken = loss.box.theta(p), loss.violations(p)
         found = {"loss": task.data.loss(theta), "objective": data.loss(theta), "penalised": penalised}
         worst = {"violation": max(broken.values()), "violations": broken}
         runs.append({**found, **worst, "evaluations": evaluations})
@@ -186,11 +179,10 @@ def anneal_and_search(
 class PenalisedLoss:
     """loss(p) + weight g(p) in u in [0, 1]^d, p = lower + u (upper - lower) on the free parameters."""
 
-    def __init__(
-        self, task: Task, data: LeastSquares, box: BarycentricBox, free: NDArray[np.intp], fixed: Array
-    ) -> None:
-        self.data, self.box, self.free, self.fixed = data, box, free, fixed
-        self.width = (box.upper - box.lower)[free]
+    def __init__(self, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> None:
+        """free : the parameters that are searched; the others stay as OLS has them."""
+        self.data, self.box, self.free = data, BarycentricBox(task), free
+        self.fixed, self.width = self.box.p(task.ols), (self.box.upper - self.box.lower)[free]
         self.masses = task.links[:, 0]
         #: What is demanded of the masses, and of (1, c) in place of (m, m c).
         self.demands = [

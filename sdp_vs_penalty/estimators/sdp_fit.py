@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -59,34 +58,25 @@ def solve_sdp(
     tight. Raises InputError where the constraints admit no interior point, or nothing near an optimum
     came.
     """
-    return PosedSdp.of(task, objective, constraints, solver_name).fit(objective, accuracy)
+    return PosedSdp(task, objective, constraints, solver_name).fit(objective, accuracy)
 
 
-@dataclass(frozen=True)
 class PosedSdp:
     """Constraints, prior and bounds of a problem that is solved once, or again with other data.
 
     interior (p,) : strictly inside; cones : for our own method (None: another one was asked for, or a
-    cone is larger than it takes).
+    cone is larger than it takes). Raises InputError where the constraints admit no interior point.
     """
 
-    task: Task
-    constraints: ConstraintSet
-    interior: Array
-    solver: str
-    cones: SmallCones | None
-
-    @classmethod
-    def of(
-        cls, task: Task, objective: Objective, constraints: ConstraintSet, solver_name: str | None = None
-    ) -> PosedSdp:
-        """Raises InputError where the constraints admit no interior point."""
-        interior = interior_point(task, constraints, solver_name or REFERENCE)
-        cones = None
-        if solver_name is None:
+    def __init__(
+        self, task: Task, objective: Objective, constraints: ConstraintSet, solver: str | None = None
+    ) -> None:
+        self.task, self.constraints, self.solver = task, constraints, solver or REFERENCE
+        self.interior = interior_point(task, constraints, self.solver)
+        self.cones: SmallCones | None = None
+        if solver is None:
             with suppress(NotApplicableError):
-                cones = SmallCones.of(objective.entropy, constraints, len(interior))
-        return cls(task, constraints, interior, solver_name or REFERENCE, cones)
+                self.cones = SmallCones(objective.entropy, constraints, len(self.interior))
 
     def fit(self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None) -> Fit:
         """The certified optimum of an objective with the same prior.

@@ -121,15 +121,13 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
 def without_equalities(problem: ConicProblem) -> Rewritten:
     """Each equality solved for a variable that occurs in no other equality, and substituted.
 
-    Raises NotApplicableError where an equality has no such variable, or the objective is quadratic.
+    Raises NotApplicableError where an equality has no such variable. The objective is linear.
     """
     equal = np.concatenate(
         [np.full(c.rows, c.kind == "zero") for c in problem.cones] or [np.zeros(0, bool)]
     )
     if not equal.any():
         return unchanged(problem)
-    if problem.P.nnz:
-        raise NotApplicableError("equalities are substituted after the quadratic objective")
     A = sparse.csr_matrix(problem.A)
     E, e, rest = sparse.csc_matrix(A[equal]), problem.b[equal], A[~equal]
     lonely = np.flatnonzero(np.diff(E.indptr) == 1)

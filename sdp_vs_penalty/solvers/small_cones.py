@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,6 @@ _DENSE = 1 << 16
 _Triplets = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 
 
-@dataclass(frozen=True)
 class SmallCones:
     """Non-negative rows and 4x4 blocks, prepared for any data in the same parameters theta (p,).
 
@@ -34,18 +32,7 @@ class SmallCones:
     multipliers to those of the constraints' entries, zero where another constraint implies one.
     """
 
-    rows: int
-    linear: Array
-    weight: Array
-    constant: Array
-    slack_map: Array | sparse.csr_matrix
-    adjoint: Array | sparse.csr_matrix
-    curvature: sparse.csr_matrix
-    places: NDArray[np.intp]
-    home: sparse.csr_matrix
-
-    @classmethod
-    def of(cls, entropy: Entropy | None, constraints: ConstraintSet, p: int) -> SmallCones:
+    def __init__(self, entropy: Entropy | None, constraints: ConstraintSet, p: int) -> None:
         """Raises NotApplicableError for cones of an order above four."""
         links = entropy.links if entropy is not None and entropy.weight > 0.0 else ()
         barred = {("pseudo-inertia", *link.indices.tolist()) for link in links}  # by their log det
@@ -65,7 +52,8 @@ class SmallCones:
             pairs.append(_pairs(kind, wide, p))
             wide += kind.constant.size * kind.constant.shape[1] ** 2
         curvature = _sparse(pairs, (p * p, wide))
-        places = np.flatnonzero(np.diff(curvature.indptr))
+        self.places = np.flatnonzero(np.diff(curvature.indptr))
+        self.curvature = curvature[self.places]
         back, own, start, first = list[_Triplets](), dict[Constraint, int](), 0, 0
         for kind in constraints.groups:
             for k in kind.places.tolist():
@@ -78,20 +66,15 @@ class SmallCones:
                 first, width = max(first, count + len(links) * ORDER**2), ORDER**2
             back.append(_homeward(kind, where, first + width * np.arange(len(where))))
             first += width * len(where)
+        self.home = _sparse(back, (start, len(entries.constant)))
+        self.rows, self.linear, self.weight, self.constant = count, linear, weight, entries.constant
         shape = (len(entries.constant), p)
         slack_map = _sparse([(entries.row, entries.column, entries.value)], shape)
         small = math.prod(shape) <= _DENSE
-        return cls(
-            count,
-            linear,
-            weight,
-            entries.constant,
-            slack_map.toarray() if small else slack_map,
-            np.ascontiguousarray(slack_map.T.toarray()) if small else slack_map.T.tocsr(),
-            curvature[places],
-            places,
-            _sparse(back, (start, len(entries.constant))),
-        )
+        self.slack_map: Array | sparse.csr_matrix = slack_map.toarray() if small else slack_map
+        self.adjoint: Array | sparse.csr_matrix = slack_map.T.tocsr()
+        if small:
+            self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
 
     def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
         """(e,) of the constraints' entries, and of each link of the entropy the slope S (links, 4, 4)

@@ -177,7 +177,7 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small
 
 def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     """Least squares of both models on noise drawn anew, beside a calculation of the distance by QR."""
-    hypotheses = Hypotheses.of(small, PAIR, 0.5)
+    hypotheses = Hypotheses(small, PAIR, 0.5)
     trajectory = separate(small, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
     motion = hypotheses.motion(trajectory.states, 10.0)
     columns = zip(small.model.columns(motion), hypotheses.noise, strict=True)
@@ -215,8 +215,8 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
 
 
 def test_one_effect_is_told_from_nothing_more_easily_than_from_its_rival(small):
-    motion = Hypotheses.of(small, PAIR, 0.5).motion(default_excitation(small, 10.0, 0), 10.0)
-    both, one = (Hypotheses.of(small, text, 0.5) for text in (PAIR, "joint_spring:2"))
+    motion = Hypotheses(small, PAIR, 0.5).motion(default_excitation(small, 10.0, 0), 10.0)
+    both, one = (Hypotheses(small, text, 0.5) for text in (PAIR, "joint_spring:2"))
     assert one.distance(motion) > both.distance(motion)
     # A size of half a noise deviation on every row, less what the model's columns make of it.
     assert one.distance(motion) < 0.25 * one.row_rate * 10.0 * 1.5

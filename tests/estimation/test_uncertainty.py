@@ -10,7 +10,7 @@ from sdp_vs_penalty.effects import Model, Motion
 from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.pose import pose
-from sdp_vs_penalty.estimation.sandwich import sandwich
+from sdp_vs_penalty.estimation.sandwich import Sandwich
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, Uncertainty, counts, of_regression
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
 from sdp_vs_penalty.regression import compress
@@ -62,7 +62,7 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     rows = posed.regression.select(np.repeat(np.arange(count), drawn)).least_squares(task.weights)
     objective, constraints = method.posed(task)
     again = Objective(rows, objective.entropy)
-    best = PosedSdp.of(task, again, constraints).fit(again)
+    best = PosedSdp(task, again, constraints).fit(again)
     base = base_rows(two_link, task.model).rows
     np.testing.assert_allclose(base @ theta[0], base @ best.theta, rtol=1e-4, atol=1e-4)
 
@@ -108,7 +108,7 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
     weights = make_task(two_link, model, data).weights
     scale = np.where(np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02)
-    found = replace(sandwich(data, weights, scale), taken_white=True)
+    found = Sandwich(data, weights, scale, taken_white=True)
     R, rows = data.least_squares(weights).R, base_rows(two_link, model).rows
     unit = 1.0 / np.maximum(np.linalg.norm(R, axis=0), 1e-9)
     information = (R * unit).T @ (R * unit) + found.white * np.diag((unit / scale) ** 2)

@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import LmiSdp, Task, interior_point, make_estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep, ShiftedPenalty
-from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss, barycentric_box
+from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
     task = task_named(name, request)
     demands = Penalty().demands(task)
     inside = interior_point(task, demands)
-    penalty = ShiftedPenalty.of(task, task.data, demands, inside)
+    penalty = ShiftedPenalty(task, task.data, demands, inside)
     rng, weight, h = np.random.default_rng(1), 0.7, 1e-5
     x = inside / penalty.theta_scale
     at = [part.values(x) for part in penalty.parts]
@@ -148,8 +148,8 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     task = replace(
         posed_task(two_link, run_of(two_link, two_link.nominal_links, noise=0.3)), progress=said.append
     )
-    box, rng = barycentric_box(task), np.random.default_rng(0)
-    loss = PenalisedLoss(task, task.data, box, np.arange(len(task.bound)), box.p(task.ols))
+    loss = PenalisedLoss(task, task.data, np.arange(len(task.bound)))
+    box, rng = loss.box, np.random.default_rng(0)
     u, step = rng.uniform(0.2, 0.8, len(task.bound)), 1e-6 * rng.normal(size=len(task.bound))
     after, before = (loss.value(u + s * step, 40.0) for s in (1.0, -1.0))
     assert after - before == pytest.approx(2.0 * step @ loss.value_and_gradient(u, 40.0)[1], rel=1e-4)

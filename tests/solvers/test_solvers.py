@@ -261,7 +261,7 @@ def test_units_change_nothing(unit):
 def test_similar_data_take_fewer_steps_from_the_last_fit(method):
     task = chain_task(7)
     objective, constraints = make_estimator(method).posed(task)
-    posed = PosedSdp.of(task, objective, constraints)
+    posed = PosedSdp(task, objective, constraints)
     first = posed.fit(objective)
     data = objective.least_squares
     noise = 0.1 * np.linalg.norm(data.rho) / np.sqrt(len(data.rho) * data.rows)

@@ -85,7 +85,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     if inside is None:
         return no_answer(instance, "no interior point to start from")
     others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
-    penalty = ShiftedPenalty.of(instance.task, instance.data, others, inside)
+    penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
     chart, scale, size = Chart(instance.sent, inside), penalty.theta_scale, penalty.loss_scale
     x, shifts = chart.start, [np.zeros_like(part.values(inside)) for part in penalty.parts]
     message, claims = "", "inaccurate"

@@ -15,7 +15,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.cross_validation import CrossValidation, FoldData, Split, split_by_phase
+from sdp_vs_penalty.estimation.cross_validation import CrossValidation, FoldData, Split
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimators import estimator_types
@@ -323,7 +323,7 @@ def _unseen(study: Study, method: str | Estimator, effects: tuple[Any, ...] | No
 def _folds(study: Study, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData]]:
     """The real run's folds, shape constants included; no method changes them."""
     assert study.run is not None
-    split = split_by_phase(study.problem, study.run, PoseOptions(effects, seed=study.seed), FOLDS)
+    split = Split(study.problem, study.run, PoseOptions(effects, seed=study.seed), FOLDS)
     return split, list(study.workers.map(split.fold, split.numbers))
 
 
