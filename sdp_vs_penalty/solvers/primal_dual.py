@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,10 +64,8 @@ def minimise(
     """From the first of the starts that lies inside, until gap and leftover slope cost no more than
     ``accuracy`` of the loss, or no step helps any more; None where nothing could be factorised."""
     for start in starts:
-        with np.errstate(all="ignore"):
-            path = _Path.begin(cones, data, start)
-            if path is not None:
-                return path.followed(accuracy)
+        with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+            return _Path(cones, data, start).followed(accuracy)
     return None
 
 
@@ -74,8 +73,10 @@ class _Path:
     """The iterate on its way, and what one step needs of it. Array (2, rows + 16 blocks) ``both``:
     slacks S and multipliers Z; ``mats`` (2, blocks, 4, 4) and ``rows`` (2, rows) are views of it."""
 
-    def __init__(self, cones: SmallCones, data: LeastSquares, theta: Array) -> None:
-        self.cones, self.data, self.theta = cones, data, theta
+    def __init__(self, cones: SmallCones, data: LeastSquares, start: Array | Iterate) -> None:
+        """Raises LinAlgError where the start is not strictly inside."""
+        self.cones, self.data = cones, data
+        self.theta = start.theta if isinstance(start, Iterate) else start
         self.both = np.empty((2, len(cones.constant)))
         self.rows, self.mats = self._views(self.both)
         self.ahead = np.empty_like(self.both)
@@ -87,30 +88,21 @@ class _Path:
         self.logs = float(cones.weight @ np.log(or_one(cones.weight)))
         self.products = np.empty(cones.curvature.shape[1])
         self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
+        self.both[0] = cones.constant + cones.slack_map @ self.theta
+        np.linalg.cholesky(self.mats[0])
+        if isinstance(start, Iterate):
+            self.both[1] = start.multipliers
+        else:
+            self.evaluate()
+            mu = _COLD * abs(self.value) / self.degree or 1.0
+            self.rows[1] = mu / self.rows[0]
+            self.mats[1] = np.maximum(self.weight, mu) * np.linalg.inv(self.mats[0])
+        if not (np.all(self.rows[0] > 0.0) and np.all(np.isfinite(self.both))):
+            raise np.linalg.LinAlgError
 
     def _views(self, flat: Array) -> tuple[Array, Array]:
         split = self.cones.rows
         return flat[:, :split], flat[:, split:].reshape(len(flat), -1, ORDER, ORDER)
-
-    @classmethod
-    def begin(cls, cones: SmallCones, data: LeastSquares, start: Array | Iterate) -> _Path | None:
-        """None where the start is not strictly inside."""
-        path = cls(cones, data, start.theta if isinstance(start, Iterate) else start)
-        path.both[0] = cones.constant + cones.slack_map @ path.theta
-        if not np.all(path.rows[0] > 0.0):
-            return None
-        try:
-            np.linalg.cholesky(path.mats[0])
-        except np.linalg.LinAlgError:
-            return None
-        if isinstance(start, Iterate):
-            path.both[1] = start.multipliers
-        else:
-            path.evaluate()
-            mu = _COLD * abs(path.value) / path.degree or 1.0
-            path.rows[1] = mu / path.rows[0]
-            path.mats[1] = np.maximum(path.weight, mu) * np.linalg.inv(path.mats[0])
-        return path if np.all(np.isfinite(path.both)) else None
 
     def evaluate(self) -> None:
         """Loss, value and slope of the part without logarithms."""
@@ -235,9 +227,8 @@ class _Path:
         rows, mats = (view[0] for view in self._views(change[None]))
         multipliers = self.both[1] - self.scaled(rows, self.mats[1], mats, self.rows[1])
         moved = np.array([self.both[0] + change, multipliers])
-        inside = bool(np.all(moved[:, : self.cones.rows] > 0.0))
-        try:
+        with suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(self._views(moved)[1])
-        except np.linalg.LinAlgError:
-            inside = False
-        return Iterate(self.theta - self.correction, multipliers) if inside else self.here()
+            if np.all(moved[:, : self.cones.rows] > 0.0):
+                return Iterate(self.theta - self.correction, multipliers)
+        return self.here()

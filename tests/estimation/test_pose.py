@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
 from sdp_vs_penalty.problem import with_bounds
 from sdp_vs_penalty.problem.load import load_problem, with_filters
-from sdp_vs_penalty.research.shootout.instance import measurements
+from sdp_vs_penalty.problem.published import measured_runs
 from sdp_vs_penalty.simulation import experiment
 
 _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
@@ -24,7 +25,7 @@ _REAL = ("panda", "emps", *(pytest.param(x, marks=pytest.mark.long) for x in ("u
 
 def _arm(name: str, folder: Path) -> tuple[Problem, Measurements]:
     if name != "ur10":
-        return (problem := load_problem(name)), measurements(problem)
+        return load_problem(name), replace(next(iter(measured_runs(name).values())), dq=None)
     problem = load_problem(folder / "ur10_salerno" / "robot.urdf")
     names = problem.robot.joint_names
     return problem, load_measurements(folder / "ur10_salerno" / "train.csv", joints=6, names=names)
