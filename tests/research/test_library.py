@@ -77,7 +77,7 @@ def test_a_solver_reaches_the_proved_interval_from_each_file(written):
         for file, read in (("problem.cbf", read_cbf), ("problem.dat-s", read_sdpa)):
             path = folder / row["folder"] / file
             if not path.is_file() or "gram" in name or "unidentifiable" in name:
-                continue  # the last two are hostile: no solver is asked to get them right
+                continue  # the last two are ill-conditioned: no solver is asked to get them right
             about = json.loads(Path(f"{path}.json").read_text())
             conic = read(path)
             answer = solver("clarabel").solve(conic, 1e-9)

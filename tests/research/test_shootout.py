@@ -32,8 +32,8 @@ from sdp_vs_penalty.research.shootout.judge import (
     reference,
     relative_violation,
 )
+from sdp_vs_penalty.research.shootout.process_runner import in_child
 from sdp_vs_penalty.research.shootout.runner import COLUMNS, KEY, Assignment, Results, Shootout, run_one
-from sdp_vs_penalty.research.shootout.work import in_child
 from sdp_vs_penalty.robot import Constraint
 from sdp_vs_penalty.solvers import solver
 

@@ -29,7 +29,7 @@ from sdp_vs_penalty.research.shootout.contestants import Contestant, chosen, con
 from sdp_vs_penalty.research.shootout.instance import Instance
 from sdp_vs_penalty.research.shootout.instances import GROUPS, Entry, catalogue, instance, selected
 from sdp_vs_penalty.research.shootout.judge import Answer, Judgement, Reference, judge, reference
-from sdp_vs_penalty.research.shootout.work import in_child
+from sdp_vs_penalty.research.shootout.process_runner import in_child
 
 Row = dict[str, Any]
 #: Every column, and what its cells are. Numbers have all their digits: what was proved is written.

@@ -24,7 +24,7 @@ from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import measured_runs, real_file
+from sdp_vs_penalty.problem.published import box_tables, measured_runs, published_links, real_file
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
@@ -288,6 +288,13 @@ class Study:
     def base(self) -> Array:
         """(b, 10 n) map from the links' standard parameters to the base parameters."""
         return base_parameters(self.problem.model("rigid_body"), self.problem.independent)[0]
+
+    @property
+    def published_links(self) -> dict[str, Array]:
+        """(n, 10) links that are published of this robot, by column."""
+        tables = box_tables(self.problem)
+        held = self.problem.published[tables[0]][0] if tables else {}
+        return {c: published_links(self.problem, c) for c in ("p_real", "p_hat", "delta") if c in held}
 
     @cached_property
     def black_box(self) -> tuple[BlackBox, bool]:

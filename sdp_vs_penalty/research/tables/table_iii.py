@@ -1,13 +1,13 @@
 """Table III: base parameters and friction, published and ours."""
 
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 import pandas
 
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
-from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import Row, Table, makes
@@ -93,12 +93,10 @@ def _own_rows(study: Study, keys: list[str]) -> list[Row]:
         {"row": None if symbol in figures else k, "coefficient": symbol}
         for k, symbol in enumerate(symbols, start=1)
     ]
-    tables = box_tables(study.problem)
-    for column in ("p_real", "p_hat", "delta"):
-        if tables and column in study.problem.published[tables[0]][0]:
-            pi = study.base @ published_links(study.problem, column).ravel()
-            for k, row in enumerate(rows):
-                row[f"pi_{column}"] = float(pi[k]) if k < len(pi) else None
+    for column, links in study.published_links.items():
+        pi = (study.base @ links.ravel()).tolist()
+        for row, value in zip_longest(rows, pi):
+            row[f"pi_{column}"] = value
     return rows
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.problem.published import box_tables, published_links
 from sdp_vs_penalty.research.tables.study import FOLDS, TEST_START, TRAIN_STOP, Frozen, Study
 from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes
 from sdp_vs_penalty.research.tables.table_i import SigmoidFriction
@@ -56,16 +55,15 @@ def _row(name: str, joints: Iterable[Cell], relative: Cell, worst: Cell, data: s
 def _estimates(study: Study) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:
     """Published links first, then every method; with their effects, where these are others."""
     robot, friction = study.problem.robot, study.experiment.friction
-    out: dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]] = {}
-    for table in box_tables(study.problem)[:1]:
-        for column in ("p_real", "p_hat", "delta"):
-            if column in study.problem.published[table][0]:
-                out[column] = Frozen(published_links(study.problem, column)), None
+    published = study.published_links
+    out: dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]] = {
+        column: (Frozen(links), None) for column, links in published.items()
+    }
     if friction is not None and "p_hat" in out:
         amplitude, shapes = friction[:, :1], friction[:, 1:]
         effects = (*study.problem.model("rigid_body").effects, SigmoidFriction(robot, shapes))
         others = (amplitude * [1.0, 0.0, 0.0]).ravel()  # of phi_2 and phi_3 nothing is left to correct
-        out["p_hat_table_I"] = Frozen(published_links(study.problem, "p_hat"), others), effects
+        out["p_hat_table_I"] = Frozen(published["p_hat"], others), effects
     return out | {name: (method, None) for name, method in study.methods.items()}
 
 
