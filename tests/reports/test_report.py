@@ -133,6 +133,9 @@ def test_the_figures_are_those_of_the_models(made):
     assert ("report --forward" in text) == bool(cut)
     assert f"identified from ( {run.names[0]} )" in text or f"identified from ({run.names[0]})" in text
     last = list(models.values())[-1]
+    for mass, gyration in zip(last.links[:, 0], inertia.gyration(last.links), strict=True):
+        assert f">{number(mass, 4)}<" in html
+        assert f">{number(gyration)}<" in html
     assert last.provenance["data_hash"] in text
     assert f"numpy {np.__version__}" in text
 
