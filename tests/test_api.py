@@ -245,6 +245,8 @@ def test_pictures_are_drawn(estimate, files):
     axes = comparisons.plot()
     heights = [bar.get_height() for bar in axes.patches]
     assert np.allclose(sorted(heights), sorted([*comparisons[0].rmse] * 2))
+    ends = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches)
+    assert np.allclose(ends, [(0.6, 1.0), (1.0, 1.4), (1.6, 2.0), (2.0, 2.4)])  # side by side
     one = comparisons[0].plot(joint=2, against="position")
     line = one.lines[0]
     assert np.array_equal(line.get_xdata(), comparisons[0].signals.q[:, 1])
