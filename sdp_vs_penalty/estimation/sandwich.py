@@ -23,7 +23,7 @@ from scipy import sparse
 from scipy.special import stdtrit
 
 from sdp_vs_penalty.estimation.constants import LEVEL, POOLED, WINDOW
-from sdp_vs_penalty.regression.partial import visible
+from sdp_vs_penalty.regression.partial import span, visible
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -169,7 +169,7 @@ def stretched(factor: Array, std: Array) -> Array:
 
 def white_variance(data: LeastSquares, oversampling: float) -> float:
     """Variance of the residual of least squares, were it white: of one independent row."""
-    U, _ = visible(data.R)
+    U = span(data.R)
     left = data.rho - U @ (U.T @ data.rho)
     degrees = max(data.rows - oversampling * U.shape[1], 1.0)
     return (float(left @ left) + data.residual_norm**2) / degrees * oversampling

@@ -33,7 +33,7 @@ from sdp_vs_penalty.estimation.shape_constants import settled
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.partial import UNSEEN, deviations, least_squares, partialled, visible
+from sdp_vs_penalty.regression.partial import UNSEEN, deviations, least_squares, span, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -247,9 +247,9 @@ class _Profile:
         shown, self.shown = visible(data.R[:, base])
         made = shown.T @ both
         left = triangular([both - shown @ made])
-        U, _ = visible(left[:, :-1])
         self.torque, self.count = left[:, -1], left.shape[1] - 1
-        error = float(np.sum(partialled(left[:, :-1], left[:, -1]) ** 2)) + data.residual_norm**2
+        U = span(left[:, :-1])
+        error = float(np.sum((self.torque - U @ (U.T @ self.torque)) ** 2)) + data.residual_norm**2
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared) or 1.0
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)

@@ -62,9 +62,9 @@ def test_long_logs_take_no_quadratic_time():
     rng = np.random.default_rng(0)
     t = np.arange(0.0, 3600.0, 0.031)  # an hour of rows
     q = periodic(rng, t, 700.0, 6)
-    start = time.perf_counter()
+    start = time.process_time()
     period = repeat_period(t, q)
-    assert time.perf_counter() - start < 5.0  # all lags one by one would take minutes
+    assert time.process_time() - start < 5.0  # all lags one by one would take minutes
     assert period == pytest.approx(700.0, abs=1e-2)
 
 
