@@ -170,26 +170,26 @@ class RunFilter:
         their low-passes look."""
         reach = [self.stride * self.coarse.half, self.smooth_stride * self.smooth.half]
         first, last = at[0] - max(reach), at[-1] + max(reach)
-        states = self._states(part, first, last)
-        own, smooth = (max(reach) - r for r in reach)
-        end = last - first + 1
-        fine = self._motion(
-            part, at[0] - reach[0], at[-1] + reach[0], [x[own : end - own] for x in states]
-        )
-        q, dq, ddq = (x[smooth : end - smooth : self.smooth_stride] for x in states)
+        step = 1 if (self.stride | self.smooth_stride) % 2 else 2  # of the samples that are read below
+        states = self._states(part, first, last, step)
+        end, (own, smooth) = (last - first) // step + 1, ((max(reach) - r) // step for r in reach)
+        grid = [x[own : end - own : self.stride // step] for x in states]
+        fine = self._motion(part, at[0] - reach[0], at[-1] + reach[0], grid)
+        q, dq, ddq = (x[smooth : end - smooth : self.smooth_stride // step] for x in states)
         clock = part.clock(np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride))
         return fine, Motion(clock, q, dq, ddq)
 
-    def _states(self, part: Stretch, first: int, last: int) -> tuple[Array, Array, Array]:
+    def _states(self, part: Stretch, first: int, last: int, step: int) -> tuple[Array, Array, Array]:
         around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
-        return self.state.states(around)
+        return self.state.states(around, step)
 
     def motion(self, part: Stretch, first: int, last: int) -> Motion:
         """States on the column grid from the log's sample ``first`` to ``last``."""
-        return self._motion(part, first, last, self._states(part, first, last))
+        states = [x[:: self.stride] for x in self._states(part, first, last, 1)]
+        return self._motion(part, first, last, states)
 
     def _motion(self, part: Stretch, first: int, last: int, states: Sequence[Array]) -> Motion:
-        q, dq, ddq = (x[:: self.stride] for x in states)
+        q, dq, ddq = states
         clock = part.clock(np.arange(first, last + 1, self.stride))
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
