@@ -208,18 +208,13 @@ class Regression:
     @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
         """All blocks of each joint merged into one factor, columns that no other joint has first."""
-        merged = []
+        merged, none = [], Factor(0, 0, np.arange(0), np.zeros((0, 1)), 0)
         for joint in range(self.joints):
-            parts = [f for f in self.factors if f.joint == joint]
-            if not parts:
-                merged.append(Factor(joint, 0, np.arange(0), np.zeros((0, 1)), 0))
-                continue
+            parts = [f for f in self.factors if f.joint == joint] or [none]
             order = np.argsort(self._often[parts[0].indices] > 1, kind="stable")
-            rows = np.vstack([f.triangle for f in parts])
-            triangle = triangular([rows.take([*order, -1], axis=1)])
-            merged.append(
-                Factor(joint, 0, parts[0].indices[order], triangle, sum(f.rows for f in parts))
-            )
+            rows = np.vstack([f.triangle for f in parts]).take([*order, -1], axis=1)
+            own = parts[0].indices[order], triangular([rows]), sum(f.rows for f in parts)
+            merged.append(Factor(joint, 0, *own))
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
@@ -259,19 +254,13 @@ class Regression:
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
-        theta = np.asarray(theta, float)
-        out = np.zeros(self.joints)
-        for factor in self.per_joint:
-            residual = factor.triangle[:, :-1] @ theta[factor.indices] - factor.triangle[:, -1]
-            out[factor.joint] = residual @ residual
-        return out
+        x = np.asarray(theta, float)
+        left = (f.triangle[:, :-1] @ x[f.indices] - f.triangle[:, -1] for f in self.per_joint)
+        return np.array([float(own @ own) for own in left])
 
     def joint_rows(self) -> NDArray[np.int64]:
         """(joints,) number of rows of each joint."""
-        out = np.zeros(self.joints, dtype=np.int64)
-        for factor in self.factors:
-            out[factor.joint] += factor.rows
-        return out
+        return np.array([f.rows for f in self.per_joint], np.int64)
 
 
 def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) -> Array:

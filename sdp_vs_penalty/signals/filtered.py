@@ -187,7 +187,7 @@ class FilteredRun:
         """The run cut into pieces; ``whole``: where effects remember, each stretch sample by sample."""
         if whole not in self._kept:
             if self.run.q.size <= _MOST_KEPT:
-                self._kept[whole] = [_Kept(partial(_itself, piece)) for piece in self._cut(whole)]
+                self._kept[whole] = [_Kept(lambda piece=piece: piece) for piece in self._cut(whole)]  # type: ignore[misc]
             else:
                 shelf = Shelf()
                 self._kept[whole] = [_Kept(shelf.put(piece), shelf) for piece in self._cut(whole)]
@@ -220,10 +220,6 @@ class FilteredRun:
                 )
         if not found:
             raise no_rows(self.run, 2 * margin * filters.dt)
-
-
-def _itself(piece: Piece) -> Piece:
-    return piece
 
 
 @dataclass(frozen=True)
