@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -114,10 +115,10 @@ class Batch:
 
 @dataclass(frozen=True)
 class Library:
-    """candidates : how many there are, whatever their forms."""
+    """laws : of each candidate how many there are, whatever their constants."""
 
     batches: tuple[Batch, ...] = ()
-    candidates: int = 0
+    laws: Mapping[Key, int] = field(default_factory=dict)
 
 
 def library(data: WhiteData) -> Library:
@@ -138,7 +139,9 @@ def library(data: WhiteData) -> Library:
             ]
             white.append(data.white(np.hstack(parts), j))
         batches.append(Batch(joints, tuple(forms[at] for at in members), np.stack(white)))
-    return Library(tuple(batches), len({f.key for b in batches for f in b.forms}))
+    return Library(
+        tuple(batches), Counter(f.key for f in {f.law: f for b in batches for f in b.forms}.values())
+    )
 
 
 def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:

@@ -6,9 +6,10 @@ A form beside the model and the terms that were chosen scores
     J = dD / v - (k + s) log(N / v) - 2 log P
 
 with the drop dD of the deviance D = sum_j N_j log V_j + RSS_j / V_j, V_j = max(RSS_j / N_j, noise);
-k coefficients (as many as the rows determine beside what is known of their size), s continuous shape
-constants, P candidates that are looked at: the extended BIC (Chen, Chen, Biometrika 2008). Evidence is
-worth v times less than independent rows would make it:
+k coefficients (as many as the rows determine beside what is known of their size, of those that are not
+held at zero by their sign: Meyer, Woodroofe, Ann. Statist. 2000), s continuous shape constants, P
+candidates that are looked at, times the laws among which this one chooses: the extended BIC (Chen, Chen,
+Biometrika 2008). Evidence is worth v times less than independent rows would make it:
 
     v = max over clusterings of tr(A^-1 S) / k, at least 1, + N / ALPHA
 
@@ -142,10 +143,11 @@ class Fit:
 
 
 class Score:
-    """The score of forms on some rows; looked : candidates that there are."""
+    """The score of forms on some rows; looked : candidates that there are; laws : among how many each of
+    them chooses, if more than one."""
 
-    def __init__(self, data: WhiteData, looked: int) -> None:
-        self.data, self.looked = data, max(looked, 1)
+    def __init__(self, data: WhiteData, looked: int, laws: Mapping[Key, int] | None = None) -> None:
+        self.data, self.looked, self.laws = data, max(looked, 1), laws or {}
         self.floor = 1.0 if data.known else 1e-12
 
     @cached_property
@@ -240,7 +242,9 @@ class Score:
         left = fit.residual - torque
         drop = fit.deviance(least.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
         drop -= float(np.sum((beta / known) ** 2))
-        on, size = list(columns), float(np.trace(inverse @ D))
+        on, free = list(columns), np.flatnonzero((beta != 0.0) | ~np.array(form.nonnegative))
+        part = np.ix_(free, free)
+        size = float(np.trace(np.linalg.solve(_ridged(A[part]), D[part])))
         count = float(fit.degrees[on].mean())
         if form.own:  # what its other constant makes of it
             T = least.beside(least.scaled(columns))
@@ -251,7 +255,8 @@ class Score:
             left = left - torque * float(np.sum(torque * left)) / energy
         v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
-        J = float(drop) / v - (size + form.constants) * np.log(N) - 2.0 * np.log(self.looked)
+        looked = self.looked * self.laws.get(form.key, 1)
+        J = float(drop) / v - (size + form.constants) * np.log(N) - 2.0 * np.log(looked)
         made = np.zeros(torque.shape)
         made[on] = np.abs(torque[on])
         made *= np.sqrt(max(J, 0.0) / max(float(np.sum(made**2)), 1e-200))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence, Set
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ class Search:
 
     def __init__(self, data: WhiteData, library: Library) -> None:
         self.data, self.library = data, library
-        self.score = Score(data, library.candidates)
+        self.score = Score(data, len(library.laws), library.laws)
         self._kept: dict[str, dict[int, Array]] = {}
         self.terms: list[Term] = []
         self.fit = self.score.fit(())
@@ -107,10 +108,11 @@ class Search:
         terms: Sequence[Term],
         on: frozenset[int] | None = None,
         beyond: float = 0.0,
+        whole: bool = False,
     ) -> list[Term]:
-        """The most likely form of each candidate, refined, the best first; beyond : what has to be
-        reached, nearly, to be of use."""
-        found = self._screened(fit, [t.form for t in terms], on)
+        """The most likely form of each candidate, refined, the best first; on : some of whose joints, or
+        all of them and no others (``whole``); beyond : what has to be reached, nearly, to be of use."""
+        found = self._screened(fit, [t.form for t in terms], on, whole)
         top = max((t.J for t in found), default=0.0)
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
@@ -121,11 +123,14 @@ class Search:
         first = {t.key: t for t in reversed(ranked)}
         return [t for t in ranked if first[t.key] is t]
 
-    def _screened(self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None) -> list[Term]:
+    def _screened(
+        self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None, whole: bool
+    ) -> list[Term]:
         """The best form of each law on the grids, of so many candidates that take most."""
         best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
         for batch in self.library.batches:
-            if on is not None and not on & set(batch.joints):
+            joints = frozenset(batch.joints)
+            if on is not None and not (on == joints if whole else on & joints):
                 continue
             values = self.score.screened(fit, batch)
             free = eligible(batch.forms, picked, self.data.estimate.model)
@@ -184,23 +189,42 @@ class Search:
         return sum(self.score.judged(fit, g.form, g.columns).J for fit, g in pairs)
 
     def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
-        """One term for another where that is as good and simpler, or better; else None, and every term
-        knows its rivals."""
+        """One term for another where that is as good and simpler, or better, or one for several; else
+        None, and every term knows its rivals."""
         told = []
-        for term in terms:
-            rest = [t for t in terms if t != term]
-            fit, J = self.score.fit(rest, self.fit), self.worth([term], rest)
-            found = self.top_candidates(fit, rest, term.joints, J)
-            told.append(replace(term, rivals=self.equivalent(term, J, found)))
+        for group in [*([t] for t in terms), *self.one_effect(terms)]:
+            rest, on = (
+                [t for t in terms if t not in group],
+                frozenset[int]().union(*(t.joints for t in group)),
+            )
+            fit, J = self.score.fit(rest, self.fit), self.worth(group, rest)
+            found = self.top_candidates(fit, rest, on, J, whole=len(group) > 1)
+            if len(group) == 1:
+                told.append(replace(group[0], rivals=self.equivalent(group[0], J, found)))
             other = self.simplest([t for t in found if self.margin(t.made, rest) < t.J])
-            if other is None or other.key == term.key:
+            if other is None or other.key in {t.key for t in group}:
                 continue
-            old, least = term.form, APART + FORM * max(J, 0.0)
+            old, least = group[0].form, APART + FORM * max(J, 0.0)
             simpler = not other.form.refines(old) and simplicity(other.form) < simplicity(old)
+            simpler |= len(group) > 1
             if J + least < other.J or (J - least < other.J and (simpler or old.refines(other.form))):
                 return self.settled([*rest, other])
         self.terms = told
         return None
+
+    def one_effect(self, terms: Sequence[Term]) -> list[list[Term]]:
+        """Groups of terms of one effect that may be one candidate that acts on all of their joints."""
+        sets = {frozenset(b.joints) for b in self.library.batches if len(b.joints) > 1}
+        out = []
+        for name in dict.fromkeys(t.key[0] for t in terms):
+            same = [t for t in terms if t.key[0] == name and not t.form.own]
+            every = [*combinations(same, 2), same] if len(same) > 2 else [same]
+            out += [
+                list(g)
+                for g in every
+                if len(g) > 1 and frozenset().union(*(t.joints for t in g)) in sets
+            ]
+        return out
 
     @staticmethod
     def equivalent(term: Term, J: float, found: Sequence[Term]) -> tuple[Term, ...]:
@@ -218,7 +242,7 @@ class Search:
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
         seen, refused = set[tuple[str, ...]](), set[Key]()
-        for _ in range(3 * self.library.candidates):  # each joins, gives way and goes once at most
+        for _ in range(3 * len(self.library.laws)):  # each joins, gives way and goes once at most
             self.fit = self.score.fit(self.terms, self.fit)
             found = self.top_candidates(self.fit, self.terms)
             enough = (t for t in found if self.margin(t.made, self.terms) < t.J)

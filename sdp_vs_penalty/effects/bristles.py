@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -12,6 +12,7 @@ import numpy as np
 from sdp_vs_penalty.effects.effect import Array, Block, Effect, JointEffect, Motion, Seen
 from sdp_vs_penalty.effects.motion import Legs
 from sdp_vs_penalty.effects.shape import POSITION, Shape
+from sdp_vs_penalty.robot.robot import Robot
 
 #: From a path, the distance over which its state turns round, and the state at its start, to the
 #: state z (N,) along it.
@@ -160,23 +161,35 @@ class MaxwellSlip(Remembering, JointEffect):
     explanation = (
         "Springs side by side, each with a slider that gives way at its own distance: after a reversal "
         "the friction turns round over several scales, where Dahl's curve has one. Every element is "
-        "passive for f_m,i >= 0. What depends on speed once all slip is stribeck_friction's."
+        "passive for f_m,i >= 0; with law = even all are as strong, f_m / 3. What depends on speed once "
+        "all slip is stribeck_friction's."
     )
     reference = "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip), sec. III"
     symbol = "f_m"
-    refines = ("presliding_hysteresis", "coulomb_friction")
+    refines: tuple[str, ...] = ("presliding_hysteresis", "coulomb_friction")
     at_rest = "turns"
     shapes = {
         "d": Shape(
             0.002, POSITION, grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008), bounds=(0.00005, 0.05)
-        )
+        ),
+        "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("free", "even")),
     }
 
     lower = 0.0
 
+    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+        super().__init__(robot, joints, **shape)
+        if self.even:  # has no more constants than Dahl's curve, of which it is no finer form
+            self.refines = self.refines[1:]
+
+    @property
+    def even(self) -> bool:
+        """Whether its elements are equally strong: one parameter."""
+        return self.shape["law"] == 2.0
+
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         own, unit = self.parameter_name(joint), self.unit_on(joint)
-        return [(f"{own}_{i + 1}", unit) for i in range(_ELEMENTS)]
+        return [(f"{own}_{i + 1}", unit) for i in range(1 if self.even else _ELEMENTS)]
 
     @property
     def bristles(self) -> Bristles:
@@ -185,7 +198,8 @@ class MaxwellSlip(Remembering, JointEffect):
         return Bristles(directions, np.tile(distances, len(self.joints)), stop)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        return self.apart(np.split(z, len(self.joints), axis=1))
+        each = np.split(z, len(self.joints), axis=1)
+        return self.apart([x.mean(axis=1) for x in each] if self.even else each)
 
 
 class LoadDependentHysteresis(PreslidingHysteresis):

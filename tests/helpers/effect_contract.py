@@ -398,6 +398,14 @@ def _rise(share: Callable[[Array], Array], law: float) -> tuple[Any, float, dict
     return torque, 1.0, {"v0": 0.1, "law": law}
 
 
+def _even_slip(m: TrueMotion, j: int) -> Array:
+    out, z = np.zeros(len(m.t)), np.zeros(3)
+    for k, step in enumerate(np.diff(m.q[:, j]), start=1):
+        z = np.clip(z + step / (0.002 * np.array([1.0, 4.0, 16.0])), -1.0, 1.0)
+        out[k] = z.mean()
+    return out
+
+
 #: By effect what makes the forms that no world draws, of a world and a joint.
 OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
     "drift_offset": _laws((lambda m, j: m.t / 100.0, None, {"form": 1.0, "T": 60.0})),
@@ -406,6 +414,7 @@ OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
         (lambda m, j: m.t / 100.0 * m.dq[:, j], None, {"form": 3.0, "T": 60.0}),
     ),
     "backlash": _sharp_flanks,
+    "maxwell_slip": _laws((_even_slip, 1.0, {"d": 0.002, "law": 2.0})),
     "transmission_friction": _transmission,
     "torque_filter": _both_ways,
     "warming_friction": _laws(
