@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FAR
@@ -39,9 +38,6 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
-
-#: An effect with the names of those of its shape constants that are given.
-Wanted = tuple[Effect, frozenset[str]]
 
 
 def add(
@@ -89,20 +85,21 @@ def add(
         if isinstance(effects, str)
         else ",".join(e if isinstance(e, str) else e.text for e in effects)
     )
-    wanted = list(zip(parse_effects(texts, estimate.robot), _given_shapes(texts), strict=True))
+    wanted = parse_effects(texts, estimate.robot)
     if not wanted:
         raise InputError("No effect to add", "name one, such as presliding_hysteresis:7")
     added, retuned = _retunes(estimate, wanted, frozen)
     if frozen and diagnosed:
         # What has changed of a held model's own effects only identifying them again takes in.
-        added = [w for w in added if not _twice(estimate, w[0])]
+        there = {(e.name, j) for e in estimate.model.effects for j in e.joints}
+        added = [e for e in added if e.several or not there & {(e.name, j) for j in e.joints}]
         if not added:
             raise InputError(
                 "All these effects are the held model's own", "identify it again on these runs"
             )
-    for effect, _ in added:
-        _refuse_twice(estimate, effect)
-    frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *(e for e, _ in added)))
+    # Refuses what is there already; what may come several times is known by its constants only.
+    Model(estimate.robot, (*estimate.model.effects, *(e for e in added if not e.several)))
+    frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
@@ -128,7 +125,7 @@ def add(
     if frozen:
         return _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
     found = identified([*_own(estimate, retuned), *new])
-    together = found_together(found, [w for w in added if not all_given(*w)], filtered)
+    together = found_together(found, [e for e in added if not all_given(e)], filtered)
     if together is None:
         return found
     model, shapes = together
@@ -137,19 +134,19 @@ def add(
 
 
 def _retunes(
-    estimate: Estimate, wanted: Sequence[Wanted], frozen: bool
-) -> tuple[list[Wanted], list[ShapeEstimate]]:
+    estimate: Estimate, wanted: Sequence[Effect], frozen: bool
+) -> tuple[list[Effect], list[ShapeEstimate]]:
     """The effects that are new to the model, and the constants of those that it has already."""
     there = {(e.name, j): e for e in estimate.model.effects for j in e.joints if not e.several}
-    new, retuned = list[Wanted](), list[ShapeEstimate]()
-    for effect, keys in wanted:
+    new, retuned = list[Effect](), list[ShapeEstimate]()
+    for effect in wanted:
         own = [there.get((effect.name, j)) for j in effect.joints]
-        if frozen or not keys or not all(own):
-            new.append((effect, keys))
+        if frozen or not effect.given or not all(own):
+            new.append(effect)
             continue
         for joint, old in zip(effect.joints, own, strict=True):
             assert old is not None
-            for key in keys:
+            for key in effect.given:
                 who = effect.name, joint, key, old.shape[key], effect.shape[key]
                 retuned.append(ShapeEstimate(*who, std=0.0, gain=0.0, at_end=False))
     return new, retuned
@@ -165,32 +162,6 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
         keys = [k for k in effect.shapes if all((effect.name, j, k) in estimated for j in effect.joints)]
         out.append(effect.opened(keys) if keys else effect)
     return out
-
-
-def _twice(estimate: Estimate, effect: Effect) -> set[int]:
-    """The joints (from 0) on which an effect that may come only once would come a second time."""
-    there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
-    return set() if effect.several else there & set(effect.joints)
-
-
-def _refuse_twice(estimate: Estimate, effect: Effect) -> None:
-    twice = _twice(estimate, effect)
-    if not twice:
-        return
-    there = {j for e in estimate.model.effects if e.name == effect.name for j in e.joints}
-    free = sorted(set(range(estimate.robot.n)) - there)
-    advice = "name another effect"
-    if free and not effect.whole_robot:
-        joints = "+".join(str(j + 1) for j in free)
-        advice += f", or the joints without it: {effect.name}:{joints}"
-    where = "" if effect.whole_robot else f" on {formatting.joints([j + 1 for j in sorted(twice)])}"
-    raise InputError(f"the model already has {effect.name}{where}", advice)
-
-
-def _given_shapes(text: str) -> list[frozenset[str]]:
-    """Per effect of the text the shape constants that it names."""
-    words = [word for word in text.split(",") if word.strip()]
-    return [frozenset(item.partition("=")[0].strip() for item in word.split("@")[1:]) for word in words]
 
 
 def _add_frozen(
@@ -256,38 +227,35 @@ def _add_frozen(
 # The shape constants of what joins, and of the model's own beside them.
 
 
-def all_given(effect: Effect, given: frozenset[str]) -> bool:
+def all_given(effect: Effect) -> bool:
     """Whether nothing is left to estimate of an effect's shape constants."""
     clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
     # Constants that the effect has and its class has not say what it acts on, as its joints do.
-    return given | (set(effect.shape) - set(type(effect).shapes)) >= clock.union(effect.searched)
+    return effect.given | (set(effect.shape) - set(type(effect).shapes)) >= clock.union(effect.searched)
 
 
 def shaped_effects(
-    estimate: Estimate,
-    wanted: Sequence[Wanted],
-    measurements: Measurements,
-    frozen: bool,
+    estimate: Estimate, wanted: Sequence[Effect], measurements: Measurements, frozen: bool
 ) -> list[Effect]:
     """The effects with all constants that were not given estimated, one effect a joint where so."""
     out: list[Effect] = []
     search: Search | None = None
-    for effect, fixed in wanted:
-        if all_given(effect, fixed):
+    for effect in wanted:
+        if all_given(effect):
             out.append(effect)
             continue
-        fixed = fixed | (set(effect.shape) - set(type(effect).shapes))
         if search is None:
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             search = Search(prepare(rows, estimate, frozen), Library())
         joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
-        out += [_shaped(search, effect, joint, fixed) for joint in joints]
+        out += [_shaped(search, effect, joint) for joint in joints]
     return out
 
 
-def _shaped(search: Search, effect: Effect, joint: int | None, fixed: frozenset[str]) -> Effect:
+def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
     """One joint's effect with the shape that scores most; given ones stay."""
+    fixed = effect.given | (set(effect.shape) - set(type(effect).shapes))
     start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
     given = {key: effect.shape[key] for key in fixed}
     forms = [
@@ -301,18 +269,18 @@ def _shaped(search: Search, effect: Effect, joint: int | None, fixed: frozenset[
 
 
 def found_together(
-    found: Estimate, added: Sequence[Wanted], runs: FilteredRuns
+    found: Estimate, added: Sequence[Effect], runs: FilteredRuns
 ) -> tuple[Model, list[ShapeEstimate]] | None:
     """The model with its own estimated constants and those of what was ``added`` on the same joints at
     their joint optimum, and its own as `identify` states them; None where none of these moves."""
     shapes = list(map(ShapeEstimate.from_dict, found.details.get("shapes", ())))
     new = {
         (e.name, j, key)
-        for e, fixed in added
+        for e in added
         if not (e.whole_robot or e.joins or e.several)
         for j in e.joints
         for key in free_constants(e)
-        if key not in fixed
+        if key not in e.given
     }
     joints = {j for _, j, _ in new}
     own = {(s.effect, s.joint, s.shape): s for s in shapes if s.joint in joints}

@@ -64,8 +64,8 @@ class Comparison(Shown):
     each; noise_floor (n,) of the measurements, or None where it is not known, and noise_source;
     relative_error_percent: 100 |tau - tau_hat| / |tau| over all joints; band_hz: the low-pass that both
     sides passed; signals: the filtered rows themselves; new_motion_share: of the rows, those whose
-    motion the model has not been trained on (see :mod:`~sdp_vs_penalty.signals.motion`), farther than
-    new_motion_distance spreads from all that it has; None where its model.json does not record that;
+    motion the model has not been trained on (see :mod:`~sdp_vs_penalty.signals.motion`); None where its
+    model.json does not record that;
     outside: by effect the share of the rows that lie outside of its table (a measured curve), where it
     is held constant; runs: the names of the measurements; judged_on: a sentence where the recording is
     so long that the noise was measured in windows of it.
@@ -83,7 +83,6 @@ class Comparison(Shown):
     signals: Signals = field(compare=False)
     runs: tuple[str, ...] = ()
     new_motion_share: float | None = None
-    new_motion_distance: float | None = None
     outside: Mapping[str, float] = field(default_factory=dict)
     judged_on: str | None = None
 
@@ -327,7 +326,6 @@ def _judged(
         signals,
         runs.measurements.names,
         None if record is None else record.new_share(signals.q, signals.dq),
-        None if record is None else record.distance,
         {name: rows / count for name, rows in outside.items() if rows > 0.0},
     )
 

@@ -205,8 +205,8 @@ class Search:
             if other is None or other.key in {t.key for t in group}:
                 continue
             old, least = group[0].form, APART + FORM * max(J, 0.0)
-            simpler = not other.form.refines(old) and simplicity(other.form) < simplicity(old)
-            simpler |= len(group) > 1
+            ranks = (simplicity(other.form), -other.J), (simplicity(old), -J)
+            simpler = len(group) > 1 or (not other.form.refines(old) and ranks[0] < ranks[1])
             if J + least < other.J or (J - least < other.J and (simpler or old.refines(other.form))):
                 return self.settled([*rest, other])
         self.terms = told

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FOLDS, WITHIN
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, with_estimate
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
@@ -33,7 +33,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented, window_subsample
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, window_subsample
 from sdp_vs_penalty.signals.standstill import STILL
 
 if TYPE_CHECKING:
@@ -146,16 +146,14 @@ def where_it_fails(
     measurements: Source,
     preprocessing: Preprocessing | None = None,
     *,
-    noise_from: Measurements | None = None,
     noise: tuple[Array | None, str] | None = None,
 ) -> Failures:
     """One JointFailure a joint: what its residual depends on, and when it is large.
 
     estimate : the model, or its model.json; measurements : whatever
     :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than the
-    model's; noise_from : as in :func:`~.comparison.compare`; noise : a comparison's with
-    these measurements, which need not be worked out again. Of a long recording windows are judged
-    (:mod:`~sdp_vs_penalty.signals.segments`).
+    model's; noise : a comparison's with these measurements, which need not be worked out again. Of a
+    long recording windows are judged (:mod:`~sdp_vs_penalty.signals.segments`).
     Raises InputError where the measurements are not of this robot.
     """
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
@@ -163,17 +161,12 @@ def where_it_fails(
         measurements, names=estimate.robot.joint_names, what="where_it_fails(measurements=...)"
     )
     estimate.require_joints(measurements)
-    if noise_from is not None:
-        _, noise_from = driven(estimate, noise_from)
     estimate, measurements = driven(estimate, measurements)
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
-    given = measurements if noise_from is None else noise_from
     searched = window_subsample(measurements, settings)
-    rows, whole = diagnosis_rows(searched, estimate, settings), None
-    if given is not measurements:
-        whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
-    residual, folds = rows.residual, folds_of(rows, FOLDS, whole)
-    floors, source = noise or noise_level(estimate.problem, FilteredRuns.of(given, settings))
+    rows = diagnosis_rows(searched, estimate, settings)
+    residual, folds = rows.residual, folds_of(rows, FOLDS)
+    floors, source = noise or noise_level(estimate.problem, FilteredRuns.of(measurements, settings))
     known, runs = states(rows), searched.runs()
     smooth = {
         name: [hats(x) for x in known[name].T] for name in (VELOCITY, POSITION, ACCELERATION, TIME)

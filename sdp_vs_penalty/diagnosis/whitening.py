@@ -19,10 +19,9 @@ from sdp_vs_penalty.estimation.shapes import alone
 from sdp_vs_penalty.estimation.verdict import with_parameters
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
-from sdp_vs_penalty.signals.phases import MotionClock, PhaseFolds, motion_clocks
+from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.repetition import is_part
-from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
+from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 
 
 def diagnosis_rows(
@@ -120,21 +119,15 @@ def prepare(
     noise = noise_of(rows, whole)
     if noise.suspect.any():
         rows = rows.with_masked(noise.suspect)
-    return whitened(rows, noise, estimate, frozen, whole)
+    return whitened(rows, noise, estimate, frozen)
 
 
-def whitened(
-    rows: SegmentedRuns,
-    noise: Noise,
-    estimate: Estimate,
-    frozen: bool,
-    whole: SegmentedRuns | None = None,
-) -> WhiteData:
+def whitened(rows: SegmentedRuns, noise: Noise, estimate: Estimate, frozen: bool) -> WhiteData:
     """The same where the noise is known."""
     X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), rows.residual)
     if not frozen:  # the torque itself
         y = y + X @ estimate.theta
-    clusters = time_clusters(rows), stretches(rows, CLUSTERS, whole)[1]
+    clusters = time_clusters(rows), stretches(rows, CLUSTERS)[1]
     # Rows behind the past that whitening needs, each by its worth.
     count = np.array([noise.worth[rows.pieces(j).predicted, j].sum() for j in range(rows.n)])
     return WhiteData(rows, noise, estimate, X, y, clusters, count, frozen)
@@ -204,43 +197,19 @@ def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
     return np.unique(label, return_inverse=True)[1]
 
 
-def clocks_of(rows: SegmentedRuns, whole: SegmentedRuns | None = None) -> dict[int, MotionClock]:
-    """The clock of each run's motion by the run's index; that of the whole that a run is a window of."""
-    windows = _longest(rows)
-    measured = windows if whole is None else _longest(whole)
-    clocks = motion_clocks([(s.t_dense, s.q_dense) for s in measured.values()])
-    if whole is None:
-        return dict(zip(measured, clocks, strict=True))
-    out = {}
-    for run, window in windows.items():
-        pairs = zip(clocks, measured.values(), strict=True)
-        found = [clock for clock, segment in pairs if is_part(window, segment)]
-        if not found:
-            return clocks_of(rows)
-        out[run] = found[0]
-    return out
-
-
-def _longest(rows: SegmentedRuns) -> dict[int, Segment]:
-    """The longest segment of each run, by the run's index."""
-    out: dict[int, Segment] = {}
-    for segment in rows.segments:
-        if segment.run not in out or len(segment.t) > len(out[segment.run].t):
-            out[segment.run] = segment
-    return out
-
-
-def folds_of(rows: SegmentedRuns, count: int, whole: SegmentedRuns | None = None) -> NDArray[np.intp]:
+def folds_of(rows: SegmentedRuns, count: int) -> NDArray[np.intp]:
     """(M,) folds by phase, so many at most."""
-    return np.unique(stretches(rows, count, whole)[0], return_inverse=True)[1]
+    return np.unique(stretches(rows, count)[0], return_inverse=True)[1]
 
 
-def stretches(
-    rows: SegmentedRuns, count: int, whole: SegmentedRuns | None = None
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(M,) folds, each one stretch of every motion's clock; and (M,) labels of stretch and motion."""
+def stretches(rows: SegmentedRuns, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(M,) folds, each one stretch of every motion's clock; and (M,) labels of stretch and motion. A
+    run's clock is that of its longest segment."""
+    runs = dict.fromkeys(s.run for s in rows.segments)
+    longest = [max((s for s in rows.segments if s.run == r), key=lambda s: len(s.t)) for r in runs]
+    clocks = motion_clocks([(s.t_dense, s.q_dense) for s in longest])
     fold, motion = np.zeros((2, len(rows.t)), np.intp)
-    for run, clock in clocks_of(rows, whole).items():
+    for run, clock in zip(runs, clocks, strict=True):
         mine = rows.run == run
         fold[mine] = PhaseFolds((clock,), count).fold(0, rows.t[mine])
         motion[mine] = clock.motion

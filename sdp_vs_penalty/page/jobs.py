@@ -460,7 +460,7 @@ def summary(asked: Asked, estimate: Estimate) -> Answer:
         save_arrays(out.with_name(f"{out.stem}-{k}.npz"), arrays)
     asked.progress("looking where it fails")
     try:
-        failing = where_it_fails(estimate, judge, noise_from=given.whole, noise=comparison.noise)
+        failing = where_it_fails(estimate, judge, noise=comparison.noise)
         units = estimate.robot.torque_units
         failures = [{**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])} for f in failing]
     except InputError:  # too short to say: the errors stand on their own

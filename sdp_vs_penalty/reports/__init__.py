@@ -107,9 +107,8 @@ def _material(
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")
-    how: dict[str, Any] = {"noise_from": noise_from, "noise": comparisons[0].noise}
     failures = {
-        name: where_it_fails(models[name], runs, settings, **how)
+        name: where_it_fails(models[name], runs, settings, noise=comparisons[0].noise)
         for name in dict.fromkeys((next(iter(models)), list(models)[-1]))
     }
     plant = moved[list(models)[-1]][0]

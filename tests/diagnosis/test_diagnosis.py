@@ -298,7 +298,7 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
 @pytest.mark.parametrize(
     ("effect", "message"),
     [
-        ("viscous_friction", "already has viscous_friction on joints 1 and 2: name another"),
+        ("viscous_friction", "f_v1 appears twice: list effect viscous_friction only once per joint"),
         ("joint_spring:9", "does not exist"),
         ("magic", "unknown"),
         ("", "No effect"),

@@ -53,7 +53,7 @@ def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
     by_name = add(estimate, ",".join(r.text for r in found.retuned), run)
     np.testing.assert_array_equal(from_file.theta, by_name.theta)
     assert from_file.model.sign_width[3] == pytest.approx(WIDTHS[3], rel=0.15)
-    with pytest.raises(InputError, match="already has coulomb_friction"):
+    with pytest.raises(InputError, match="list effect coulomb_friction only once"):
         add(estimate, "coulomb_friction:1", run)
 
 

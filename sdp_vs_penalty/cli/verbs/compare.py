@@ -26,8 +26,7 @@ def verb(
     runs, whole = given.train, given.whole
     results = compare(estimates, runs, noise_from=whole)
     oldest = next(iter(estimates.values()))
-    noise = results[0].noise
-    failures = where_it_fails(estimate, runs, oldest.preprocessing, noise_from=whole, noise=noise)
+    failures = where_it_fails(estimate, runs, oldest.preprocessing, noise=results[0].noise)
     for result in results:
         printing.verdict(result.verdict, result.name)
     units = estimate.robot.torque_units
