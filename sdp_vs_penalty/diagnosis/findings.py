@@ -66,6 +66,11 @@ class Finding(Plain):
     constants: str = ""
 
     @property
+    def plausible(self) -> bool:
+        """Whether machines have it of this size."""
+        return REASONS["implausible"] not in self.remarks
+
+    @property
     def undecided(self) -> str | None:
         """What a run should decide, as `excite --separate` takes it: between the finding and what fits
         as well, or whether a weak one is there at all. None for a confident one without rival, beside a
