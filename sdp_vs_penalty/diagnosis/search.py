@@ -234,6 +234,7 @@ class Search:
         def rivals(t: Term) -> bool:
             # A form with more to it, which does no better, does not speak against the plain one.
             more = t.form.k + t.form.constants > own.k + own.constants
+            more |= t.form.effect.form_of == own.effect.name
             more |= len(t.joints) > len(term.joints)
             return J + (EQUIVALENT if more else -EQUIVALENT) < t.J
 

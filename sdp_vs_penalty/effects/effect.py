@@ -121,6 +121,9 @@ class Effect(ABC):
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: tuple[str, ...] = ()
 
+    #: The effect of whose cause this is another form: as good as that, it speaks not against it.
+    form_of: ClassVar[str] = ""
+
     #: The effect whose shape constants it has as well, without any of its own.
     shape_of: ClassVar[str] = ""
 
