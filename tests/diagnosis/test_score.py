@@ -85,6 +85,39 @@ def test_the_score_is_the_coarsened_drop_less_its_price():
     assert pytest.approx(expected, rel=1e-2) == term.J
 
 
+def test_the_odds_of_a_candidate_are_those_of_its_laws_together():
+    data, z = made(size=0.3)
+    one, four = Score(data, 10), Score(data, 10, {("made", 0): 4, ("other", 0): 9})
+    J = [score.judged(score.fit(()), form(), {0: z}).J for score in (one, four)]
+    assert J[0] - J[1] == pytest.approx(2.0 * np.log(4.0))
+
+
+def test_a_coefficient_that_its_sign_holds_at_zero_has_no_price():
+    data, z = made(size=1.0)
+    score, other = Score(data, 10), np.random.default_rng(1).normal(size=(M, 1))
+    both = {0: np.hstack([z, other])}
+    fit = score.fit(())
+    if score.judged(fit, form(2), both).beta[1] > 0.0:
+        both = {0: np.hstack([z, -other])}
+    held, alone = score.judged(fit, form(2, 0.0), both), score.judged(fit, form(1, 0.0), {0: z})
+    assert held.beta.tolist() == [pytest.approx(alone.beta[0]), 0.0]
+    price = alone.J - score.judged(fit, form(2), both).J
+    assert abs(alone.J - held.J) < 0.2 * price
+
+
+def test_terms_of_one_effect_are_asked_for_one_that_acts_on_all_their_joints():
+    def term(name: str, joint: int) -> Any:
+        return SimpleNamespace(
+            key=(name, joint), joints=frozenset({joint}), form=SimpleNamespace(own=False)
+        )
+
+    batches = [SimpleNamespace(joints=joints) for joints in ((0,), (1,), (0, 1), (0, 1, 2))]
+    search: Any = SimpleNamespace(library=SimpleNamespace(batches=batches))
+    a, b, c, other = term("a", 0), term("a", 1), term("a", 2), term("b", 1)
+    assert Search.one_effect(search, [a, other]) == []
+    assert Search.one_effect(search, [a, b, c, other]) == [[a, b], [a, b, c]]
+
+
 def test_noise_is_not_taken_for_an_effect():
     rng, highest = np.random.default_rng(1), []
     for seed in range(20):
@@ -261,21 +294,24 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
 
 
 @pytest.mark.parametrize(
-    ("k", "constants", "joints", "lead", "rival"),
+    ("k", "constants", "joints", "form_of", "lead", "rival"),
     [
-        (1, 0, (0,), -0.9, True),  # as simple: it need not do as well
-        (1, 0, (0,), -1.1, False),
-        (1, 0, (1,), -0.9, True),
-        (2, 0, (0,), 0.9, False),  # with more to it: only where it does better
-        (2, 0, (0,), 1.1, True),
-        (1, 1, (0,), 0.9, False),
-        (1, 0, (0, 1), 0.9, False),
-        (1, 0, (0, 1), 1.1, True),
+        (1, 0, (0,), "", -0.9, True),  # as simple: it need not do as well
+        (1, 0, (0,), "", -1.1, False),
+        (1, 0, (1,), "", -0.9, True),
+        (1, 0, (0,), "mine", 0.9, False),  # of the same cause, or with more to it: only where better
+        (1, 0, (0,), "mine", 1.1, True),
+        (2, 0, (0,), "", 0.9, False),
+        (2, 0, (0,), "", 1.1, True),
+        (1, 1, (0,), "", 0.9, False),
+        (1, 0, (0, 1), "", 0.9, False),
+        (1, 0, (0, 1), "", 1.1, True),
     ],
 )
-def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, lead, rival):
+def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, form_of, lead, rival):
     def term(name: str, k: int, constants: int, joints: tuple[int, ...], J: float) -> Any:
-        form = SimpleNamespace(k=k, constants=constants, own=False)
+        effect = SimpleNamespace(name=name, form_of=form_of)
+        form = SimpleNamespace(k=k, constants=constants, own=False, effect=effect)
         return SimpleNamespace(key=(name, 0), form=form, joints=joints, J=J)
 
     mine = term("mine", 1, 0, (0,), 50.0)
