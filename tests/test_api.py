@@ -229,7 +229,7 @@ def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda)
     for words, thing in things.items():
         text = repr(thing)
         assert text.count("\n") < 5
-        assert max(map(len, text.splitlines()[1:])) <= 110
+        assert all(len(line) <= 110 for line in text.splitlines()[1:])
         html = thing._repr_html_()
         assert html.startswith("<p>")
         assert not re.search(r"\bNone\b(?! of)|\bnan\b", f"{text} {html}")
