@@ -30,8 +30,9 @@ LOUDEST = 60.0
 #: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
 #: logarithm): one log in some hundred has a given fault.
 ODDS = 6.0
-#: Standard errors by which what the arm leaves of parts that it was not fitted to has to fall, and that
-#: a number has to lie beyond what is usual (Student's t of PARTS, 99.5 %).
+#: Standard errors by which what the arm leaves of parts that it was not fitted to has to fall (half of
+#: them where a number tells as well), and that a number has to lie beyond what is usual (Student's t of
+#: PARTS, 99.5 %).
 SIGMAS = 4.0
 #: At most so many things are wrong at once; so many proposals are looked at closely.
 MOST = 6
