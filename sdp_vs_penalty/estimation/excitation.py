@@ -200,7 +200,8 @@ def optimised(
     moving : the joints (from 0) whose motion is free, default all; the others move as in the start.
     """
     start = shrunk(start, limits)
-    search, x = _Search(regressor, limits, start, objective, moving), _coefficients(start)
+    search = _Search(regressor, limits, start, objective, moving)
+    x = np.column_stack([start.a, start.b, start.q_0])
     history, radius = [regressor.condition(start)], 0.2
     value, slope = search.evaluated(x)
     # A trust region smaller than this share of the limits ends the search.
@@ -219,13 +220,8 @@ def optimised(
     return Excitation(best, regressor.condition(best), tuple(history))
 
 
-def _coefficients(trajectory: FourierTrajectory) -> Array:
-    """x (n, 2 L + 1) = (a, b, q_0)."""
-    return np.column_stack([trajectory.a, trajectory.b, trajectory.q_0])
-
-
 def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
-    """The motion of x, of the same frequency, blend and duration."""
+    """The motion of x (n, 2 L + 1) = (a, b, q_0), of the same frequency, blend and duration."""
     a, b = np.split(x[:, :-1], 2, axis=1)
     return replace(like, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
 
