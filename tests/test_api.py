@@ -255,8 +255,6 @@ def test_pictures_are_drawn(estimate, files):
         comparisons[0].plot(joint=3)
     with pytest.raises(InputError, match="time, position or velocity"):
         comparisons[0].plot(joint=1, against="mood")
-    ladder = diagnose(estimate, files).plot()
-    assert len(ladder.lines) == 3  # two joints and the noise
     # A panel an effect, however many shape constants its joints have of their own.
     assert len(estimate.plot()) == len({effect.name for effect in estimate.model.effects})
     plt.close("all")

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import numpy as np
-
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.remaining import Event
@@ -237,28 +235,6 @@ class Diagnosis(Shown, Plain):
         if self.effects or self.retuned:
             return "Add the findings, and diagnose the model that results."
         return "Use the model, or record motion that excites more."
-
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the held-out error over the noise floor as the effects are added; returns the axes.
-
-        Raises InputError without matplotlib (extra [plot]).
-        """
-        steps = ["the model", *(f"+ {f.text.partition('@')[0]}" for f in self.effects)]
-        errors = [f.held_out_rmse_before for f in self.effects] + [self.held_out_rmse]
-        if self.retuned:
-            steps.insert(1, "+ constants retuned")
-            errors.insert(0, self.held_out_rmse_before)
-        axes = formatting.axes(axes)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.array(errors) / self.noise_floor
-        for j, one in enumerate(ratio.T, start=1):
-            axes.plot(one, np.arange(len(steps)), marker="o", ms=3, label=f"joint {j}")
-        axes.axvline(1.0, color="black", lw=0.8)
-        axes.set_yticks(np.arange(len(steps)), steps)
-        axes.invert_yaxis()
-        axes.set(xlabel="held-out RMSE / noise floor")
-        axes.legend(fontsize="small")
-        return axes
 
     def _summary(self) -> Summary:
         rows = [("next", self.advice)]
