@@ -104,6 +104,11 @@ def test_primal_and_dual_certify_the_optimum(name, entropic):
     # DSDP's primal (our dual) is only as good as its dual scaling leaves it.
     assert -1e-12 <= gap <= (2e-2 if name == "dsdp" else 1e-4)
     assert violation <= 1e-4
+    # What a file says of its optimum is the objective there; P is the upper triangle.
+    sdp, x = link.sdp, solution.x
+    square = x @ (sdp.conic.P @ x) - 0.5 * x @ (sdp.conic.P.diagonal() * x)
+    said = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
+    assert said == pytest.approx(link.objective.value(sdp.theta(solution)), rel=1e-3)
     assert solution.iterations > 0
 
 
