@@ -418,6 +418,7 @@ class Score:
 
         m, slopes = self.of.motion(repair), self.rows.pushed
         states = np.stack([-m.dq.T if repair.reversed else m.dq.T, m.ddq.T]) / len(m.t)
+        states -= states.mean(axis=2, keepdims=True)  # what is constant, as a weight, is neither
         states = states * self.of.heard(repair)
         values = np.sum(states * (self.channels - self.rows.raw @ self.theta), axis=2)
         gradients = -(states[:, :, None, :] @ self.rows.raw)[:, :, 0]
