@@ -30,6 +30,8 @@ class Search:
         self.score = Score(data, len(library.laws), library.laws)
         self._kept: dict[str, dict[int, Array]] = {}
         self.terms: list[Term] = []
+        #: Candidates that had not enough left once they had joined.
+        self.refused = set[Key]()
         self.fit = self.score.fit(())
 
     # What a form is worth.
@@ -136,6 +138,8 @@ class Search:
             free = eligible(batch.forms, picked, self.data.estimate.model)
             for f in np.argsort(-values)[: np.count_nonzero(values > 0.0)]:
                 form = batch.forms[f]
+                if on is None and form.key in self.refused:
+                    continue
                 if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
         ranked = sorted(best.values(), key=lambda b: -b[0])
@@ -242,17 +246,16 @@ class Search:
 
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
-        seen, refused = set[tuple[str, ...]](), set[Key]()
+        seen = set[tuple[str, ...]]()
         for _ in range(3 * len(self.library.laws)):  # each joins, gives way and goes once at most
             self.fit = self.score.fit(self.terms, self.fit)
             found = self.top_candidates(self.fit, self.terms)
-            enough = (t for t in found if self.margin(t.made, self.terms) < t.J)
-            best = self.simplest([t for t in enough if t.key not in refused])
+            best = self.simplest([t for t in found if self.margin(t.made, self.terms) < t.J])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
                 self.terms = self.settled([*self.terms, best])
                 if all(t.key != best.key for t in self.terms):
-                    refused.add(best.key)
+                    self.refused.add(best.key)
                     continue
             else:
                 other = self.exchanged(self.terms)

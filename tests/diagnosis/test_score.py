@@ -118,6 +118,20 @@ def test_terms_of_one_effect_are_asked_for_one_that_acts_on_all_their_joints():
     assert Search.one_effect(search, [a, b, c, other]) == [[a, b], [a, b, c]]
 
 
+def test_what_was_refused_takes_no_place_among_the_next_candidates():
+    one = form()
+    vars(one.effect).update(shape={}, refines=(), several=False)
+    search: Any = SimpleNamespace(
+        library=SimpleNamespace(batches=[Batch((0,), (one,), np.ones((1, M, 1)))]),
+        score=SimpleNamespace(screened=lambda fit, b: np.ones(1), judged=lambda fit, form, z: form),
+        data=SimpleNamespace(estimate=SimpleNamespace(model=SimpleNamespace(effects=()))),
+        refused={one.key},
+        _kept={},
+    )
+    assert Search._screened(search, None, [], None, False) == []
+    assert Search._screened(search, None, [], frozenset({0}), False) == [one]  # but in an exchange
+
+
 def test_noise_is_not_taken_for_an_effect():
     rng, highest = np.random.default_rng(1), []
     for seed in range(20):
