@@ -56,6 +56,18 @@ def toy_task(two_link: Problem) -> Task:
     return posed_task(two_link, run)
 
 
+def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
+    """It crashed: the prior knows the robot's links alone. A load moves with the last link: their sum is
+    told, and the pull is that link's."""
+    truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
+    run = simulated(two_link, truth, noise=0.1, seconds=6.0)
+    own = [effect.name for effect in two_link.model().effects]
+    plain, carried = (identify(two_link, run, effects=[*own, *more]) for more in ([], ["payload"]))
+    assert carried.certificate.worst == 0.0
+    assert carried.certificate.gap < 1e-6
+    assert abs(carried.certificate.loss / plain.certificate.loss - 1.0) < 0.01
+
+
 # --- against CVXPY ----------------------------------------------------------------------------------
 
 #: solver -> its settings; the optimum agrees to 1e-7 of the loss, violations stay below 1e-7.
