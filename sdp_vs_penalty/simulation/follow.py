@@ -25,7 +25,7 @@ from sdp_vs_penalty.estimation.output_error import STEP, Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.formatting import Shown, Summary, Table
-from sdp_vs_penalty.robot.arrays import Array, or_least
+from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 
 Drive = Literal["torque", "pd", "servo"]
 
@@ -295,8 +295,11 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
     factor = np.nan_to_num(estimate.uncertainty.factor)
     if not np.any(factor):
         return estimate.theta[None]
-    white = np.random.default_rng(seed).normal(size=(draws, factor.shape[1]))
-    drawn = [x for x in estimate.theta + white @ factor.T if Plant(estimate.model, x).can_move]
+    std = or_one(np.linalg.norm(factor, axis=1))
+    u, s, _ = np.linalg.svd(factor / std[:, None], full_matrices=False)
+    # By the symmetric root of the correlation, which is unique: a factor's signs are rounding's.
+    white = np.random.default_rng(seed).normal(size=(draws, len(std))) @ (u * s) @ u.T
+    drawn = [x for x in estimate.theta + white * std if Plant(estimate.model, x).can_move]
     return np.array([estimate.theta, *drawn])
 
 

@@ -123,6 +123,17 @@ def test_the_truth_follows_itself(known):
     assert made.verdict.startswith("Run forward, 0.1 s ahead the worst joint")
 
 
+def test_the_band_of_a_free_run_is_that_of_the_covariance(known):
+    """Not of the factor at hand, whose signs are rounding's."""
+    estimate, run = known
+    u = estimate.uncertainty
+    turned = np.linalg.qr(np.random.default_rng(0).normal(size=(u.spread.shape[1],) * 2))[0]
+    same = replace(estimate, uncertainty=replace(u, spread=u.spread @ turned))
+    bands = [follow(e, run, steps=400, windows=1).free[0].spread for e in (estimate, same)]
+    assert np.all(bands[0] > 0.0)
+    np.testing.assert_allclose(*bands, rtol=1e-6)
+
+
 @pytest.mark.long
 def test_a_wrong_model_is_found_out(known):
     estimate, run = known
