@@ -175,7 +175,8 @@ def test_every_contestant_on_every_small_instance(name, problem):
     assert answer.status
     # Whatever is claimed, our bounds hold: no multipliers prove more than the proved optimum.
     assert verdict.own_gap >= -1e-12
-    assert not name.startswith("log-cholesky") or verdict.kind in ("right", "inaccurate")
+    # A chart has minima of its own: on the chain it ends in one, .15 above the optimum.
+    assert not name.startswith("log-cholesky") or problem.startswith("chain") or verdict.kind == "right"
     if name in ("lmi-sdp", "clarabel", "penalty", "csdp", "sdpa"):
         # Where the optimum is 0 no multipliers lie inside of the cones; whether SDPA then ends early,
         # and says so, depends on the processor's BLAS (with two of seven kernels of OpenBLAS).
