@@ -138,19 +138,21 @@ def hidden_runs(
     level: str | float = "medium",
     seed: int = 0,
     count: int = 4,
+    world: World | None = None,
 ) -> HiddenRuns:
     """Simulate ``count`` runs (the last meant as the test run) with effects hidden in them.
 
     effects : names and joints (from 0; empty: one effect on every joint that it can act on, or of
     the whole robot). level : of LEVELS, or the root mean square of the hidden torque over the raw noise
-    of the joint that it moves most. Raises InputError for an effect that has no simulation, or makes no
-    torque on a joint that is named (backlash about a vertical axis).
+    of the joint that it moves most. world : the true robot (default: that of the seed), so that the same
+    one is measured with and without a load. Raises InputError for an effect that has no simulation, or
+    makes no torque on a joint that is named (backlash about a vertical axis).
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
     without = [name for name, _ in effects]
-    world = true_world(problem, setup, seed, without)
+    world = true_world(problem, setup, seed, without) if world is None else world
     # One and a half periods in a run.
     length, frequency = DURATION + 2.0 * _BLEND, 3.0 * np.pi / DURATION
     drawn = (10 * seed + k for k in range(count))
