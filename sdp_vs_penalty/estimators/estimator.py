@@ -74,6 +74,13 @@ class Task:
         """(n, 10) indices of each link's parameters in theta; (0, 10) without a rigid body."""
         return self.model.rigid_indices.reshape(-1, 10)
 
+    @property
+    def pseudo_inertias(self) -> tuple[Constraint, ...]:
+        """That each link is a body, link by link: what a prior's log det is of. A body that an effect
+        adds (a payload) is none of them."""
+        bodies = (c for c in self.constraints.convex if c.family == "pseudo-inertia")
+        return tuple(c for c in bodies if c.indices[0] in self.links[:, 0])
+
     @cached_property
     def base(self) -> Array:
         """(b, p) map to base parameters: the links' own symbols, then all other parameters."""

@@ -75,11 +75,8 @@ class LmiSdp(Estimator):
             data = data.observing(masses, np.array([1.0 / self.total_spread]), weight)
         pull = None
         if self.entropy > 0.0 and len(task.links):
-            # A body that an effect adds is none of the robot's.
-            bodies = [c for c in task.constraints.convex if c.family == "pseudo-inertia"]
-            links = tuple(c for c in bodies if c.indices[0] in task.links[:, 0])
             nominal = inertia.pseudo_inertia(task.prior_links)
-            pull = Entropy(self.entropy * sample_variance(task), links, nominal)
+            pull = Entropy(self.entropy * sample_variance(task), task.pseudo_inertias, nominal)
         return Objective(data, pull), constraints
 
 

@@ -147,11 +147,11 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
         return replace(c, constant=c.constant * scale, coefficients=c.coefficients * scale / local)
 
     convex = tuple(convert(c) for c in task.constraints.convex)
-    if entropy is not None:
-        links = tuple(c for c in convex if c.family == "pseudo-inertia")
-        entropy = Entropy(entropy.weight * torque**2, links, entropy.nominal * np.outer(corner, corner))
     scaled = {"bound": task.bound * factor, "nominal": task.nominal * factor}
     moved = replace(task, data=changed, constraints=ConstraintSet(convex), **scaled)
+    if entropy is not None:
+        nominal = entropy.nominal * np.outer(corner, corner)
+        entropy = Entropy(entropy.weight * torque**2, moved.pseudo_inertias, nominal)
     return replace(instance, task=moved, objective=Objective(changed, entropy))
 
 
@@ -171,9 +171,9 @@ def posed(name: str, task: Task, step: str, shape: str) -> Instance:
     task = replace(task, constraints=ConstraintSet((*task.constraints.convex, *demands)))
     data, entropy = task.data if step == "one-step" else task.base_distance, None
     if shape == "regulariser":
-        links = tuple(c for c in task.constraints.convex if c.family == "pseudo-inertia")
         spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
-        entropy = Entropy(spread, links, inertia.pseudo_inertia(task.nominal[task.links]))
+        nominal = inertia.pseudo_inertia(task.nominal[task.links])
+        entropy = Entropy(spread, task.pseudo_inertias, nominal)
     return Instance(name, replace(task, data=data), Objective(data, entropy))
 
 
