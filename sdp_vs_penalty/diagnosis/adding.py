@@ -227,11 +227,16 @@ def _add_frozen(
 # The shape constants of what joins, and of the model's own beside them.
 
 
+def _told(effect: Effect) -> frozenset[str]:
+    """The shape constants that are not searched: given ones, and those that the effect has and its class
+    has not, which say what it acts on, as its joints do."""
+    return effect.given | (set(effect.shape) - set(type(effect).shapes))
+
+
 def all_given(effect: Effect) -> bool:
     """Whether nothing is left to estimate of an effect's shape constants."""
     clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
-    # Constants that the effect has and its class has not say what it acts on, as its joints do.
-    return effect.given | (set(effect.shape) - set(type(effect).shapes)) >= clock.union(effect.searched)
+    return _told(effect) >= clock.union(effect.searched)
 
 
 def shaped_effects(
@@ -255,7 +260,7 @@ def shaped_effects(
 
 def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
     """One joint's effect with the shape that scores most; given ones stay."""
-    fixed = effect.given | (set(effect.shape) - set(type(effect).shapes))
+    fixed = _told(effect)
     start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
     given = {key: effect.shape[key] for key in fixed}
     forms = [

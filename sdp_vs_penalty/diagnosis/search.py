@@ -197,10 +197,8 @@ class Search:
         None, and every term knows its rivals."""
         told = []
         for group in [*([t] for t in terms), *self.one_effect(terms)]:
-            rest, on = (
-                [t for t in terms if t not in group],
-                frozenset[int]().union(*(t.joints for t in group)),
-            )
+            rest = [t for t in terms if t not in group]
+            on = frozenset[int]().union(*(t.joints for t in group))
             fit, J = self.score.fit(rest, self.fit), self.worth(group, rest)
             found = self.top_candidates(fit, rest, on, J, whole=len(group) > 1)
             if len(group) == 1:
