@@ -198,14 +198,14 @@ class ConstraintSet:
         """Worst violation of each family, max(0, -margin), in the family's own units."""
         out: dict[str, float] = {}
         families = [c.family for c in self.convex] + [b.family for b in self.nonconvex]
-        found = [*margins(self.convex, theta)[0].tolist(), *(b.margin(theta) for b in self.nonconvex)]
+        found = [*self.entries.margins(theta)[0], *(b.margin(theta) for b in self.nonconvex)]
         for family, margin in zip(families, found, strict=True):
-            out[family] = max(out.get(family, 0.0), -margin)
+            out[family] = max(out.get(family, 0.0), -float(margin))
         return out
 
     def margin(self, theta: ArrayLike) -> float:
         """Smallest margin of the convex constraints: >= 0 exactly if theta is feasible for the SDP."""
-        return float(margins(self.convex, theta)[0].min(initial=np.inf))
+        return float(self.entries.margins(theta)[0].min(initial=np.inf))
 
     def depths(self, theta: ArrayLike) -> list[float]:
         """How far inside each group of constraints theta lies, free of units: at most about one."""
@@ -278,11 +278,6 @@ class Alike:
         flat = self.matrix @ theta[: self.matrix.shape[1]]
         return self.constant + flat.reshape(self.constant.shape)
 
-    def terms(self, theta: Array) -> Array:
-        """(g, ...) |F_0| + sum |theta_i F_i|: the size of what :meth:`values` sums up."""
-        flat = np.abs(self.matrix) @ np.abs(theta[: self.matrix.shape[1]])
-        return np.abs(self.constant) + flat.reshape(self.constant.shape)
-
 
 def alike(constraints: Sequence[Constraint]) -> list[Alike]:
     """Constraints side by side, to be worked on at once, in the order in which each kind comes first."""
@@ -328,6 +323,15 @@ class Entries:
         size = np.abs(self.constant) + np.bincount(self.row, np.abs(terms), count)
         return np.asarray(self.constant + np.bincount(self.row, terms, count)), np.asarray(size)
 
+    def margins(self, theta: ArrayLike) -> tuple[Array, Array]:
+        """Of each constraint (m,) its margin, and the size of the largest terms that were summed."""
+        margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
+        both = map(self.split, self.at(np.asarray(theta, float)))
+        for group, values, terms in zip(self.groups, *both, strict=True):
+            margin[group.places] = cone_margin(group.cone, values)
+            size[group.places] = terms.reshape(len(values), -1).max(axis=1)
+        return margin, size
+
     def adjoint(self, flat: Array, p: int) -> Array:
         """(p,) inner products of every dF / dtheta_k with multipliers (e,)."""
         return np.asarray(np.bincount(self.column, self.value * flat[self.row], p))
@@ -346,15 +350,6 @@ class Entries:
         parts = zip(self.groups, self.split(flat), strict=True)
         own = {k: x for group, part in parts for k, x in zip(group.places.tolist(), part, strict=True)}
         return [own[k] for k in range(len(own))]
-
-
-def margins(constraints: Sequence[Constraint], theta: ArrayLike) -> tuple[Array, Array]:
-    """Of each constraint (m,) its margin, and the size of the largest terms that were summed."""
-    margin, size, x = np.zeros(len(constraints)), np.zeros(len(constraints)), np.asarray(theta, float)
-    for group in alike(constraints):
-        margin[group.places] = cone_margin(group.cone, group.values(x))
-        size[group.places] = group.terms(x).reshape(len(group.places), -1).max(axis=1)
-    return margin, size
 
 
 def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constraint:

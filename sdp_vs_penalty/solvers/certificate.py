@@ -117,7 +117,7 @@ def _polished(
         return np.asarray(u[:, told] @ ((vt[told] @ slope) / (2.0 * strength[told])))
 
     # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near depends on units.
-    sizes = [_sizes(group, bound) for group in entries.groups]
+    sizes = [_sizes(*x) for x in zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)]
     dual, kept, best = entries.split(e.multipliers), e.multipliers, -np.inf
     for _ in range(_DUAL_ROUNDS):
         dual = [t * project(g.cone, s / t) for g, s, t in zip(entries.groups, dual, sizes, strict=True)]
@@ -142,12 +142,12 @@ def _polished(
     return replace(e, multipliers=kept, push=push)
 
 
-def _sizes(group: Alike, bound: Array) -> Array:
-    """(g, d, d) t t^T of the diagonals t of T; ones for cones that are no matrices."""
+def _sizes(group: Alike, terms: Array) -> Array:
+    """(g, d, d) t t^T of the diagonals t of T, from the terms that bounds make; ones for cones that are
+    no matrices."""
     if group.cone != "psd":
         return np.ones_like(group.constant)
-    size = np.diagonal(group.terms(bound), axis1=1, axis2=2)
-    t = or_one(size) ** -0.5
+    t = or_one(np.diagonal(terms, axis1=1, axis2=2)) ** -0.5
     return np.asarray(t[:, :, None] * t[:, None])
 
 

@@ -21,12 +21,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.robot.constraint import (
-    Constraint,
-    ConstraintSet,
-    Entries,
-    margins,
-)
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, Entries, alike
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
@@ -183,7 +178,7 @@ def proves_infeasible(constraints: ConstraintSet, multipliers: Array, bound: Arr
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
     """Whether theta satisfies all constraints, decided in rational arithmetic."""
-    margin, size = margins(constraints, theta)
+    margin, size = Entries.of(alike(constraints)).margins(theta)
     exact = {int(k): Fraction(float(theta[k])) for c in constraints for k in c.indices}
     return all(
         verify_proof.inside(c.cone, _exact_value(c, exact))
