@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Alike, Constraint, ConstraintSet, Entries, alike
+from sdp_vs_penalty.robot.constraint import ConstraintSet, Entries, alike
 from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
@@ -18,8 +16,6 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 ORDER = 4
 #: Up to so many entries a product with the whole matrix takes less than the call of a sparse one.
 _DENSE = 1 << 16
-#: Rows, columns and values of a sparse matrix.
-_Triplets = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 
 
 class SmallCones:
@@ -36,41 +32,43 @@ class SmallCones:
         """Raises NotApplicableError for cones of an order above four."""
         links = entropy.links if entropy is not None and entropy.weight > 0.0 else ()
         barred = {("pseudo-inertia", *link.indices.tolist()) for link in links}  # by their log det
-        chosen = [c for c in constraints.essential if (c.family, *c.indices.tolist()) not in barred]
-        found = alike(chosen)
-        rows = [kind for kind in found if kind.cone == "nonnegative"]
-        others = [kind for kind in found if kind.cone != "nonnegative"]
-        kinds = [*map(_each_row, rows), *map(_matrices, (*alike(links), *others))]
-        entries, linear = Entries.of(kinds), np.zeros(p)
-        count = sum(kind.constant.size for kind in rows)
-        weight = np.zeros((len(entries.constant) - count) // ORDER**2)
+        kept = {c for c in constraints.essential if (c.family, *c.indices.tolist()) not in barred}
+        groups, start, parts = (*constraints.groups, *alike(links)), 0, []
+        for number, group in enumerate(groups):
+            own, turn = np.arange(len(group.places)), 1
+            if number < len(constraints.groups):
+                own = np.flatnonzero([constraints.convex[k] in kept for k in group.places])
+                turn = 0 if group.cone == "nonnegative" else 2
+            image, ones = _image(group.cone, group.constant.shape[1])
+            parts.append((turn, image, ones, start + image.shape[1] * own))
+            start += group.constant.size
+        parts.sort(key=lambda part: part[0])  # rows, links, others
+        none, first = np.zeros(0, np.intp), 0
+        row, column, value = [none], [none], [np.zeros(0)]
+        for _, image, _, begins in parts:
+            entry, of = np.nonzero(image)
+            row.append((first + len(image) * np.arange(len(begins))[:, None] + entry).ravel())
+            column.append((begins[:, None] + of).ravel())
+            value.append(np.tile(image[entry, of], len(begins)))
+            first += len(image) * len(begins)
+        every = Entries.of(groups)
+        where = np.concatenate(row), np.concatenate(column)
+        image = sparse.csr_matrix((np.concatenate(value), where), (first, start))
+        self.rows = sum(ones.size * len(begins) for turn, _, ones, begins in parts if turn == 0)
+        self.constant = image @ every.constant
+        self.constant += np.concatenate([np.zeros(0), *(np.tile(x[2], len(x[3])) for x in parts)])
+        self.home = image[:, : len(constraints.entries.constant)].T.tocsr()
+        self.weight, self.linear = np.zeros((first - self.rows) // ORDER**2), np.zeros(p)
         if entropy is not None and links:
-            weight[: len(links)] = entropy.weight
-            linear = entropy.weight * entropy.entries.adjoint(entropy.nominal_terms[0].ravel(), p)
-        pairs, wide = list[_Triplets](), 0
-        for kind in kinds:
-            pairs.append(_pairs(kind, wide, p))
-            wide += kind.constant.size * kind.constant.shape[1] ** 2
-        curvature = _sparse(pairs, (p * p, wide))
+            self.weight[: len(links)] = entropy.weight
+            inverse = entropy.nominal_terms[0]
+            self.linear = entropy.weight * entropy.entries.adjoint(inverse.ravel(), p)
+        shape = (start, p)
+        slack_map = image @ sparse.csr_matrix((every.value, (every.row, every.column)), shape)
+        curvature = _curvature(slack_map, self.rows)
         self.places = np.flatnonzero(np.diff(curvature.indptr))
         self.curvature = curvature[self.places]
-        back, own, start, first = list[_Triplets](), dict[Constraint, int](), 0, 0
-        for kind in constraints.groups:
-            for k in kind.places.tolist():
-                own[constraints.convex[k]], start = start, start + constraints.convex[k].constant.size
-        for kind in (*rows, *others):
-            where = np.array([own[chosen[k]] for k in kind.places.tolist()])
-            if kind.cone == "nonnegative":
-                width = kind.constant.shape[1]
-            else:
-                first, width = max(first, count + len(links) * ORDER**2), ORDER**2
-            back.append(_homeward(kind, where, first + width * np.arange(len(where))))
-            first += width * len(where)
-        self.home = _sparse(back, (start, len(entries.constant)))
-        self.rows, self.linear, self.weight, self.constant = count, linear, weight, entries.constant
-        shape = (len(entries.constant), p)
-        slack_map = _sparse([(entries.row, entries.column, entries.value)], shape)
-        small = math.prod(shape) <= _DENSE
+        small = math.prod(slack_map.shape) <= _DENSE
         self.slack_map: Array | sparse.csr_matrix = slack_map.toarray() if small else slack_map
         self.adjoint: Array | sparse.csr_matrix = slack_map.T.tocsr()
         if small:
@@ -84,62 +82,36 @@ class SmallCones:
         return self.home @ flat, slopes / self.weight[0] if links else None
 
 
-def _sparse(parts: Sequence[_Triplets], shape: tuple[int, int]) -> sparse.csr_matrix:
-    none = np.zeros(0, np.intp)
-    row, column, value = (np.concatenate(x) for x in zip((none, none, none), *parts, strict=True))
-    return sparse.csr_matrix((value, (row, column)), shape)
-
-
-def _matrices(kind: Alike) -> Alike:
-    """As matrices (g, 4, 4) and coefficients (g, k, 4, 4): second-order cones as arrows, and padded."""
-    if (size := kind.constant.shape[1]) > ORDER:
-        raise NotApplicableError(f"no matrices and cones of order {size}")
-    constant = _padded(kind.cone, kind.constant)
-    constant[:, range(size, ORDER), range(size, ORDER)] = 1.0
-    return Alike("psd", kind.places, kind.indices, constant, _padded(kind.cone, kind.coefficients))
-
-
-def _padded(cone: str, values: Array) -> Array:
-    """(..., 4, 4) of matrices (..., d, d), or of second-order cones (..., d), zeros beside them."""
-    size, lead = values.shape[-1], values.shape[: -2 if cone == "psd" else -1]
-    out = np.zeros((*lead, ORDER, ORDER))
+def _image(cone: str, d: int) -> tuple[Array, Array]:
+    """From a cone's entries to its slacks, and what is added: itself, or a 4x4 matrix with ones beside
+    a smaller one; of a second-order cone the arrow."""
+    if cone == "nonnegative":
+        return np.eye(d), np.zeros(d)
+    if d > ORDER:
+        raise NotApplicableError(f"no matrices and cones of order {d}")
+    at, entry = np.arange(ORDER**2).reshape(ORDER, ORDER), np.arange(d)
+    image = np.zeros((ORDER**2, d * d if cone == "psd" else d))
     if cone == "psd":
-        out[..., :size, :size] = values
+        image[at[:d, :d].ravel(), np.arange(d * d)] = 1.0
     else:
-        out[..., range(size), range(size)] = values[..., :1]
-        out[..., 0, 1:size] = out[..., 1:size, 0] = values[..., 1:]
-    return out
+        image[at[0, :d], entry] = image[at[:d, 0], entry] = image[np.diagonal(at)[:d], 0] = 1.0
+    return image, np.asarray(np.diag(np.arange(ORDER) >= d).ravel(), float)
 
 
-def _each_row(kind: Alike) -> Alike:
-    """Rows one by one, as matrices (g d, 1, 1) and coefficients (g d, k, 1, 1)."""
-    d = kind.constant.shape[1]
-    places, indices = np.repeat(kind.places, d), np.repeat(kind.indices, d, axis=0)
-    coefficients = np.moveaxis(kind.coefficients, 2, 1).reshape(*indices.shape, 1, 1)
-    return Alike("psd", places, indices, kind.constant.reshape(-1, 1, 1), coefficients)
-
-
-def _homeward(kind: Alike, where: NDArray[np.intp], first: NDArray[np.intp]) -> _Triplets:
-    """Entries of constraints, from ``where`` (g,) on, and the multipliers (from ``first`` (g,) on) that
-    they are made of: the adjoint of what makes the slacks of them."""
-    each = np.eye(kind.constant[0].size).reshape(-1, *kind.constant.shape[1:])
-    made = each if kind.cone == "nonnegative" else _padded(kind.cone, each).reshape(len(each), -1)
-    entry, own = np.nonzero(made)
-    rows, columns = where[:, None] + entry, first[:, None] + own
-    return rows.ravel(), columns.ravel(), np.tile(made[entry, own], len(where))
-
-
-def _pairs(kind: Alike, start: int, p: int) -> _Triplets:
-    """Of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d] (S^-1)[a, c] Z[d, b]: place in H, product of S^-1
-    and Z (from ``start`` on), and F_i[a, b] F_j[c, d] with which it counts there."""
-    (g, k), order = kind.indices.shape, kind.constant.shape[1]
-    flat = kind.coefficients.reshape(g, k, -1)
-    own, entry = np.nonzero(np.any(flat != 0.0, axis=0))
-    one, other = (x.ravel() for x in np.indices((len(own), len(own))))
-    (a, b), (c, d) = np.divmod(entry[one], order), np.divmod(entry[other], order)
-    where = ((a * order + c) * order + d) * order + b
-    row, column = kind.indices[:, own[one]], kind.indices[:, own[other]]
-    value = flat[:, own[one], entry[one]] * flat[:, own[other], entry[other]]
-    used = (row >= column) & (value != 0.0)
-    where = start + np.arange(g)[:, None] * order**4 + where
-    return (column * p + row)[used], where[used], value[used]
+def _curvature(slack_map: sparse.csr_matrix, rows: int) -> sparse.csr_matrix:
+    """(p^2, rows + 256 blocks): of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d] (S^-1)[a, c] Z[d, b] with
+    which factor each product of S^-1 and Z counts at (j, i), i >= j."""
+    part, p = slack_map.tocoo(), slack_map.shape[1]
+    block, entry = np.divmod(part.row - rows, ORDER**2)
+    block, entry = np.where(part.row < rows, [part.row, 0 * entry], [rows + block, entry])
+    count, begins = np.bincount(block)[block], np.searchsorted(block, block)
+    one = np.repeat(np.arange(len(block)), count)
+    other = np.arange(len(one)) - np.repeat(np.cumsum(count) - count - begins, count)
+    used = part.col[one] >= part.col[other]
+    one, other = one[used], other[used]
+    (a, b), (c, d) = np.divmod(entry[one], ORDER), np.divmod(entry[other], ORDER)
+    product = block[one] + (ORDER**4 - 1) * np.maximum(block[one] - rows, 0)
+    product = product + ((a * ORDER + c) * ORDER + d) * ORDER + b
+    wide = rows + (slack_map.shape[0] - rows) * ORDER**2
+    value = part.data[one] * part.data[other]
+    return sparse.csr_matrix((value, (part.col[other] * p + part.col[one], product)), (p * p, wide))
