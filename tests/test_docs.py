@@ -113,7 +113,6 @@ def test_every_command_parses_and_every_link_leads_somewhere(page):
     text = (DOCS / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         assert (DOCS / target).resolve().is_file(), f"{page}: {target}"
-    assert max(map(len, re.sub(r"```.*?```|<!--.*?-->", "", text, flags=re.DOTALL).splitlines())) <= 125
 
 
 def test_every_page_is_in_the_index_and_the_index_in_the_readme():
@@ -246,27 +245,7 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
     np.testing.assert_array_equal(again, names["fit"].theta)
 
 
-def sentences(text: str) -> list[str]:
-    """The prose of a page, code and addresses as one word each."""
-    text = re.sub(r"```.*?```|<!--.*?-->|^ {7,}\S[^\n]*$", "", text, flags=re.DOTALL | re.MULTILINE)
-    out = []
-    for part in re.split(r"\n\s*\n|\n(?=\s*[-*|#:] ?|\s*\d+\. )", text):
-        if not part.strip().startswith(("|", ":::")):
-            part = re.sub(r"\]\([^)]*\)", "]", re.sub(r"`[^`]*`", "code", part))
-            out += re.split(r"(?<=[.!?])\s+", part.replace("\n", " "))
-    return out
-
-
-@pytest.mark.parametrize("page", ["../README.md", *(p.name for p in PAGES)])
-def test_no_sentence_is_longer_than_35_words(page):
-    said = sentences((DOCS / page).read_text(encoding="utf-8"))
-    long = [one for one in said if len(one.split()) > 35]
-    assert not long, "\n".join(long)
-
-
-def test_the_documentation_is_short_and_says_what_the_tests_leave_out():
-    assert sum(len(p.read_text(encoding="utf-8").split()) for p in PAGES) <= 25_000
-    assert len(README.split()) <= 900
+def test_the_readme_says_what_the_tests_leave_out():
     left_out = re.findall(r"not (\w+)", (ROOT / "pyproject.toml").read_text().partition("-m '")[2][:60])
     assert left_out
     assert all(f"`{marker}`" in README for marker in left_out)
@@ -305,7 +284,6 @@ def test_the_python_runs(folder, monkeypatch, capsys):
 def test_the_table_equals_the_generated_one():
     tool = runpy.run_path(str(ROOT / "tools" / "update_readme.py"))
     assert tool["with_results"](README, tool["headline"]()) == README
-    assert tool["with_results"](README, tool["headline"]() + "\nchanged") != README
     for picture in re.findall(r"\]\(([^):]*)\)", README):
         assert (ROOT / picture).exists(), picture
 
@@ -360,11 +338,3 @@ def wrong(text: str) -> list[str]:
 @pytest.mark.parametrize("page", MARKED, ids=lambda p: f"{p.parent.name}/{p.name}")
 def test_marked_figures_are_their_sources(page):
     assert not wrong(page.read_text())
-
-
-def test_a_stale_figure_is_found():
-    said = "7.1<!--coverage_in_life.md | closed loop; friction | coverage [%]-->"
-    assert wrong(said)
-    with pytest.raises(AssertionError, match="no row"):
-        wrong(said.replace("friction", "fraction"))
-    assert sum(len(MARK.findall(page.read_text())) for page in MARKED) >= 10

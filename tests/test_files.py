@@ -2,6 +2,7 @@
 
 import os
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -115,11 +116,13 @@ def test_a_name_that_cannot_be_is_one_sentence(tmp_path, name):
 
 
 STEPS = ("content", "open", "fchmod", "fsync", "close", "replace")
+FAULTS = [OSError(28, "No space left on device"), KeyboardInterrupt(), None]
 
 
 @pytest.mark.parametrize("step", STEPS)
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("error", FAULTS, ids=repr)
 def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypatch):
+    """An error, an interruption, and the end of the process (None), after which nothing is tidied up."""
     path = tmp_path / "model.json"
     write_text(path, "old")
     whole = getattr(os, step, None)
@@ -127,16 +130,27 @@ def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypat
     def fails(*arguments: object, **named: object) -> object:
         if step == "close":
             whole(*arguments)
+        if error is None:
+            os._exit(9)
         raise error
 
     def write() -> None:
-        with writing(path) as file:
-            file.write(b"new" * 100_000)
-            if step == "content":
-                raise error
+        with monkeypatch.context() as patch:
+            patch.setattr(f"sdp_vs_penalty.files.os.{step}", fails, raising=step != "content")
+            with writing(path) as file:
+                file.write(b"new" * 100_000)
+                if step == "content":
+                    fails()
 
-    with monkeypatch.context() as patch:
-        patch.setattr(f"sdp_vs_penalty.files.os.{step}", fails, raising=step != "content")
+    if error is None:
+        if not (child := os.fork()):
+            with suppress(BaseException):
+                write()
+            os._exit(1)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+        assert path.read_text() == "old"
+        write_text(path, "old")  # and the next writer takes away what is left
+    else:
         with pytest.raises((InputError, KeyboardInterrupt)):
             write()
     assert path.read_text() == "old"

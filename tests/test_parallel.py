@@ -16,7 +16,6 @@ from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 
@@ -48,7 +47,7 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(runs, tmp_path):
 
 
 @pytest.mark.long
-def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs):
+def test_folds_are_the_same_by_processes(runs):
     problem = load_problem("two_link")
     said: list[str] = []
     alone, several = (
@@ -60,21 +59,6 @@ def test_folds_and_estimates_of_tables_are_the_same_by_processes(runs):
     for a, b in zip(alone.folds, several.folds, strict=True):
         np.testing.assert_array_equal(a.theta, b.theta)
         np.testing.assert_array_equal(a.losses, b.losses)
-    heard: list[int] = []
-
-    class Counted(Workers):
-        def map(self, function, items):
-            heard.append(len(items))
-            return super().map(function, items)
-
-    methods = ("ols", "lmi-sdp", "penalty")
-    here, there = Study(problem), Study(problem, workers=Counted(2))
-    there.estimate(methods, [there.simulated])
-    assert heard == [3]  # all at once
-    for method in methods:
-        found = there.result(method, there.simulated)
-        np.testing.assert_array_equal(found.theta, here.result(method, here.simulated).theta)
-    assert sum(heard) == 3  # nothing twice
 
 
 @pytest.mark.long

@@ -24,8 +24,6 @@ from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.research.shootout.contestants import contestants
-from sdp_vs_penalty.research.tables.methods import WITH_PRIOR, methods
-from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.simulation import MAKERS, experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint, log_uniform
@@ -124,15 +122,6 @@ def test_what_must_differ_is_refused_if_equal():
         with pytest.raises(InputError, match=f"int and .* have the same {word}"):
             by_word(twins, word)
     assert list(by_word([(2, int), (1, str), (2, int)])) == [1, 2]  # one class in two files is one
-
-
-def test_an_estimator_is_in_the_table_of_methods_by_itself(added, monkeypatch):
-    few = {name: kind for name, kind in estimator_types().items() if name in ("ridge", "lmi-sdp-plain")}
-    monkeypatch.setattr("sdp_vs_penalty.research.tables.methods.estimator_types", lambda: few)
-    study = Study(load_problem("two_link"))
-    frame = methods.build(study).frame
-    own = frame["method"][frame["data"] == "simulated"]
-    assert set(own) == {"ridge", "lmi-sdp-plain", *WITH_PRIOR}
 
 
 def test_a_solver_is_one_file(added):

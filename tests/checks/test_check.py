@@ -238,26 +238,6 @@ def test_a_joint_that_rests_between_two_moves_is_not_frozen(frozen, two_link):
     assert ("frozen position" in found) == frozen, found
 
 
-@pytest.mark.slow
-@pytest.mark.real_data
-@pytest.mark.parametrize("inertials", [True, False])
-def test_a_robot_that_is_only_a_urdf(inertials, data_folder, tmp_path):
-    """The same measurements with nothing but kinematics known: no masses, no torque side, no bounds."""
-    text = (data_folder / "ur10e" / "ur10e.urdf").read_text()
-    path = tmp_path / "robot.urdf"
-    path.write_text(text if inertials else re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.S))
-    problem = load_problem(path)
-    run = measured_runs("ur10e")["ur-20_02_12-50sec_12harm"]
-    spoiled = {
-        "torque sign": check(problem, flipped(3)(run)),
-        "torque unit": check(problem, replace(run, tau=1e3 * run.tau)),
-        "gravity direction": check(problem.with_gravity((0.0, 9.81, 0.0)), run),
-    }
-    assert not check(problem, run)[0].problems
-    for kind, reports in spoiled.items():
-        assert [f.kind for f in reports[0].problems] == [kind]
-
-
 @pytest.mark.real_data
 def test_the_force_of_the_real_emps_turned():
     run = measured_runs("emps")["tracking"]

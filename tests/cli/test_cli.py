@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,7 @@ from sdp_vs_penalty import (
     identify,
     load_estimate,
 )
-from sdp_vs_penalty.cli import console, printing
+from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.excitation import payload_run
@@ -194,14 +193,6 @@ def test_verbs_print_the_figures_of_their_functions(run, runs, model, two_link, 
         assert re.search(rf"{name}: \+- {own:.2g} kg\S*( m\S*)? \({random:.2g} on a random", shown), (
             shown
         )
-
-
-def test_bounds_that_decide_are_printed(model, capsys):
-    estimate = load_estimate(model)
-    printing.certificate(replace(estimate, details=estimate.details | {"on_bounds": ["mass of link 2"]}))
-    assert "mass of link 2: widen the bounds, or measure more" in " ".join(
-        capsys.readouterr().out.split()
-    )
 
 
 def test_compare_writes_the_stated_json(run, runs, model, tmp_path):

@@ -21,7 +21,6 @@ from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
-from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -75,9 +74,6 @@ def test_findings_json_is_the_interface(found):
     assert data["held_out_source"] == "test"
     # identify had no Stribeck friction to blame: its Coulomb turned too early, on that joint only.
     assert {r["joint"] for r in data["retuned"]} <= {3}
-    assert all(r["after"] == pytest.approx(0.01, rel=0.3) for r in data["retuned"])
-    if not data["retuned"]:
-        assert data["held_out_rmse_before"] == data["effects"][0]["held_out_rmse_before"]
     assert [e["number"] for e in data["effects"]] == list(range(1, len(data["effects"]) + 1))
     assert Diagnosis.from_dict(data).to_dict() == data
     for finding in data["effects"]:
@@ -87,8 +83,6 @@ def test_findings_json_is_the_interface(found):
         *("joints", "shape", "size", "unit", "confidence", "indistinguishable_from", "explanation"),
         *("held_out_rmse_before", "held_out_rmse_after"),
     }
-    assert len(data["noise_floor"]) == len(data["effects"][0]["held_out_rmse_after"]) == 7
-    assert data["effects"][0]["confidence"] in ("confident", "weak")
 
 
 def test_what_the_links_absorb_is_reported_as_invisible(found):
@@ -111,32 +105,6 @@ def test_clean_measurements_stay_clean(name, seed):
     assert result.verdict == "nothing_missing"
     assert result.effects == ()
     assert result.events == ()
-
-
-@pytest.mark.slow
-def test_only_a_frozen_model_shows_a_payload(panda):
-    loaded = hidden_runs(panda, [("payload", [])], "strong", seed=16)
-    empty = hidden_runs(panda, [], 0.0, seed=17, world=loaded.world)
-    estimate = identified(empty, concatenate(empty.runs[:3]))
-    data = concatenate(loaded.runs[:3])
-    result = diagnose(estimate, data, loaded.runs[3], frozen=True)
-    mass = loaded.hidden[0].size
-    assert result.effects[0].effect == "payload"
-    assert result.effects[0].joints == ()
-    assert result.effects[0].size == pytest.approx(mass, rel=0.05)
-    assert abs(result.effects[0].size - mass) < 3.0 * result.effects[0].std
-    doubted = diagnose(estimate, data, loaded.runs[3], frozen=True, gain_uncertainty=0.1)
-    assert doubted.effects[0].std > 1.5 * result.effects[0].std
-
-    bigger = add(estimate, "payload", data)
-    names = [p.name for p in bigger.model.parameters]
-    assert bigger.theta[names.index("payload_m")] == pytest.approx(mass, rel=0.1)
-    np.testing.assert_array_equal(bigger.theta[: len(estimate.theta)], estimate.theta)
-    assert inertia.consistency_margin(bigger.theta[-10:]) >= 0.0
-    assert bigger.certificate.worst > 0.0  # of the least squares that it is beside
-
-    refitted = identified(loaded, data)
-    assert all(f.effect != "payload" for f in diagnose(refitted, data, loaded.runs[3]).effects)
 
 
 @pytest.mark.slow

@@ -61,6 +61,8 @@ def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(arm, tmp_pa
     found = diagnose(kept, other, frozen=True).effects
     assert [f.effect for f in found] == ["payload"]
     assert abs(found[0].size - 0.9) < 4.0 * found[0].std
+    (doubted,) = diagnose(kept, other, frozen=True, gain_uncertainty=0.1).effects
+    assert doubted.std > 1.5 * found[0].std
     # As the channels stand, the same load weighs something else, and its interval does not know.
     naive = add(identify(arm, bare, "ols"), "payload", other).uncertainty.standard[len(kept.theta)]
     assert not naive.lower < 0.9 < naive.upper

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from arms import random_arm, random_run
-from cvxpy_model import cvxpy_model
+from cvxpy_model import cvxpy_optimum
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import bare, link_parameters, open_problem, posed_task, sines, tree
@@ -83,8 +83,8 @@ def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_l
     weight = 0.0 if fit.objective.entropy is None else fit.objective.entropy.weight
     assert weight == pytest.approx(estimator.entropy * row)
     theta, certificate = certify(toy_task, fit)
-    model = cvxpy_model(two_link, toy_task, fit.objective, estimator.thickness, estimator.body)
-    found, value = model.solve(solver, **CVXPY_SOLVERS[solver])
+    asked = two_link, toy_task, fit.objective, estimator, solver
+    found, value = cvxpy_optimum(*asked, **CVXPY_SOLVERS[solver])
     assert certificate.upper is not None
     loss = fit.objective.least_squares.loss(theta)
     assert value == pytest.approx(certificate.upper, abs=1e-7 * loss)

@@ -201,52 +201,41 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(story, browser
 
 @pytest.mark.slow
 def test_with_the_keyboard_alone(context, server, files):
+    """Where the focus is can be seen, and after each step it stands where the way goes on."""
     page = open_page(context, server)
-    choosers: list[Any] = []
-    page.on("filechooser", lambda chooser: choosers.append(chooser))
+    shown = (
+        "getComputedStyle(document.activeElement.closest('.drop, :focus:not([type=file])')).outlineStyle"
+    )
 
-    def walk(to: str) -> None:
-        """Tab until the control has the focus, which can be seen."""
+    def press(to: str, what: str = "Enter") -> None:
+        """Tab until the control has the focus, and press it."""
         for _ in range(120):
             page.keyboard.press("Tab")
-            found = page.evaluate("document.activeElement?.dataset?.key ?? null")
-            if found == to:
-                outline = page.evaluate(
-                    "getComputedStyle(document.activeElement.closest('.drop, :focus:not([type=file])'))"
-                    ".outlineStyle"
-                )
-                assert outline == "solid"
-                return
-        raise AssertionError(f"{to} cannot be reached")
+            if page.evaluate("document.activeElement?.dataset?.key ?? null") == to:
+                break
+        assert page.evaluate("document.activeElement?.dataset?.key ?? null") == to
+        assert page.evaluate(shown) == "solid"
+        page.keyboard.press(what)
 
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")  # past the header
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.dataset.key") == "show-me"
-    walk("robot-two_link")
-    page.keyboard.press("Enter")
+    press("robot-two_link")
     page.wait_for_selector(key("drop-runs"))
-    walk("drop-runs")
-    page.keyboard.press("Enter")
-    for _ in range(100):
-        page.wait_for_timeout(100)
-        if choosers:
-            break
-    choosers[0].set_files([str(files[0]), str(files[1]), str(files[3])])
+    with page.expect_file_chooser() as chooser:
+        press("drop-runs")
+    chooser.value.set_files([str(files[0]), str(files[1]), str(files[3])])
     page.wait_for_selector("table.runs")
     idle(page)
     for step in ("measure", "check"):
         page.wait_for_selector(key(f"next-{step}"))
-        walk(f"next-{step}")
-        page.keyboard.press("Enter")
+        press(f"next-{step}")
     page.wait_for_selector(key("identify"))
-    walk("identify")
-    page.keyboard.press("Space")
+    press("identify", "Space")
     page.wait_for_selector("[data-part=fit] .js-line")
     idle(page)
     expect(page.locator("[aria-live=polite]")).to_have_text("Identifying by lmi-sdp. Done.")
-    # The focus is at the step that came, so that the way goes on from there.
     assert page.evaluate("document.activeElement.innerText") == "Identify"
-    walk("joint-2")
-    page.keyboard.press("Enter")
+    press("joint-2")
     expect(page.locator(key("joint-2"))).to_have_attribute("aria-pressed", "true")

@@ -70,19 +70,6 @@ def test_what_changes_nothing_is_what_the_verbs_say(sessions, hidden, tmp_path):
     assert s.answer("forward") is None
 
 
-@pytest.mark.long
-def test_a_turned_robot_is_set_upright_by_the_check(sessions, hidden, tmp_path):
-    """The check's finding carries the gravity that it proposes."""
-    s = opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv"))
-    own = s.robot["own_gravity"]
-    assert not any(f["gravity"] for f in s.runs[0]["findings"])
-    do(s, lambda: s.mount(",".join(str(-g) for g in own)))
-    (found,) = (f for f in s.runs[0]["findings"] if f["gravity"])
-    do(s, lambda: s.mount(",".join(map(str, found["gravity"]))))
-    assert s.robot["gravity"] == pytest.approx(own, abs=0.02)
-    assert not any(f["gravity"] for f in s.runs[0]["findings"])
-
-
 def test_meaningless_runs_are_identified_only_when_asked_twice(sessions, hidden, tmp_path):
     """Torques with the wrong sign: refused with the reason, as on the command line."""
     run = hidden.runs[0]

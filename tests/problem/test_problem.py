@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import bare, link_parameters, open_problem, sines, task_of, tree
+from random_robots import bare, link_parameters, open_problem, task_of, tree
 
-from sdp_vs_penalty import InputError, Measurements, Problem, identify
+from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.estimators import interior_point
 from sdp_vs_penalty.problem import open_box, plausible_links, published_links, with_bounds
 from sdp_vs_penalty.problem.load import load_problem
@@ -98,24 +98,6 @@ def test_turned_gravity_finds_its_own_base_parameters(panda):
     assert upright.independent == panda.independent
     assert len(base_parameters(upright.model("rigid_body"), upright.independent)[0]) == 43
     assert len(base_parameters(wall.model("rigid_body"), wall.independent)[0]) == 45
-
-
-def test_a_heavy_axis_is_not_cut_to_the_default_mass(tmp_path):
-    """The defaults for a robot without published bounds give way to what its own file says."""
-    file = tmp_path / "axis.urdf"
-    file.write_text(
-        '<robot name="axis"><link name="base"/><link name="carriage"><inertial><mass value="300"/>'
-        '<inertia ixx="9" iyy="9" izz="9" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="z" type="prismatic"><parent link="base"/><child link="carriage"/>'
-        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="9000"/></joint></robot>'
-    )
-    problem = load_problem(file)
-    t = np.arange(0.0, 12.0, 0.005)
-    x = sines(np.random.default_rng(0), 1, t)
-    run = Measurements(t, 0.3 * x.q, 310.0 * (0.3 * x.ddq + 9.81) + 6.0 * x.dq)
-    estimate = identify(problem, run, effects="rigid_body,viscous_friction")
-    assert estimate.links[0, 0] == pytest.approx(310.0, rel=1e-3)
-    assert estimate.details["on_bounds"] == []
 
 
 def test_bounds_by_a_word():

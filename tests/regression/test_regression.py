@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
 from sdp_vs_penalty import InputError, Problem, identify, load_estimate, load_problem
-from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
@@ -103,22 +102,6 @@ def test_merging_blocks_equals_one_pass(seed):
 
 @quick
 @given(seeds)
-def test_files_merge_like_one_measurement(seed):
-    model, _, first = case(seed)
-    rng = np.random.default_rng(seed + 1)
-    motion = sines(rng, 3, np.arange(100.0, 108.0, 4e-3))
-    second = Measurements(motion.t, motion.q, rng.normal(size=motion.q.shape), None, None, ("b",))
-    together = compress(FilteredRuns.of(concatenate([first, second]), FILTERS), model)
-    for k, run in enumerate((first, second)):
-        apart = compress(FilteredRuns.of(run, FILTERS), model)
-        own = together.select([i for i, b in enumerate(together.blocks) if b.run == k])
-        assert [b.start for b in own.blocks] == [b.start for b in apart.blocks]
-        assert_same_loss(own.least_squares(), apart.least_squares(), rng)
-    assert {b.run for b in together.blocks} == {0, 1}
-
-
-@quick
-@given(seeds)
 def test_base_parameters_make_the_same_torque(seed):
     """pi = B theta determines every torque: Y theta = Y B^+ B theta; and nothing less does."""
     rng = np.random.default_rng(seed)
@@ -160,28 +143,6 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     assert len(base.rows) == rank == (4 + 2 + 3 + 3 if which == "scara" else 43 + 5 + 7 + 7)
     # The torque follows from them: their leading columns make every other one.
     np.testing.assert_allclose(columns[:, base.leading] @ base.rows, columns, atol=1e-8 * seen.max())
-
-
-def test_base_parameters_of_the_two_link_robot_are_the_papers_8(two_link):
-    """pi_2R of the supplementary material, with row 6 corrected to J2zz - 0.64 m2."""
-    model = two_link.model(["rigid_body"])
-    matrix, kept = base_parameters(model, two_link.independent)
-    names = [p.name for p in model.parameters]
-
-    def row(**terms: float) -> np.ndarray:
-        out = np.zeros(len(names))
-        for name, value in terms.items():
-            out[names.index(name)] = value
-        return out
-
-    l2 = 0.8
-    # In standard DH the frame of link 2 sits at its end: J about it, c2x < 0.
-    for k, name in enumerate(two_link.independent or ()):
-        assert names[kept[k]] == name
-    np.testing.assert_allclose(matrix[5], row(Izz2=1.0, m2=-(l2**2)), atol=1e-9)
-    np.testing.assert_allclose(matrix[6], row(mx2=1.0, m2=l2), atol=1e-9)
-    np.testing.assert_allclose(matrix[7], row(my2=1.0), atol=1e-9)
-    np.testing.assert_allclose(matrix[1], row(Ixx2=1.0, Iyy2=-1.0, mx2=0.0, m2=l2**2), atol=1e-9)
 
 
 def test_independent_parameters_must_be_independent(panda):

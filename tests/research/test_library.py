@@ -2,17 +2,16 @@
 
 import csv
 import hashlib
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import run_cli
-from sdp_readers import read_cbf, read_sdpa
+from sdp_readers import read_cbf
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.research.shootout import instances
-from sdp_vs_penalty.solvers import solver, verify_proof
+from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.rewrite import reorder
 
 #: One of each kind: formulations, cones, units, an optimum of zero, none at all.
@@ -69,26 +68,6 @@ def test_every_file_is_its_sum_and_every_proof_is_accepted(written):
             assert [float(x) for x in found] == [float(row["lower"]), float(row["upper"])]
     assert rows["two_link infeasible 1e-6"]["status"] == "proved infeasible"
     assert not rows["two_link simulated two-step regulariser"]["sha256 problem.dat-s"]
-
-
-def test_a_solver_reaches_the_proved_interval_from_each_file(written):
-    folder, rows = written
-    for name, row in rows.items():
-        for file, read in (("problem.cbf", read_cbf), ("problem.dat-s", read_sdpa)):
-            path = folder / row["folder"] / file
-            if not path.is_file() or "gram" in name or "unidentifiable" in name:
-                continue  # the last two are ill-conditioned: no solver is asked to get them right
-            about = json.loads(Path(f"{path}.json").read_text())
-            conic = read(path)
-            answer = solver("clarabel").solve(conic, 1e-9)
-            if row["status"] == "proved infeasible":
-                # By 1e-6 it depends on the rounding of the data whether a solver proves it or gives up.
-                assert answer.claims in ("infeasible", "failed")
-                continue
-            optimum = float(conic.q @ answer.x)
-            loss = about["offset"] + about["scale"] * optimum
-            slack = 1e-6 * about["scale"] * (1.0 + abs(optimum))
-            assert about["lower"] - slack <= loss <= about["upper"] + slack, (name, file)
 
 
 def test_arrays_are_the_problem_of_the_text(written):

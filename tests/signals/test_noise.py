@@ -101,14 +101,6 @@ def test_noise_that_swells_with_the_velocity_has_its_profile():
         assert np.mean(noise.profile[:, j] ** 2) == pytest.approx(1.0, rel=0.05)
 
 
-def test_without_repetition_the_spectrum_tells_the_noise_within_a_factor_of_two():
-    """The model's error is not in it."""
-    rows = without_model(run_of(5, 80.0, 40.0))
-    noise = noise_of(rows)
-    assert noise.source == SPECTRUM
-    assert np.all(np.abs(np.log2(noise.floor / true_floor(0.0))) < 1.0)
-
-
 def test_two_seconds_of_repetition_are_too_little():
     assert noise_of(without_model(run_of(6, 20.0, 23.0))).source != REPETITION
 

@@ -9,9 +9,7 @@ import pytest
 from challenge import worlds as challenged
 from challenge.worlds.conditions import (
     NUISANCES,
-    Channel,
     Conditions,
-    SensorNoise,
     draw_conditions,
     fair,
 )
@@ -19,7 +17,6 @@ from challenge.worlds.motion import driven, plan
 from challenge.worlds.runs import draw_motion, draw_world, log_run
 
 from sdp_vs_penalty.simulation import worlds
-from sdp_vs_penalty.simulation.worlds.hidden import first_order
 from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, bristles
 
 FOLDERS = [Path(home.__file__).parent for home in (worlds, challenged)]
@@ -53,18 +50,6 @@ def test_bristles_follow_dahls_curve_over_travel_however_stiff(travel):
     assert np.abs(z[after] - exact).max() < 2e-3
 
 
-def test_viscous_friction_goes_as_gears_warm_up_and_dry_friction_stays():
-    world = replace(draw_world(Conditions("scara"), np.random.default_rng(1)), warming=0.4, warm_up=50.0)
-    t = np.array([0.0, 50.0, 5000.0])
-    m = TrueMotion(t, *np.ones((3, 3, world.arm.n)))
-    dry = world.coulomb + world.lopsided
-    viscous = (world.friction(m) - world.offset - dry * world.share(m)) / (
-        world.viscous + world.lopsided_viscous
-    )
-    expected = 1.0 - 0.4 * (1.0 - np.exp(-t / 50.0))
-    np.testing.assert_allclose(viscous, expected[:, None] * np.ones(world.arm.n), atol=1e-6)
-
-
 def test_lugre_slides_at_the_stribeck_level():
     t = np.arange(0.0, 3.0, 1e-3)
     one = np.ones(1)
@@ -89,22 +74,6 @@ def test_a_driven_joint_sticks_and_friction_holds_it_below_the_coulomb_torque():
     assert np.abs(m.q - planned.q).max() < 0.02
     assert np.abs(np.gradient(m.q, t, axis=0) - m.dq)[1:-1].max() < 0.01
     assert np.abs(np.diff(world.torque(m), axis=0)).max() < 0.1 * np.ptp(world.torque(m))
-
-
-def test_channels_and_noise_are_what_they_say():
-    t = np.arange(0.0, 4.0, 1e-3)
-    wave = np.sin(2 * np.pi * 2.0 * t)[:, None]
-    late = first_order(wave, 1e-3, 0.02)[2000:, 0]
-    gain, phase = 1.0 / np.hypot(1.0, 0.08 * np.pi), np.arctan(0.08 * np.pi)
-    assert late == pytest.approx(gain * np.sin(2 * np.pi * 2.0 * t[2000:] - phase), abs=5e-3)
-    middle = slice(500, -500)
-    sinc = np.sin(np.pi * 2.0 * 0.041) / (np.pi * 2.0 * 0.041)
-    averaged = Channel(smooth=0.04).torque(t, wave)[middle]
-    assert averaged == pytest.approx(sinc * wave[middle], abs=1e-4)
-    std = np.array([0.1, 2.0])
-    for noise in (SensorNoise(), SensorNoise(3.0, 0.9), SensorNoise(0.5, 0.0, 5.0)):
-        drawn = noise.draw(200_000, std, np.random.default_rng(0))
-        assert drawn.std(axis=0) == pytest.approx(noise.level * std, rel=0.03)
 
 
 @pytest.mark.parametrize("name", NUISANCES)
