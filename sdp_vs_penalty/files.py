@@ -340,6 +340,7 @@ def _sync_folder(folder: Path) -> None:
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
     """While this runs, no other command adds its results to this folder; the lock ends with the process.
+    A folder that was made for it goes again where nothing was written there.
 
     Raises InputError where another command does so already, and where the folder cannot be made.
     """
@@ -349,6 +350,7 @@ def alone(folder: Path) -> Iterator[None]:
         yield
         return
     try:
+        new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
     except OSError as error:
@@ -364,6 +366,9 @@ def alone(folder: Path) -> Iterator[None]:
             ) from None
         yield
     finally:
+        with suppress(OSError):  # it holds something
+            if new:
+                folder.rmdir()
         os.close(handle)
 
 

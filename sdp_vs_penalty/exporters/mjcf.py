@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.content import ROUNDING, Content, Options, element, parts, xml_text
+from sdp_vs_penalty.exporters.content import Content, Options, element, parts, xml_text
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -39,12 +39,12 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         body = element(bodies[joint.parent + 1], "body", name=part.name, pos=place[:3, 3], quat=quat)
         bodies.append(body)
         solid = part.inertial
-        smallest = np.linalg.eigvalsh(solid.about_com)[0]
+        needed = {"mass": solid.mass}
+        needed["moment of inertia about some axis"] = np.linalg.eigvalsh(solid.about_com)[0]
         # MuJoCo wants its mjMINVAL, 1e-15; less than this is rounding.
-        if solid.mass <= ROUNDING or smallest <= ROUNDING:
-            what = "mass" if solid.mass <= ROUNDING else "moment of inertia about some axis"
+        if missing := [name for name, size in needed.items() if size <= 1e-12]:
             raise InputError(
-                f"link {i + 1} (on joint {joint.name!r}): it has no {what}, which MuJoCo refuses",
+                f"link {i + 1} (on joint {joint.name!r}): it has no {missing[0]}, which MuJoCo refuses",
                 "identify with the method lmi-sdp-thickness, whose links have a minimum thickness, or "
                 "write .json where a link is declared massless",
             )

@@ -143,8 +143,6 @@ def _same_numbers(old: str | None, new: str) -> bool:
         return False
 
 
-#: How far the joint axes of a model and of a URDF may be apart: what rounded DH tables leave [m, -].
-_SAME_AXIS = 1e-4
 _REMEDY = "give the URDF of the robot that was identified"
 _DRAKE = "http://drake.mit.edu"
 
@@ -297,6 +295,7 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, or
     from_file, from_model = (r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine))
     out = np.empty_like(links)
     place, mine_place = ({joint: k for k, joint in enumerate(r.link_joints)} for r in (theirs, mine))
+    near = 1e-4  # what rounded DH tables leave between two axes that are one [m, -]
     for index, joint in enumerate(theirs.tree):
         other = mine.tree[order[index]]
         relation = np.linalg.inv(from_file[index]) @ from_model[order[index]]
@@ -305,9 +304,9 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, or
         apart = across if joint.kind == "revolute" else 0.0
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
         what = f"joint {joint.name!r} is not joint {other.name!r} of the model"
-        if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > _SAME_AXIS:
+        if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > near:
             raise InputError(f"{what} (another kind, parent or direction of its axis)", _REMEDY, path)
-        if apart > _SAME_AXIS:
+        if apart > near:
             raise InputError(f"{what}: its axis lies {1e3 * apart:.3g} mm away", _REMEDY, path)
         if index in place:
             own = links[mine_place[order[index]]]

@@ -120,15 +120,8 @@ def ready(plot: Figure, height: int) -> dict[str, Any]:
     return {**data, "config": {"displayModeBar": False, "responsive": True}}
 
 
-#: The colour is full where the error is so many times its noise floor, or where that is not known its
-#: own root mean square.
-_FULL = 4.0
-#: The camera's direction, and its angle of view [deg].
-_TOWARDS = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
+#: The camera's angle of view [deg].
 _ANGLE = 14.0
-#: Names, colours and solidity of an arm alone, and of the measured one beside the simulated one: those
-#: of their curves.
-_LOOKS = {1: [("link", COLOURS[0], 0.75)], 2: [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)]}
 
 
 def chart_and_arm(
@@ -158,7 +151,9 @@ def chart_and_arm(
             look = {"width": 360, "height": 330, "grid": False, "background_color": "#f8f9fb"}
             camera = ui.scene.perspective_camera(fov=_ANGLE)
             with ui.scene(**look, on_click=clicked, camera=camera) as scene:  # type: ignore[arg-type]
-                groups = [g for look in _LOOKS[arms] for g in _one_arm(scene, about, look)]
+                # The measured one beside the simulated one, in the colours of their curves.
+                drawn_arms = [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)][-arms:]
+                groups = [g for own in drawn_arms for g in _one_arm(scene, about, own)]
             frame.props["data-arm"] = scene.id
             scene.props.update({"role": "img", "aria-label": f"The arm in 3D: {said}"})
             with tag("div", style="row"):
@@ -192,7 +187,7 @@ def chart_and_arm(
 
 
 def _one_arm(scene: Any, about: Mapping[str, Any], look: tuple[str, str, float]) -> Any:
-    """Joints and links of an arm, a group a joint; look : of _LOOKS."""
+    """Joints and links of an arm, a group a joint; look : name, colour and solidity of its links."""
     (name, colour, solid), thin = look, 0.02 * _reach(about)
     groups = [scene.group() for _ in about["joints"]]
     for joint, group in zip(about["joints"], groups, strict=True):
@@ -227,21 +222,23 @@ def _camera(poses: Any, about: Mapping[str, Any]) -> dict[str, float]:
         ends = np.minimum(body["half"], 0.5 * _reach(about)) * frames[:, :3, :3]
         both = frames[:, :3, 3, None] + np.concatenate([ends, -ends], axis=2)
         places.append(both.swapaxes(1, 2).reshape(-1, 3))
-    right = np.cross([0.0, 0.0, 1.0], _TOWARDS) / np.hypot(*_TOWARDS[:2])
-    axes = np.stack([right, np.cross(_TOWARDS, right), _TOWARDS])  # across, up, towards the camera
+    towards = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
+    right = np.cross([0.0, 0.0, 1.0], towards) / np.hypot(*towards[:2])
+    axes = np.stack([right, np.cross(towards, right), towards])  # across, up, towards the camera
     seen = np.concatenate(places) @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     centre, half = 0.5 * (low + high) @ axes, 0.5 * (high - low)
-    eye = centre + (half[2] + max(half[:2]) / np.tan(0.5 * np.deg2rad(_ANGLE))) * _TOWARDS
+    eye = centre + (half[2] + max(half[:2]) / np.tan(0.5 * np.deg2rad(_ANGLE))) * towards
     names = "x", "y", "z", "look_at_x", "look_at_y", "look_at_z"
     return dict(zip(names, [*eye.tolist(), *centre.tolist()], strict=True))
 
 
 def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
-    """(F, n) torque errors at the instants of the poses, 0 to 1."""
+    """(F, n) torque errors at the instants of the poses, 0 to 1: four times the noise floor, or where
+    that is not known the error's own root mean square."""
     left = np.abs(read["torque"] - read["modelled"])
     own = np.sqrt(np.mean(left**2, axis=0))
     floors = zip(model.comparison["noise_floor"], own, strict=True)
-    scale = _FULL * np.array([max(f or x, 1e-12) for f, x in floors])
+    scale = 4.0 * np.array([max(f or x, 1e-12) for f, x in floors])
     at = np.searchsorted(read["t"], read["tf"]).clip(0, len(left) - 1)
     return np.round(np.clip(left[at] / scale, 0.0, 1.0), 2)

@@ -29,9 +29,6 @@ from sdp_vs_penalty.problem.published import published_friction, published_links
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 
-#: Keeps validation trajectories and their noise apart from the training ones at any seed.
-_VALIDATION_SEED = 100_000
-
 
 def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
     """phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)), phi (n, 3), dq (N, n).
@@ -164,7 +161,8 @@ class Experiment:
     def validation_runs(self, seed: int = 0) -> list[Measurements]:
         """Random trajectories inside the joint limits, each measured once."""
         count, duration = self.validation
-        first, runs = _VALIDATION_SEED + count * seed, []
+        # Apart from the training ones, noise included, at any seed.
+        first, runs = 100_000 + count * seed, []
         for k in range(count):
             path = random_trajectory(self.problem.robot, first + k, duration)
             name = f"validation trajectory {k + 1}"

@@ -31,8 +31,6 @@ from sdp_vs_penalty.simulation.worlds.world import PAUSE, Arm, DryFriction, True
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.
 _BLEND = 0.7
-#: Rate [Hz] at which effects are sized.
-_SIZING = 200.0
 #: Whatever can be hidden, by the name of the library's effect.
 _TABLES = (makers.FRICTION, makers.MACHINE, makers.FROZEN, makers.NUISANCE)
 MAKERS: Mapping[str, Maker] = dict(sorted(pair for table in _TABLES for pair in table.items()))
@@ -157,7 +155,7 @@ def hidden_runs(
     length, frequency = DURATION + 2.0 * _BLEND, 3.0 * np.pi / DURATION
     drawn = (10 * seed + k for k in range(count))
     trajectories = [random_trajectory(problem.robot, x, length, frequency=frequency) for x in drawn]
-    inside = np.arange(_BLEND, _BLEND + DURATION, 1.0 / _SIZING)
+    inside = np.arange(_BLEND, _BLEND + DURATION, 1.0 / 200.0)  # coarse enough to be sized quickly
     coarse = [_motion(x, inside, k) for k, x in enumerate(trajectories)]
     hidden = []
     for name, joints in effects:

@@ -32,8 +32,15 @@ from sdp_vs_penalty.research.shootout.judge import (
     reference,
     relative_violation,
 )
-from sdp_vs_penalty.research.shootout.process_runner import in_child
-from sdp_vs_penalty.research.shootout.runner import COLUMNS, KEY, Assignment, Results, Shootout, run_one
+from sdp_vs_penalty.research.shootout.runner import (
+    COLUMNS,
+    KEY,
+    Assignment,
+    Results,
+    Shootout,
+    in_child,
+    run_one,
+)
 from sdp_vs_penalty.robot import Constraint
 from sdp_vs_penalty.solvers import solver
 
@@ -412,6 +419,7 @@ def test_nobody_at_the_address(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         runner.run(setup(tmp_path / "s", scheduler="tcp://127.0.0.1:9"))
+    assert not (tmp_path / "s").exists()
 
 
 @pytest.mark.parametrize("asked", [1e-4, 1e-8])

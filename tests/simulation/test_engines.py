@@ -9,9 +9,9 @@ import pytest
 from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.research.tables import table_v
+from sdp_vs_penalty.research.tables.table_v import inverse_dynamics_error, play, sinusoids
 from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
 from sdp_vs_penalty.simulation import engine_types
-from sdp_vs_penalty.simulation.engines.comparison import inverse_dynamics_error, play, sinusoids
 from sdp_vs_penalty.simulation.engines.engine import Engine
 
 #: Torque error over a motion relative to the largest torque: what a first-order step of 1 ms and, in

@@ -61,8 +61,7 @@ def verb(
 def _export(folder: Path, groups: list[str] | None) -> None:
     from sdp_vs_penalty.research.shootout import instances, library
 
-    everything = instances.library()
-    wanted, _ = instances.selected(groups or [e.group for e in everything], everything)
+    wanted, _ = instances.selected(groups, instances.library())
     with console.progress("writing instances") as say:
         told = lambda what, done, total: say(f"{done} of {total}: {what}")  # noqa: E731
         rows = library.write_library(folder, wanted, told)

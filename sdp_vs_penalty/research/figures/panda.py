@@ -11,10 +11,14 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.research.figures import style
 from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table_v import EngineResult, measured_runs, sinusoidal_runs
+from sdp_vs_penalty.research.tables.table_v import (
+    EngineResult,
+    EngineRun,
+    measured_runs,
+    sinusoidal_runs,
+)
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun
-from sdp_vs_penalty.simulation.engines.comparison import EngineRun
 
 PROBLEM = "panda"
 

@@ -21,9 +21,9 @@ from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 
 #: Logarithms of a factor's diagonal end here, in units of an interior point: at what doubles resolve.
 _LEAST = float(np.log(np.finfo(float).eps))
-#: Rounds of multipliers, and the weight of the demands (100 fails on the Panda); its inverse is the
-#: least curvature: smaller ones stretch no variable further.
-_ROUNDS, _WEIGHT = 60, 10.0
+#: Weight of the demands (100 fails on the Panda); its inverse is the least curvature: smaller ones
+#: stretch no variable further.
+_WEIGHT = 10.0
 
 
 def options(accuracy: float) -> dict[str, Any]:
@@ -99,7 +99,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
             slope -= push.ravel() @ part.jacobian(theta) / scale
         return (value if np.isfinite(value) else 1e300), turn.T @ chart.slope(factors, slope)
 
-    for _ in range(_ROUNDS):
+    for _ in range(60):  # rounds of multipliers
         # T (n, n) with T' H T = 1 for the Gauss-Newton matrix H: steps of L-BFGS are taken in T^-1 x.
         theta, factors = chart.theta(x)
         rows = np.sqrt(2.0) * penalty.rows(theta / scale, shifts, _WEIGHT)[1] / scale

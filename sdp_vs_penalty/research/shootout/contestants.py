@@ -22,9 +22,6 @@ from sdp_vs_penalty.solvers.solver import Solver
 from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
 from sdp_vs_penalty.version import __version__
 
-#: What CVXPY asks of its default solver for such problems, SCS.
-CVXPY_ACCURACY = 1e-5
-
 
 def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:
     """The problem as its formulas read; prob.solve() alone, or with the solver that a user names."""
@@ -204,7 +201,7 @@ def _baselines() -> list[Contestant]:
         "CVXPY as a user meets it: the formulas, prob.solve(), no options",
         partial(solve_cvxpy, solver=None),
         partial(metadata.version, "cvxpy"),
-        promise=CVXPY_ACCURACY,
+        promise=1e-5,  # what it asks of its default solver for such problems, SCS
         warm_up=through_cvxpy.warm_up,
     )
     return [

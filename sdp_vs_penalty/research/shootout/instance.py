@@ -4,9 +4,10 @@ And the instances as they come: simulated and measured robots, and random serial
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any, Self
 
 import numpy as np
 from scipy import sparse
@@ -48,10 +49,17 @@ class Instance:
         users write (:func:`unscaled_sdp`).
     """
 
-    name: str
     task: Task
     objective: Objective
     formulation: str = "residual"
+    name: str = ""
+
+    def having(self, convex: Iterable[Constraint] | None = None, **data: Any) -> Self:
+        """With other constraints, or other entries of the data."""
+        rows = replace(self.data, **data)
+        kept = self.constraints if convex is None else ConstraintSet(tuple(convex))
+        objective = replace(self.objective, least_squares=rows)
+        return replace(self, task=replace(self.task, data=rows, constraints=kept), objective=objective)
 
     @property
     def constraints(self) -> ConstraintSet:
@@ -155,16 +163,14 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
     return replace(instance, task=moved, objective=Objective(changed, entropy))
 
 
-def recorded(
-    name: str, robot: str, source: str, step: str, shape: str, stop: float = np.inf
-) -> Instance:
+def recorded(robot: str, source: str, step: str, shape: str, stop: float = np.inf) -> Instance:
     """From a robot's simulated experiment, or its real measurements up to ``stop`` [s].
 
     source : "simulated" or "measured". InputError where the measurements are absent."""
-    return posed(name, _task(robot, source, stop), step, shape)
+    return posed(_task(robot, source, stop), step, shape)
 
 
-def posed(name: str, task: Task, step: str, shape: str) -> Instance:
+def posed(task: Task, step: str, shape: str) -> Instance:
     """One-step (torque) or two-step (base parameters) form of a task, with a demand on shape."""
     demands = task.minimum_thickness(LmiSdpThickness.thickness) if shape == "gyration" else []
     demands = shape_cones(task) if shape == "cones" else demands
@@ -174,7 +180,7 @@ def posed(name: str, task: Task, step: str, shape: str) -> Instance:
         spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
         nominal = inertia.pseudo_inertia(task.nominal[task.links])
         entropy = Entropy(spread, task.pseudo_inertias, nominal)
-    return Instance(name, replace(task, data=data), Objective(data, entropy))
+    return Instance(replace(task, data=data), Objective(data, entropy))
 
 
 def shape_cones(task: Task) -> list[Constraint]:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -18,35 +17,23 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.published import real_data_folder
 from sdp_vs_penalty.research.shootout.instance import Instance, chain_task, in_units, posed, recorded
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.solvers.objective import Objective
 
 Change = Callable[[Instance], Instance]
 
 
-def _with_data(instance: Instance, **changes: Any) -> Instance:
-    data = replace(instance.data, **changes)
-    return replace(instance, task=replace(instance.task, data=data), objective=Objective(data))
-
-
-def _with_constraints(instance: Instance, convex: tuple[Constraint, ...]) -> Instance:
-    return replace(instance, task=replace(instance.task, constraints=ConstraintSet(convex)))
-
-
-def posed_as(formulation: str, mass: float = 1.0, length: float = 1.0) -> Change:
-    """In units of ``mass`` kg and ``length`` m, in one of the formulations of an instance."""
-    return lambda made: replace(in_units(made, mass, length), formulation=formulation)
+def posed_as(formulation: str, unit: float = 1.0) -> Change:
+    """In units of so many kg and m, in one of the formulations of an instance."""
+    return lambda made: replace(in_units(made, unit, unit), formulation=formulation)
 
 
 def unidentifiable(made: Instance) -> Instance:
     """No bounds on size: the set of optima is unbounded; the certificate holds within |theta| <= B."""
     open_families = ("trace", "range", "bounding ellipsoid", "total mass", "minimum thickness")
     kept = [c for c in made.constraints.convex if c.family not in open_families]
-    kept = [
+    wide = made.having(
         build.linear("mass", c.name, c.indices, [[1.0]], [0.0]) if c.family == "mass" else c
         for c in kept
-    ]
-    wide = _with_constraints(made, tuple(kept))
+    )
     return replace(wide, task=replace(wide.task, bound=1e3 * made.task.bound))
 
 
@@ -60,7 +47,7 @@ def total_mass_at_least(shift: float) -> Change:
         least = (1.0 + shift) * upper
         demand = build.linear("total mass", "robot", masses, np.ones((len(masses), 1)), [-least])
         kept = [c for c in made.constraints.convex if c.family != "total mass"]
-        return _with_constraints(made, (*kept, demand))
+        return made.having((*kept, demand))
 
     return change
 
@@ -68,35 +55,35 @@ def total_mass_at_least(shift: float) -> Change:
 def rounded(made: Instance) -> Instance:
     """The factor in single precision; what is solved and certified is the problem that this leaves."""
     R, rho = (x.astype(np.float32).astype(float) for x in (made.data.R, made.data.rho))
-    return _with_data(made, R=R, rho=rho)
+    return made.having(R=R, rho=rho)
 
 
 def too_thick(made: Instance) -> Instance:
     """Radii of gyration that the bounds on the moments exclude."""
     kept = [c for c in made.constraints.convex if c.family != "minimum thickness"]
-    return _with_constraints(made, (*kept, *made.task.minimum_thickness(3.0)))
+    return made.having((*kept, *made.task.minimum_thickness(3.0)))
 
 
 def rank_deficient(made: Instance) -> Instance:
     """Some twenty rows of the factor: far fewer directions than parameters are seen."""
     step = max(1, len(made.data.R) // 20)
-    return _with_data(made, R=made.data.R[::step], rho=made.data.rho[::step])
+    return made.having(R=made.data.R[::step], rho=made.data.rho[::step])
 
 
 def noise_free(made: Instance) -> Instance:
     """Torque of the nominal robot, exactly: the optimum is zero."""
     rho = made.data.R @ made.task.nominal
-    return _with_data(made, rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
+    return made.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
 
 
 #: One thing that users do, or data do to them, and how it is told in the library; the last one is not in
 #: it: its file would have other numbers than its proof.
 CHANGES: dict[str, tuple[Change, str]] = {
     "gram kg m": (posed_as("gram"), "as the bare quadratic form of the Gram matrix"),
-    "gram g mm": (posed_as("gram", 1e-3, 1e-3), "as the bare quadratic form, in grams and millimetres"),
-    "gram t km": (posed_as("gram", 1e3, 1e3), "as the bare quadratic form, in tons and kilometres"),
-    "units g mm": (posed_as("residual", 1e-3, 1e-3), "in grams and millimetres"),
-    "units t km": (posed_as("residual", 1e3, 1e3), "in tons and kilometres"),
+    "gram g mm": (posed_as("gram", 1e-3), "as the bare quadratic form, in grams and millimetres"),
+    "gram t km": (posed_as("gram", 1e3), "as the bare quadratic form, in tons and kilometres"),
+    "units g mm": (posed_as("residual", 1e-3), "in grams and millimetres"),
+    "units t km": (posed_as("residual", 1e3), "in tons and kilometres"),
     "no scaling": (posed_as("rows"), "without a centre and without scales"),
     "unidentifiable links": (unidentifiable, "without bounds on size: the optima are unbounded"),
     "rank-deficient": (rank_deficient, "from twenty rows only"),
@@ -115,9 +102,6 @@ CHANGES: dict[str, tuple[Change, str]] = {
     "float32 data": (rounded, "from data rounded to single precision"),
     "float32 gram": (posed_as("gram in float32"), ""),
 }
-
-
-GROUPS = ("panda", "two_link", "ur10e", "chains", "ill-conditioned")
 
 _SHAPES = {
     "plain": "physical consistency and the problem's bounds",
@@ -141,14 +125,18 @@ _QUICK = (
 
 @dataclass(frozen=True)
 class Entry:
-    """name, group and how to make the instance; sentence : what it is, in the library ("": not one of
-    it); measured : needs real data."""
+    """build : the instance, nameless; sentence : what it is, in the library ("": not one of it);
+    measured : needs real data."""
 
     name: str
     group: str
-    make: Callable[[], Instance]
+    build: Callable[[], Instance]
     sentence: str
     measured: bool = False
+
+    def make(self) -> Instance:
+        """The instance, by its name."""
+        return replace(self.build(), name=self.name)
 
     @property
     def folder(self) -> str:
@@ -184,8 +172,8 @@ def _robots() -> Iterator[Entry]:
             seconds = f" {stop:g} s" if np.isfinite(stop) else ""
             said = f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
             name = f"{robot} {source}{seconds} {step} {shape}"
-            make = partial(recorded, name, robot, source, step, shape, stop)
-            yield Entry(name, robot, make, said, source == "measured")
+            build = partial(recorded, robot, source, step, shape, stop)
+            yield Entry(name, robot, build, said, source == "measured")
 
 
 def _chains() -> Iterator[Entry]:
@@ -197,51 +185,49 @@ def _chains() -> Iterator[Entry]:
             for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
                 said = f"A random arm of {n} revolute joints from 60 random states; {demand}."
                 name = f"chain of {n} links {shape} {draw}"
-                yield Entry(name, "chains", partial(_chain, name, n, shape, draw), said)
+                yield Entry(name, "chains", partial(_chain, n, shape, draw), said)
 
 
-def _chain(name: str, n: int, shape: str = "gyration", draw: int = 0) -> Instance:
-    return posed(name, chain_task(n, draw=draw), "one-step", shape)
+def _chain(n: int, shape: str = "gyration", draw: int = 0) -> Instance:
+    return posed(chain_task(n, draw), "one-step", shape)
 
 
 def _changed() -> Iterator[Entry]:
     """Regular instances with one thing changed that users or data do."""
     simulated = partial(recorded, source="simulated", step="one-step", shape="gyration")
-    bases: dict[str, Callable[[str], Instance]] = {
-        "two_link": partial(simulated, robot="two_link"),
-        "panda": partial(simulated, robot="panda", stop=14.0),
-        "ur10e": partial(simulated, robot="ur10e"),
-        "chain of 7 links": partial(_chain, n=7),
-        "chain of 14 links": partial(_chain, n=14),
+    bases: dict[str, Callable[[], Instance]] = {
+        "two_link": partial(simulated, "two_link"),
+        "panda": partial(simulated, "panda", stop=14.0),
+        "ur10e": partial(simulated, "ur10e"),
+        "chain of 7 links": partial(_chain, 7),
+        "chain of 14 links": partial(_chain, 14),
     }
     for (robot, base), (change, (make, words)) in product(bases.items(), CHANGES.items()):
         if (change, robot) != ("rank-deficient", "two_link"):  # its factor has no more rows than twenty
             said = words and f"{robot} with links at least 2 cm thick, {words}."
-            name = f"{robot} {change}"
-            yield Entry(name, "ill-conditioned", partial(_changed_one, make, base, name), said)
-
-
-def _changed_one(change: Change, base: Callable[[str], Instance], name: str) -> Instance:
-    return change(base(name))
+            build = lambda make=make, base=base: make(base())  # noqa: E731
+            yield Entry(f"{robot} {change}", "ill-conditioned", build, said)
 
 
 def selected(
-    groups: Sequence[str], entries: Iterable[Entry], quick: bool = False
+    groups: Sequence[str] | None, entries: Iterable[Entry], quick: bool = False
 ) -> tuple[list[Entry], list[Entry]]:
-    """Of the entries those of these groups or names, and of them those whose measurements are absent.
+    """Of the entries those of these groups or names (None: all), and of them those whose measurements
+    are absent.
 
     Raises InputError for a group that does not exist.
     """
     there = list(entries)
     known = list(dict.fromkeys(e.group for e in there))
-    for group in groups:
+    for group in groups or ():
         if group not in known and all(group != e.name for e in there):
             what = f"--problems {group!r} is unknown"
             remedy = f"choose from {', '.join(known)} and the names of `sdp-vs-penalty shootout --list`"
             raise InputError(what, remedy)
-    chosen = [e for e in there if (e.group in groups and (e.quick or not quick)) or e.name in groups]
-    here = real_data_folder() is not None
-    return [e for e in chosen if here or not e.measured], [e for e in chosen if e.measured and not here]
+    whole = groups or known
+    chosen = [e for e in there if (e.group in whole and (e.quick or not quick)) or e.name in whole]
+    absent = [e for e in chosen if e.measured and real_data_folder() is None]
+    return [e for e in chosen if e not in absent], absent
 
 
 @lru_cache(maxsize=4)

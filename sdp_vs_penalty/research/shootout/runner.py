@@ -2,20 +2,25 @@
 
 runs.csv has one row a run, written as runs end, read back to go on where a shootout stopped. A task is
 all accuracies of one solver on one problem, from loose to tight: what exceeds the time limit at one
-would exceed it at every tighter one. The worker builds the instance, forks for each run, and judges the
-numbers that come back.
+would exceed it at every tighter one. The worker builds the instance, forks for each run, which ends by
+itself, the clock, its memory or a signal, and judges the numbers that come back.
 """
 
+import contextlib
 import io
 import json
+import math
 import os
 import platform
 import resource
+import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +29,11 @@ import pandas
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import alone, read_text, write_text
-from sdp_vs_penalty.parallel import spread
+from sdp_vs_penalty.parallel import end_with, spread
 from sdp_vs_penalty.research.shootout.contestants import Contestant, chosen, contestants
 from sdp_vs_penalty.research.shootout.instance import Instance
-from sdp_vs_penalty.research.shootout.instances import GROUPS, Entry, catalogue, instance, selected
+from sdp_vs_penalty.research.shootout.instances import Entry, catalogue, instance, selected
 from sdp_vs_penalty.research.shootout.judge import Answer, Judgement, Reference, judge, reference
-from sdp_vs_penalty.research.shootout.process_runner import in_child
 
 Row = dict[str, Any]
 #: Every column, and what its cells are. Numbers have all their digits: what was proved is written.
@@ -53,21 +57,17 @@ class Results:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.path = folder / "runs.csv"
+        self.path, self.runs = folder / "runs.csv", _frame([])
         if self.path.exists():
             self.runs = _read(self.path)
-        elif folder.is_dir() and any(
-            not p.name.startswith((".", "references.json")) for p in folder.iterdir()
-        ):
+        elif any(not p.name.startswith((".", "references.json")) for p in folder.glob("*")):
             what = "holds other files and no runs.csv"
             raise InputError(what, "give --out an empty or a new folder", folder)
-        else:
-            self._write(pandas.DataFrame(columns=list(COLUMNS)).astype(COLUMNS))
 
     def add(self, rows: list[Row]) -> None:
         """More runs; they are on the disk when this returns."""
-        new = pandas.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
-        self._write(pandas.concat([self.runs, new], ignore_index=True) if len(self.runs) else new)
+        both = [self.runs, _frame(rows)] if len(self.runs) else [_frame(rows)]
+        self._write(pandas.concat(both, ignore_index=True))
 
     def keep(self, current: dict[str, str]) -> int:
         """Drop runs of instances whose hash (by problem name) has changed; returns how many."""
@@ -78,6 +78,10 @@ class Results:
     def _write(self, runs: pandas.DataFrame) -> None:
         self.runs = runs.sort_values(**_ORDER, ignore_index=True)
         write_text(self.path, self.runs.to_csv(index=False, lineterminator="\n"))
+
+
+def _frame(rows: list[Row]) -> pandas.DataFrame:
+    return pandas.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
 
 
 def _read(path: Path) -> pandas.DataFrame:
@@ -211,7 +215,7 @@ def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outc
     Raises InputError for names that do not exist, and where another shootout writes into the folder.
     """
     competing, missing = chosen(setup.solvers)
-    entries, unmeasured = selected(setup.problems or GROUPS, catalogue().values(), setup.quick)
+    entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
@@ -281,3 +285,72 @@ def _pending(
             limits, known = (setup.time_limit, setup.memory), Reference(**found["reference"])
             tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
     return tasks, left_out
+
+
+def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str, Any, float]:
+    """Fork and work: ("ended", result, seconds), or "failed", "timeout" or "crash" with words.
+
+    limit : seconds of processor time, and four times as many by the clock, because machines are shared;
+    memory : GB beyond what the parent already has.
+    """
+    reader, writer = Pipe(duplex=False)
+    start, parent = time.monotonic(), os.getpid()
+    child = os.fork()
+    if child == 0:
+        _child(work, writer, limit, memory, parent)
+    writer.close()
+    ended, status, told = 0, 0, None
+    # Not by the pipe's end alone: a child of another thread may hold that open.
+    while not ended and not reader.poll(0.05) and time.monotonic() - start < 4.0 * limit:
+        ended, status = os.waitpid(child, os.WNOHANG)
+    seconds = time.monotonic() - start
+    if reader.poll():
+        with contextlib.suppress(EOFError):  # it has died
+            told = reader.recv()
+    elif not ended:
+        told = "timeout", f"stopped after {seconds:.0f} s"
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)
+    if not ended:
+        _, status = os.waitpid(child, 0)
+    reader.close()
+    if told is None:
+        number = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
+        told = "crash", f"ended by signal {number}" if number else ""
+        if number == signal.SIGXCPU:
+            told = "timeout", f"stopped after {limit:g} s of processor time"
+    return *told, seconds
+
+
+def _child(
+    work: Callable[[], Any], writer: Connection, limit: float, memory: float, parent: int
+) -> None:
+    """In the forked process, which ends here."""
+    try:
+        os.setsid()  # a group of its own, so that programs it starts are killed with it
+        end_with(parent)
+        os.environ["RAYON_NUM_THREADS"] = "1"  # runs share the machine
+        silence = os.open(os.devnull, os.O_WRONLY)  # solvers print
+        os.dup2(silence, 1)
+        os.dup2(silence, 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        whole = math.ceil(used.ru_utime + used.ru_stime + limit)  # whole seconds: the kernel's grain
+        resource.setrlimit(resource.RLIMIT_CPU, (whole, whole + 2))
+        try:  # the address space in use, where the system says it
+            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            size = pages * resource.getpagesize() + int(memory * 1e9)
+        except OSError:
+            size = int(8e9 + memory * 1e9)
+        resource.setrlimit(resource.RLIMIT_AS, (size, size))
+        writer.send(("ended", work()))
+    except MemoryError:
+        writer.send(("crash", f"asked for more than {memory:g} GB"))
+    except TimeoutError as error:  # a solver's program used up the processor time
+        writer.send(("timeout", str(error)))
+    except ChildProcessError as error:  # a solver's program died by a signal
+        writer.send(("crash", str(error)))
+    except BaseException as error:  # a Rust panic is not an Exception
+        writer.send(("failed", f"{type(error).__name__}: {error}"[:2000]))
+    finally:
+        os._exit(0)

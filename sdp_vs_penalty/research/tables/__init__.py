@@ -12,11 +12,10 @@ from sdp_vs_penalty.plugins import by_word, modules
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Maker, Table, is_measured
+from sdp_vs_penalty.research.tables.table import Maker, Table
 
 #: What `tables` without names makes.
 DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
-DEFAULT_PROBLEM = "panda"
 
 
 @cache
@@ -70,9 +69,7 @@ def make_tables(
     """
     groups: dict[Any, list[str]] = {}
     for maker in _chosen(names):
-        # The default problem where the table applies to it, else its own.
-        where = maker.problems or (DEFAULT_PROBLEM,)
-        own = DEFAULT_PROBLEM if DEFAULT_PROBLEM in where else where[0]
+        own, *_ = maker.problems or ("panda",)
         groups.setdefault(own if problem is None else "", []).append(maker.name)
     made = []
     for name, group in groups.items():
@@ -88,5 +85,5 @@ def _folder(table: Table, out: Path) -> Path:
     there = out / f"table_{table.name}.csv"
     if table.measured or not there.is_file():
         return out
-    held = pandas.read_csv(there, dtype=str, keep_default_na=False)
-    return out / "simulated" if is_measured(held) else out
+    held = Table("", pandas.read_csv(there, dtype=str, keep_default_na=False))
+    return out / "simulated" if held.measured else out

@@ -41,7 +41,7 @@ Made = TypeVar("Made")
 class Effort:
     """What a budget stands for: noisy runs behind Table I's coverage, iterations of Table II's search,
     seconds of Table V's sinusoids, instants and relaxed retrievals of the wrenches, loss evaluations of
-    a run of the paper's method, windows of each length to train on."""
+    a run of the paper's method."""
 
     replicates: int
     iterations: int
@@ -49,12 +49,11 @@ class Effort:
     instants: int
     retrievals: int
     evaluations: int
-    windows: int
 
 
 BUDGETS = {
-    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations, 6),
-    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET, 6),
+    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations),
+    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET),
 }
 _PLACED = by_word(
     ((kind.table_place, kind) for kind in estimator_types().values() if kind.table_place), "table_place"
@@ -65,8 +64,8 @@ WITH_PRIOR = ("lmi-sdp-plain, joint prior", "penalty, joint prior")
 METHODS: Mapping[str, str] = {
     re.sub(r"\W+", "_", name): name for name in (*(k.name for k in _PLACED.values()), *WITH_PRIOR)
 }
-#: Where the real run is cut for repeatability [s]: what comes later is its beginning again.
-TRAIN_STOP, TEST_START = 14.0, 14.2
+#: Where the real run is cut for repeatability [s]: what comes after is its beginning again.
+CUT = 14.0, 14.2
 #: Folds by phase in which it is judged on motion that an estimate has not seen.
 FOLDS = 5
 
@@ -184,11 +183,8 @@ class Study:
 
     @cached_property
     def repeated(self) -> Data | None:
-        """The real run before TRAIN_STOP, judged on its repetition after TEST_START."""
-        if self.run is None:
-            return None
-        windows = self.run.window(0.0, TRAIN_STOP), self.run.window(TEST_START, np.inf)
-        return self._data("measured", *windows)
+        """The real run before CUT, judged on its repetition after it."""
+        return None if self.run is None else self._data("measured", *halves(self.run))
 
     def unseen(
         self, method: str | Estimator, effects: Sequence[str] | Sequence[Effect] | None = None
@@ -342,6 +338,11 @@ def _estimated(given: tuple[Estimator, Task]) -> Result:
     seconds = time.perf_counter() - begin
     theta, certificate = certify(task, fit)
     return Result(theta, certificate, seconds, fit.details)
+
+
+def halves(run: Measurements) -> tuple[Measurements, Measurements]:
+    """The real run before CUT, and its repetition after it."""
+    return run.window(0.0, CUT[0]), run.window(CUT[1], np.inf)
 
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:

@@ -92,8 +92,10 @@ class Table:
 
     @property
     def measured(self) -> bool:
-        """Whether anything in it comes from real measurements."""
-        return is_measured(self.frame)
+        """Whether anything in it comes from real measurements, as all tables name these."""
+        words = self.frame.astype(str).apply(lambda column: column.str.match(r"measured([, ]|$)"))
+        named = any(str(name).endswith("_measured") for name in self.frame)
+        return named or bool(words.to_numpy().any())
 
     def lines(self) -> list[str]:
         """What it is, what it shows, and how large it is: a line each."""
@@ -161,12 +163,6 @@ def by_joint(values: Iterable[Cell], prefix: str = "joint") -> Row:
     """Cells joint_1, joint_2, ..."""
     cells = (x if isinstance(x, str) or x is None else float(x) for x in values)
     return {f"{prefix}_{j}": cell for j, cell in enumerate(cells, start=1)}
-
-
-def is_measured(frame: pandas.DataFrame) -> bool:
-    """Whether a table holds measured figures, as all tables name them."""
-    words = frame.astype(str).apply(lambda column: column.str.match(r"measured([, ]|$)"))
-    return bool(words.to_numpy().any()) or any(str(name).endswith("_measured") for name in frame)
 
 
 def _latex_header(name: str) -> str:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.research.tables.study import FOLDS, TEST_START, TRAIN_STOP, Frozen, Study
+from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Frozen, Study
 from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes
 from sdp_vs_penalty.research.tables.table_i import SigmoidFriction
 
@@ -78,7 +78,7 @@ def _judgement(study: Study) -> str:
     return (
         f"{said} Measured rows: unseen motion of the real run, {FOLDS} folds by phase, each estimated "
         "without a stretch of the motion and all its repetitions. Rows named repeatability: estimated "
-        f"from the first {TRAIN_STOP:g} s of the run, judged from {TEST_START:g} s on, where it repeats "
+        f"from the first {CUT[0]:g} s of the run, judged from {CUT[1]:g} s on, where it repeats "
         "its beginning."
     )
 

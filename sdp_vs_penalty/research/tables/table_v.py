@@ -1,22 +1,106 @@
-"""Table V, and the runs that Figures 5 to 7 share: physics engines, published ones and those at hand."""
+"""Table V, and the runs that Figures 5 to 7 share: physics engines against the identified model.
 
-from dataclasses import dataclass, replace
+Joints follow velocities; an engine says which torque that took and where the arm went, the identified
+model which torque it should have taken. Published engines stand beside those at hand.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.signals.filtered import FilteredRun
-from sdp_vs_penalty.simulation.engines import comparison, engine_types
-from sdp_vs_penalty.simulation.engines.comparison import Course, EngineRun
+from sdp_vs_penalty.simulation.engines import engine_types
+from sdp_vs_penalty.simulation.engines.engine import Engine
 
+#: q, dq, ddq (M, n) at the instants (M,) [s].
+Course = Callable[[Any], tuple[Array, Array, Array]]
 #: Time step along the real run [s].
 MEASURED_STEP = 2e-3
 #: The method whose links the engines get.
 METHOD = "lmi-sdp"
+
+
+@dataclass(frozen=True)
+class EngineRun:
+    """One engine along one motion, beside the model of the same links.
+
+    t (N,) middle of each step [s], of which its torque is the mean; torque, model (N, n) of the engine
+    and of recursive Newton-Euler [N m, N]; position [m], angle [rad] (N,) : distance and rotation of the
+    last link's joint frame from where the commanded motion puts it, at the end of each step.
+    """
+
+    engine: str
+    t: Array
+    torque: Array
+    model: Array
+    position: Array
+    angle: Array
+
+    @property
+    def error(self) -> Array:
+        """(N, n) torque of the engine less that of the model."""
+        return self.torque - self.model
+
+
+def sinusoids(robot: Robot) -> Course:
+    """q_j(t) = middle_j - a_j cos(w_j t): sinusoidal velocities, from rest, over 90 % of every joint's
+    range and to half of its velocity limit."""
+    lower, upper, velocity = joint_limits(robot)
+    a, middle = 0.5 * 0.9 * (upper - lower), 0.5 * (lower + upper)
+    w = 0.5 * velocity / a
+
+    def states(t: Array) -> tuple[Array, Array, Array]:
+        angle = np.outer(t, w)
+        return middle - a * np.cos(angle), a * w * np.sin(angle), a * w**2 * np.cos(angle)
+
+    return states
+
+
+def play(
+    kind: type[Engine],
+    robot: Robot,
+    links: Array,
+    motion: Course,
+    duration: float,
+    step: float = 1e-3,
+) -> EngineRun:
+    """Let an engine that is present follow a motion. Raises InputError where it rejects a link.
+
+    The velocity commanded for a step is the motion's mean velocity over it, so that an engine that
+    obeys ends each step exactly where the motion does.
+    """
+    steps = np.arange(round(duration / step) + 1)
+    q, t = motion(steps * step)[0], np.asarray((steps[:-1] + 0.5) * step, float)
+    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
+    model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
+    there = robot.poses(q[1:])[:, robot.n - 1]
+    away = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
+    turned = Rotation.from_matrix(np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3])
+    return EngineRun(kind.name, t, torque, model, away, turned.magnitude())
+
+
+def inverse_dynamics_error(kind: type[Engine], robot: Robot, links: Array) -> float | None:
+    """Largest torque difference [N m] to Pinocchio in 100 random states; None without inverse dynamics.
+
+    Positions over the joint range; velocities and accelerations normal, 1 rad/s and 1 rad/s^2.
+    """
+    q = robot.random_configurations(100, seed=0)
+    dq, ddq = np.random.default_rng(0).normal(size=(2, 100, robot.n))
+    torque = kind(robot, links).inverse_dynamics(q, dq, ddq)
+    if torque is None:
+        return None
+    return float(np.abs(torque - robot.inverse_dynamics(np.asarray(links).ravel(), q, dq, ddq)).max())
 
 
 @dataclass(frozen=True)
@@ -38,7 +122,7 @@ class EngineResult:
 
 def sinusoidal_runs(study: Study) -> list[EngineResult]:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
-    motion = comparison.sinusoids(study.problem.robot)
+    motion = sinusoids(study.problem.robot)
     return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
 
 
@@ -53,20 +137,26 @@ def measured_runs(study: Study) -> list[EngineResult]:
     theta[data.model.rigid_indices] = 0.0
     reference = rows.torque - predicted(rows, theta)
     t = rows.motion.t - rows.motion.t[0]
-    out = _played(study, data, comparison.played(t, rows.motion.q), float(t[-1]), MEASURED_STEP)
-    for k, result in enumerate(out):
-        if result.run is not None:
-            at = np.column_stack([np.interp(result.run.t, t, column) for column in reference.T])
-            error = result.run.torque - at
-            # From rest to the run's velocity, within the first 0.1 s, is no motion of the robot's.
-            out[k] = replace(result, torque_error=error[result.run.t > 0.1])
-    return out
+
+    def less_measured(run: EngineRun) -> Array:
+        at = np.column_stack([np.interp(run.t, t, column) for column in reference.T])
+        # From rest to the run's velocity, within the first 0.1 s, is no motion of the robot's.
+        return (run.torque - at)[run.t > 0.1]
+
+    spline = CubicSpline(t, rows.motion.q)
+    motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
+    return _played(study, data, motion, float(t[-1]), MEASURED_STEP, less_measured)
 
 
 def _played(
-    study: Study, data: Data, motion: Course, duration: float, step: float
+    study: Study,
+    data: Data,
+    motion: Course,
+    duration: float,
+    step: float,
+    torque_error: Callable[[EngineRun], Array] = attrgetter("error"),
 ) -> list[EngineResult]:
-    """Every engine with the links identified from a data set."""
+    """Every engine with the links identified from a data set, and its torque error."""
     links, out = study.links(METHOD, data), []
     for name, kind in engine_types().items():
         version = kind.version()
@@ -75,8 +165,8 @@ def _played(
             continue
         study.progress(f"engine {name}, {data.label} motion")
         try:
-            run = comparison.play(kind, study.problem.robot, links, motion, duration, step)
-            more = run, run.error, comparison.inverse_dynamics_error(kind, study.problem.robot, links)
+            run = play(kind, study.problem.robot, links, motion, duration, step)
+            more = run, torque_error(run), inverse_dynamics_error(kind, study.problem.robot, links)
             out.append(EngineResult(f"{name} {version}", data.label, "run", *more))
         except InputError as error:
             out.append(EngineResult(f"{name} {version}", data.label, f"rejected: {error}"))

@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.research.tables import study as shared
-from sdp_vs_penalty.research.tables.study import FOLDS, TEST_START, TRAIN_STOP, Data, Study
+from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Data, Study
 from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
@@ -38,8 +38,11 @@ _Window = tuple[Regression, Regression]
 @makes("data", slow=True)
 def data_needed(study: Study) -> Table:
     """Data table: how much measured motion each method needs."""
-    rows: list[Row] = []
-    for data, windows_of in _sources(study):
+    rows, most = list[Row](), 6
+    sources = [(study.simulated, _time_windows(study.simulated, most))]
+    if study.measured is not None:
+        sources.append((study.measured, _phase_windows(study.measured, most)))
+    for data, windows_of in sources:
         for length in SECONDS:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
@@ -57,7 +60,7 @@ def data_needed(study: Study) -> Table:
             "simulated validation trajectories, or the rest of the real run's motion beyond the "
             "filters' reach of the window. seconds: of the motion; what the real run shows twice counts "
             "once, and both are used.",
-            f"Up to {study.effort.windows} windows of filtered rows of each length, evenly spread over "
+            f"Up to {most} windows of filtered rows of each length, evenly spread over "
             "the run, on the real one around its period.",
             "links_error_percent: the same with friction and offsets refitted on the test part: what is "
             "left is due to the links.",
@@ -77,22 +80,14 @@ def data_needed(study: Study) -> Table:
     )
 
 
-def _sources(study: Study) -> list[tuple[Data, Callable[[int], list[_Window]]]]:
-    """Each data set, and its windows of so many seconds."""
-    both = [(study.simulated, _time_windows(study.simulated, study.effort.windows))]
-    if study.measured is not None:
-        both.append((study.measured, _phase_windows(study.measured, study.effort.windows)))
-    return both
-
-
-def _phase_windows(real: Data, windows: int) -> Callable[[int], list[_Window]]:
+def _phase_windows(real: Data, most: int) -> Callable[[int], list[_Window]]:
     """Windows around the motion's period, which is cut into cells of half the shortest window; judged on
     what lies beyond the filters' reach of them."""
     whole, cell = phase_folds(real.train, real.preprocessing, 1), 0.5 * min(SECONDS)
     count, clear = round(whole.clocks[0].length / cell), math.ceil(whole.guard / cell)
     split = PhaseFolds(whole.clocks, count)
     cells = compress_cells(FilteredRuns.of(real.train, real.preprocessing), real.model, split)
-    starts = np.linspace(0, count, windows, endpoint=False).round().astype(int)
+    starts = np.linspace(0, count, most, endpoint=False).round().astype(int)
 
     def chosen(length: int) -> list[_Window]:
         size = round(length / cell)
@@ -102,7 +97,7 @@ def _phase_windows(real: Data, windows: int) -> Callable[[int], list[_Window]]:
     return chosen
 
 
-def _time_windows(data: Data, windows: int) -> Callable[[int], list[_Window]]:
+def _time_windows(data: Data, most: int) -> Callable[[int], list[_Window]]:
     """Consecutive one-second blocks of the training run, evenly spread; those cut short are left out."""
     seconds = round(float(data.train.t[-1] - data.train.t[0]))
     blocks = compress(FilteredRuns.of(data.train, data.preprocessing), data.model, seconds)
@@ -113,7 +108,7 @@ def _time_windows(data: Data, windows: int) -> Callable[[int], list[_Window]]:
 
     def chosen(length: int) -> list[_Window]:
         ends = (first, last + 1 - length) if first <= last + 1 - length else ()
-        starts = np.unique(np.linspace(*ends, windows).round().astype(int)) if ends else ()
+        starts = np.unique(np.linspace(*ends, most).round().astype(int)) if ends else ()
         return [(blocks.select(k + np.arange(length)), data.test_regression) for k in starts]
 
     return chosen
@@ -165,8 +160,8 @@ def unseen(study: Study) -> Table:
             f"Folds by phase: each of the {FOLDS} leaves out a stretch of the motion, all its "
             "repetitions and what the filters reach around it, and is judged on that stretch, whose "
             "seconds of the motion's clock are given. all: every row, each judged by the fold that has "
-            f"not seen it. repeatability: fitted to the first {TRAIN_STOP:g} s, judged from "
-            f"{TEST_START:g} s on, where the run repeats its beginning.",
+            f"not seen it. repeatability: fitted to the first {CUT[0]:g} s, judged from "
+            f"{CUT[1]:g} s on, where the run repeats its beginning.",
             "RMSE in N m behind the problem's filters. Added effects have their default shape "
             "constants, on all joints where none is named.",
         ),
@@ -182,7 +177,7 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]
     problem = study.problem
     effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
     result = study.unseen(method, effects)
-    train, test = run.window(0.0, TRAIN_STOP), run.window(TEST_START, np.inf)
+    train, test = shared.halves(run)
     again = compare(identify(problem, train, method, effects=effects, seed=study.seed), test)[0]
     judged: list[tuple[str, Fold | CrossValidation | Comparison]] = [
         *((f"{f.start:.2f}-{f.stop:.2f} s", f) for f in result.folds),

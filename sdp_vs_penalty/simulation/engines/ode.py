@@ -19,9 +19,6 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
-#: dParamVel and dParamFMax of ode/common.h.
-_PARAMETERS = {"velocity": 2, "force": 5}
-
 
 class _Mass(Structure):
     """dMass: mass, centre (dVector3), inertia (dMatrix3)."""
@@ -130,15 +127,16 @@ class Ode(Engine):
             if kind == "Hinge":
                 ode.dJointSetHingeAnchor(made, *frame[:3, 3])
             getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
-            self.motors.append(partial(getattr(ode, f"dJointSet{kind}Param"), made))
-            self.motors[k](_PARAMETERS["force"], np.inf)
+            told = getattr(ode, f"dJointSet{kind}Param")
+            told(made, 5, np.inf)  # dParamFMax and dParamVel of ode/common.h
+            self.motors.append(partial(told, made, 2))
             ode.dJointSetFeedback(made, byref(self.feedback[k]))
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         # ODE forms the constraints of a step at the configuration before it.
         before = [self._frame(k, body) for k, body in enumerate(self.bodies)]
         for motor, speed in zip(self.motors, velocity, strict=True):
-            motor(_PARAMETERS["velocity"], speed)
+            motor(speed)
         self.ode.dWorldStep(self.world, self.step)
         wrenches = enumerate(zip(self.feedback, before, strict=True))
         torque = np.array([self._torque(k, *x) for k, x in wrenches])

@@ -135,20 +135,13 @@ def _unit(world: World, joint: int) -> float:
 def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
     """Armstrong-Helouvry et al., Automatica 1994, eq. 7."""
     vs = _unit(w, j) * log_uniform(rng, 0.04, 0.3)
-
-    def law(w: World, m: TrueMotion) -> Array:
-        return sign(w, j, m) * np.exp(-((m.dq[:, j] / vs) ** 2))
-
+    law = lambda w, m: sign(w, j, m) * np.exp(-((m.dq[:, j] / vs) ** 2))  # noqa: E731
     return at_joint(j, law, vs=vs, delta=2.0)
 
 
-def _presliding(w: World, j: int, rng: Generator) -> Hidden:
-    return dahl(w, j, log_uniform(rng, 0.001, 0.01))
-
-
-def dahl(w: World, j: int, travel: float) -> Hidden:
+def _presliding(w: World, j: int, rng: Generator, low: float = 0.001, high: float = 0.01) -> Hidden:
     """Dahl 1968: friction follows the travel since the reversal instead of jumping."""
-    d = _unit(w, j) * travel
+    d = _unit(w, j) * log_uniform(rng, low, high)
     return at_joint(j, lambda w, m: _behind(m.t, m.dq[:, j], d) - sign(w, j, m), d=d)
 
 
@@ -391,11 +384,6 @@ def _payload(w: World, j: int, rng: Generator) -> Hidden:
     return Hidden((), change, 1.0, size=0.1, details={"com": centre.tolist()})
 
 
-def _stiction(w: World, j: int, rng: Generator) -> Hidden:
-    """Dahl's friction over a travel that hardly shows."""
-    return dahl(w, j, log_uniform(rng, 0.0005, 0.001))
-
-
 def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
     """Joints beside where the kinematics have them, by some .1 mm and .2 mrad an axis at size 1."""
     seed = int(rng.integers(2**32))
@@ -406,6 +394,11 @@ def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
         return w.rigid(m, beside) - w.rigid(m)
 
     return Hidden((), change, None)
+
+
+def _stiction(w: World, j: int, rng: Generator) -> Hidden:
+    """Dahl's friction over a travel that hardly shows."""
+    return _presliding(w, j, rng, 0.0005, 0.001)
 
 
 #: What shows only against a model that is kept as it is.
