@@ -28,7 +28,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
-from sdp_vs_penalty.research.shootout.instance import chain_problem, thin_links
+from sdp_vs_penalty.research.shootout.instances import chain_problem, thin_links
 from sdp_vs_penalty.robot.trajectory import random_trajectory
 
 Array = NDArray[np.float64]

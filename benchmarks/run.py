@@ -46,7 +46,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.research.shootout.instance import chain_task
+from sdp_vs_penalty.research.shootout.instances import chain_task
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds

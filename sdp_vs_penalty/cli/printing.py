@@ -105,10 +105,8 @@ def certificate(result: Estimate) -> None:
         lines.append(("on their bounds", f"{', '.join(bounds)}: widen the bounds, or measure more"))
     lines += determined(result)
     details(*zip(*lines, strict=True))
-    if result.certificate.not_found:
-        explain(result.certificate.not_found)
-    if result.unweighed:
-        explain(result.unweighed)
+    for remark in filter(None, (result.certificate.not_found, result.unweighed)):
+        explain(remark)
 
 
 def determined(result: Estimate) -> list[tuple[str, str]]:

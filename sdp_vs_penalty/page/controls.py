@@ -4,7 +4,7 @@ Options of the command line are fields made from its verbs, not listed again.
 """
 
 from argparse import Action
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -59,17 +59,18 @@ def tiles(label: str) -> Any:
 
 def choice(
     label: str,
-    options: Sequence[tuple[str, str]],
+    options: Iterable[tuple[str, str] | str],
     value: str,
     do: Callable[[str], Any],
     key: str,
     hidden_label: bool = False,
 ) -> None:
-    """A labelled <select>; options are (value, text)."""
+    """A labelled <select>; options are (value, text), or texts that are their own values."""
     with tag("label", style="field"):
         tag("span", label, "unseen" if hidden_label else "")
         with tag("select", data_key=key, aria_label=label) as select:
-            for name, text in options:
+            for option in options:
+                name, text = (option, option) if isinstance(option, str) else option
                 tag("option", text, value=name, selected=name == value)
         select.on("change", lambda e: do(str(e.args)), js_handler="(e) => emit(e.target.value)")
 

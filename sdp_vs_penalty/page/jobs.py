@@ -8,7 +8,7 @@ import io
 import json
 import time
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,14 +36,14 @@ from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.exporters.friction_table import friction_curves
+from sdp_vs_penalty.exporters.links import link_rows
 from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.reports import report as write_report
-from sdp_vs_penalty.reports.parameters import caveats, half_axes, link_rows, standard_rows
+from sdp_vs_penalty.reports import sections
 from sdp_vs_penalty.reports.plots import POINTS
-from sdp_vs_penalty.reports.sections import JUDGED_HEADS, certificate_rows, judged_row
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
@@ -340,12 +340,12 @@ def methods(asked: Asked) -> Answer:
             made = identify(current.problem, train, name, **given)
             folds = asked["folds"] and cross_validate(current.problem, train, name, **given)
         except InputError as error:
-            rows.append([name, str(error), *[""] * (len(JUDGED_HEADS) - 1)])
+            rows.append([name, str(error), *[""] * (len(sections.JUDGED_HEADS) - 1)])
             continue
-        row = judged_row(compare({name: made}, runs.judge, noise_from=runs.whole)[0])
+        row = sections.judged_row(compare({name: made}, runs.judge, noise_from=runs.whole)[0])
         rows.append([*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])])
     unseen = ["error on unseen motion"] * bool(asked["folds"])
-    return {"heads": ["method", *JUDGED_HEADS, *unseen], "rows": rows}
+    return {"heads": ["method", *sections.JUDGED_HEADS, *unseen], "rows": rows}
 
 
 def take(asked: Asked) -> Answer:
@@ -404,14 +404,14 @@ def about(estimate: Estimate) -> dict[str, Any]:
     """The parameters as the page shows them: rows, links, words and friction as in the report, and the
     arm in 3D (:func:`drawn_arm`)."""
     return {
-        "rows": standard_rows(estimate),
+        "rows": sections.standard_rows(estimate),
         "links": link_rows(estimate),
-        "words": caveats(estimate),
+        "words": sections.caveats(estimate),
         "friction": [
             {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
             for c in friction_curves(estimate)
         ],
-        "certificate": certificate_rows([estimate]),
+        "certificate": sections.certificate_rows([estimate]),
         **drawn_arm(estimate.robot, estimate.links if len(estimate.model.rigid_indices) else []),
     }
 
@@ -420,20 +420,13 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
     """The arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid."""
     bodies = []
     for k, (joint, link) in enumerate(zip(robot.link_joints, links, strict=False)):
-        if (body := half_axes(link)) is not None:
+        if (body := sections.half_axes(link)) is not None:
             half, axes, com = body
             at = np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
             place = robot.tree[joint].link_frame @ at
             bodies.append({"link": k, "joint": joint, "half": half, "place": place})
     joints = [{"parent": j.parent, "at": j.placement[:3, 3]} for j in robot.tree]
     return {"bodies": bodies, "joints": joints}
-
-
-def _named(runs: Sequence[Measurements]) -> list[str]:
-    """Their names; parts of one run by their seconds too."""
-    names = [run.names[0] for run in runs]
-    parts = (f", {run.t[0]:.4g} to {run.t[-1]:.4g} s" for run in runs)
-    return [n + part * (names.count(n) > 1) for n, part in zip(names, parts, strict=True)]
 
 
 def summary(asked: Asked, estimate: Estimate) -> Answer:
@@ -466,15 +459,17 @@ def summary(asked: Asked, estimate: Estimate) -> Answer:
     except InputError:  # too short to say: the errors stand on their own
         failures = []
     estimate.save(out)
+    names = [run.names[0] for run in runs]
+    parts = (f", {run.t[0]:.4g} to {run.t[-1]:.4g} s" for run in runs)  # where one name has several
     return {
         "file": str(out),
-        "runs": _named(runs),
+        "runs": [n + part * (names.count(n) > 1) for n, part in zip(names, parts, strict=True)],
         "judged_on": list(judge.names),
         "method": estimate.method,
         "effects": asked_effects(estimate.model.effects, estimate.details.get("shapes", ())),
         "comparison": comparison.to_dict(),
         "failures": failures,
-        "judged": judged_row(comparison),
+        "judged": sections.judged_row(comparison),
         "about": about(estimate),
         "on_bounds": estimate.details.get("on_bounds") or [],
         "seconds": seconds,

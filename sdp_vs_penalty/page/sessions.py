@@ -101,7 +101,10 @@ class Sessions:
 
         Raises InputError where as many tabs as there may be are open.
         """
-        self._forget_old()
+        closed = sorted((s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at)
+        for session in closed[MOST:]:
+            del self._all[session.token]
+            shutil.rmtree(session.folder, ignore_errors=True)
         if sum(map(_open, self._all.values())) >= MOST:
             raise InputError(f"{MOST} tabs are open", "close one, and open this page again")
         token = secrets.token_urlsafe(24)
@@ -122,12 +125,6 @@ class Sessions:
         """End the workers, and remove all files."""
         self.pool.close()
         shutil.rmtree(self.root, ignore_errors=True)
-
-    def _forget_old(self) -> None:
-        closed = sorted((s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at)
-        for session in closed[MOST:]:
-            del self._all[session.token]
-            shutil.rmtree(session.folder, ignore_errors=True)
 
 
 def _open(session: Session) -> bool:

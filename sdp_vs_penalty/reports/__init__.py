@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.reports import parameters, sections
+from sdp_vs_penalty.reports import sections
 from sdp_vs_penalty.reports.markup import Material, page
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
@@ -31,9 +31,9 @@ _SECTIONS = {
     "What is missing": sections.findings,
     "From model to model": sections.history,
     "Run forward": sections.forward,
-    "Parameters": parameters.parameters,
-    "Links on the arm": parameters.arm,
-    "Friction": parameters.friction,
+    "Parameters": sections.parameters,
+    "Links on the arm": sections.arm,
+    "Friction": sections.friction,
     "Certificate": sections.certificate,
     "Data check": sections.data,
     "Provenance": sections.provenance,

@@ -10,6 +10,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -39,9 +41,9 @@ SHADES = dict(
 
 
 def bars(
-    before: Sequence[float],
-    after: Sequence[float] | None,
-    floor: Sequence[float] | None,
+    before: Sequence[float] | Array,
+    after: Sequence[float] | Array | None,
+    floor: Sequence[float | None] | Array | None,
     units: Sequence[str],
     joints: Sequence[int] = (),
     what: str = "Error",
@@ -49,15 +51,14 @@ def bars(
 ) -> str:
     """A bar a joint, cut at the noise floor: the error over it, before in grey and after in colour.
 
-    before, after, floor (n,) [N m or N] : RMS errors, after None where there is one model alone; floor
-    None where it is not known: errors stand in their units then, each joint's against the largest;
+    before, after, floor (n,) [N m or N] : RMS errors, after None where there is one model alone; floor,
+    or one of it, None where it is not known: errors stand in their units then, against the largest;
     joints : their numbers, by default 1, 2, ...; what : the error's name; chosen : the joint (from 0)
     that is shown where each is a button.
     """
     known = floor is not None and all(floor)
-    scale = list(floor) if known and floor is not None else [1.0] * len(before)
-    olds = [x / s for x, s in zip(before, scale, strict=True)]
-    news = olds if after is None else [x / s for x, s in zip(after, scale, strict=True)]
+    scale = np.array(floor if known else [1.0] * len(before), float)
+    olds, news = (np.array(x, float) / scale for x in (before, before if after is None else after))
     largest = max(*olds, *news, 1.5 if known else 0.0, 1e-300)
     rows = []
     for j, (old, new) in enumerate(zip(olds, news, strict=True)):
@@ -73,17 +74,16 @@ def bars(
         )
         name = f"joint {joints[j] if joints else j + 1}"
         if chosen is not None:
-            on = "true" if j == chosen else "false"
+            on = str(j == chosen).lower()
             at = f'data-key="joint-{j + 1}" data-joint="{j + 1}" aria-pressed="{on}"'
             name = f'<button type="button" class="action cell" {at}>{name}</button>'
         rows.append(
             f'<tr><th scope="row">{name}</th><td class="drawn">{shapes}</td>'
             f'<td class="number">{said}</td>{note}</tr>'
         )
-    caption = f"{what} over the noise floor of each joint" if known else f"{what} (RMS) of each joint"
-    caption += "; grey: noise" if known else "; noise floor unknown"
-    if after is not None:
-        caption += "; upper bar before, lower after"
+    caption = "over the noise floor of each joint; grey: noise" if known else ""
+    caption = f"{what} {caption or '(RMS) of each joint; noise floor unknown'}"
+    caption += "" if after is None else "; upper bar before, lower after"
     return f'<table class="bars"><caption>{caption}</caption><tbody>{"".join(rows)}</tbody></table>'
 
 

@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep
 from sdp_vs_penalty.estimators.sdp_fit import essential
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression import LeastSquares, compress
-from sdp_vs_penalty.research.shootout.instance import Instance, in_units
+from sdp_vs_penalty.research.shootout.instances import Instance, in_units
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.signals import Preprocessing
 from sdp_vs_penalty.signals.filtered import FilteredRuns

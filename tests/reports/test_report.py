@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.reports.markup import bars
-from sdp_vs_penalty.reports.parameters import ellipsoid
+from sdp_vs_penalty.reports.sections import ellipsoid
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
 

@@ -21,8 +21,7 @@ from sdp_vs_penalty import parallel as cluster
 from sdp_vs_penalty.research.shootout import runner, summary
 from sdp_vs_penalty.research.shootout.augmented_lagrangian import Chart
 from sdp_vs_penalty.research.shootout.contestants import chosen, contestants
-from sdp_vs_penalty.research.shootout.instance import Instance, _task, in_units
-from sdp_vs_penalty.research.shootout.instances import catalogue, instance
+from sdp_vs_penalty.research.shootout.instances import Instance, _task, catalogue, in_units, instance
 from sdp_vs_penalty.research.shootout.judge import (
     CLASSES,
     Answer,

@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimators import Fit, Task, make_estimator, solve_sdp
 from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.research.shootout.instance import chain_task, shape_cones
+from sdp_vs_penalty.research.shootout.instances import chain_task, shape_cones
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.solvers import (

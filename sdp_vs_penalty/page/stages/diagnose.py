@@ -33,8 +33,7 @@ def models(view: View) -> None:
         return
     errors = [model.comparison["rmse"] for model in history]
     floor = history[-1].comparison["noise_floor"]
-    known = None if None in floor else floor
-    ui.html(bars(errors[0], errors[-1], known, units), sanitize=False)
+    ui.html(bars(errors[0], errors[-1], floor, units), sanitize=False)
     names = [str(k) for k in range(1, len(errors) + 1)]
     made = formatting.error_table(names, errors, floor, units)
     draw.table(*made, "RMS error of each joint, model by model", "numbers history")
@@ -173,7 +172,7 @@ def _diagnosed(session: Session) -> Verdict | None:
         said = (said or "Diagnose again to see what is missing now.") if added else found.headline
     if len(session.history) > 1:
         first, last = (session.history[k].comparison for k in (0, -1))
-        floor = None if None in last["noise_floor"] else np.array(last["noise_floor"], float)
+        floor = None if None in last["noise_floor"] else np.array(last["noise_floor"])
         told = changes(np.array(first["rmse"]), np.array(last["rmse"]), floor)
         told = told or "no joint changed its error by more than 5 %."
         said = f"{told[0].upper()}{told[1:]} {said}".strip()

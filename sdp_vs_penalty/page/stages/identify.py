@@ -19,9 +19,8 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.session import ModelStep, Session
 from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, spoken
 from sdp_vs_penalty.reports import markup
-from sdp_vs_penalty.reports.parameters import HEADS, LINK_HEADS
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
-from sdp_vs_penalty.reports.sections import CERTIFICATE
+from sdp_vs_penalty.reports.sections import CERTIFICATE, HEADS, LINK_HEADS
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
@@ -121,14 +120,12 @@ def fit(view: View) -> None:
         view.run, view.span = model.runs[-1], None
     steps = [session.history[0], model][-len(session.history) :]
     first = session.history[0].comparison
-    floor = None if None in comparison["noise_floor"] else comparison["noise_floor"]
     after = comparison["rmse"] if len(session.history) > 1 else None
     bars = ui.html("", sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
     draw.note("Click a joint to see it below.")
     _figures(model)
     with draw.tag("div", style="pick"):
-        names = [(name, name) for name in model.runs]
-        draw.choice("Run", names, view.run, lambda name: view.look(run=name), "shown-run")
+        draw.choice("Run", model.runs, view.run, lambda name: view.look(run=name), "shown-run")
     label, said = "Measured and modelled torque, and the residual", "redder: larger torque error"
     chart, move = charts.chart_and_arm(view, label, model.about, said)
     legend = ui.html("", sanitize=False)
@@ -137,8 +134,8 @@ def fit(view: View) -> None:
         found = session.findings if session.found_for == len(session.history) else None
         _heat(view, model.failures, found)
     with draw.tag("div", style="pick"):
-        signals = list(SIGNALS.items())
-        draw.choice("Error against", signals, view.signal, lambda name: view.look(signal=name), "signal")
+        look = lambda name: view.look(signal=name)  # noqa: E731
+        draw.choice("Error against", SIGNALS.items(), view.signal, look, "signal")
     against = draw.chart({}, "Error of the joint against a signal")
 
     def zoom(event: Any) -> None:
@@ -152,7 +149,7 @@ def fit(view: View) -> None:
         modelled = {step.label: r["modelled"] for step, r in zip(steps, reads, strict=True)}
         failing = _stretches(model, view.run, j, float(read["t"][0]))
         run, causes = Curves(read["t"], read["torque"], modelled), {cause for *_, cause in failing}
-        bars.content = markup.bars(first["rmse"], after, floor, units, chosen=j)
+        bars.content = markup.bars(first["rmse"], after, comparison["noise_floor"], units, chosen=j)
         chart.update_figure(charts.torque_chart(run, j, units, view.span, failing))
         against.update_figure(charts.residual_chart(reads, j, view.signal, units[j], noise, view.span))
         legend.content = markup.legend([cause for cause in markup.SHADES if cause in causes])

@@ -10,13 +10,8 @@ from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.research.figures import style
 from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure
+from sdp_vs_penalty.research.tables import table_v
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table_v import (
-    EngineResult,
-    EngineRun,
-    measured_runs,
-    sinusoidal_runs,
-)
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun
 
@@ -98,24 +93,24 @@ def figure_3(study: Study) -> Any:
     return figure
 
 
-def _present(results: Sequence[EngineResult]) -> list[EngineRun]:
+def _present(results: Sequence[table_v.EngineResult]) -> list[table_v.EngineRun]:
     """The runs of the engines at hand, the noisiest first so that it is drawn below the others."""
     runs = [r.run for r in results if r.run is not None]
     return sorted(runs, key=lambda run: run.engine != "Bullet")
 
 
-def _engines_title(figure: Any, text: str, results: Sequence[EngineResult]) -> None:
+def _engines_title(figure: Any, text: str, results: Sequence[table_v.EngineResult]) -> None:
     """The title, with the engines that are not there."""
     absent = [r.engine for r in results if r.run is None]
     figure.suptitle(text + (f"\n(absent here: {', '.join(absent)})" if absent else ""))
 
 
 def _engines(
-    study: Study, values: Callable[[EngineRun], Array], what: str, text: str, model: bool = False
+    study: Study, values: Callable[[table_v.EngineRun], Array], what: str, text: str, model: bool = False
 ) -> tuple[Any, Any]:
     """On sinusoidal velocities one panel a joint, one line an engine, beside the model if asked for; the
     legend is in the panel that seven joints leave free in four rows of two."""
-    robot, results = study.problem.robot, study.once(sinusoidal_runs)
+    robot, results = study.problem.robot, study.once(table_v.sinusoidal_runs)
     runs = _present(results)
     figure, axes = new_figure((robot.n + 1) // 2, 2, 7.0, sharex=True)
     for j, unit in enumerate(robot.torque_units):
@@ -145,7 +140,7 @@ def figure_6(study: Study) -> Any:
     """Torque errors of physics engines against the identified model."""
     text = "Torque of the engine less that of the identified model"
     figure, axes = _engines(study, lambda run: run.error, "torque error", text)
-    runs = _present(study.once(sinusoidal_runs))
+    runs = _present(study.once(table_v.sinusoidal_runs))
     for j in range(study.problem.robot.n):
         # Left out of the torque errors at the start [s], where the acceleration jumps from rest.
         largest = max((float(np.abs(run.error[run.t > 0.05, j]).max()) for run in runs), default=1.0)
@@ -158,9 +153,9 @@ def figure_6(study: Study) -> Any:
 
 def figure_7(study: Study) -> Any:
     """Where the end effector goes in physics engines: position and orientation errors."""
-    groups = {"sinusoids (simulated)": study.once(sinusoidal_runs)}
+    groups = {"sinusoids (simulated)": study.once(table_v.sinusoidal_runs)}
     if study.measured is not None:
-        groups["motion of the real run"] = study.once(measured_runs)
+        groups["motion of the real run"] = study.once(table_v.measured_runs)
     figure, axes = new_figure(2, len(groups), 4.6, sharex="col", sharey="row")
     for k, (name, results) in enumerate(groups.items()):
         for run in _present(results):

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from sdp_vs_penalty.estimators.penalty import ShiftedPenalty
-from sdp_vs_penalty.research.shootout.instance import Instance
+from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.research.shootout.judge import Answer, no_answer
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet

@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
 from sdp_vs_penalty.research.shootout import augmented_lagrangian
-from sdp_vs_penalty.research.shootout.instance import Instance
+from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.research.shootout.judge import Answer, no_answer
 from sdp_vs_penalty.solvers import solver_types, through_cvxpy
 from sdp_vs_penalty.solvers.solver import Solver

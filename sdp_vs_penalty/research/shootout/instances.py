@@ -1,22 +1,287 @@
-"""The instances by name, deterministic: which exist is known without building one.
+"""The problems of the shootout: what one is, in which form solvers get it, and those there are, by name.
 
-The library is what `shootout --export` writes; the catalogue is the part of it that the shootout runs on
-by itself. Ill-conditioned ones take a standard instance, such as the simulated Panda with a minimum
-thickness, and change one thing that users do, or data do to them.
+An instance is of a simulated or measured robot, or of a random serial chain. All are deterministic, and
+which exist is known without building one. The library is what `shootout --export` writes; the catalogue
+is the part of it that the shootout runs on by itself. Ill-conditioned ones take a standard instance,
+such as the simulated Panda with a minimum thickness, and change one thing that users do, or data do to
+them.
 """
 
+import hashlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from itertools import product
+from typing import Any, Self
 
 import numpy as np
+from scipy import sparse
 
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.published import real_data_folder
-from sdp_vs_penalty.research.shootout.instance import Instance, chain_task, in_units, posed, recorded
+from sdp_vs_penalty.estimation.pose import PoseOptions, pose
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
+from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, open_box
+from sdp_vs_penalty.problem.published import measured_runs, real_data_folder
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Alike, Constraint, ConstraintSet
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.simulation.experiments import experiment
+from sdp_vs_penalty.solvers.identification import (
+    SdpProblem,
+    conic_problem,
+    least_squares_sdp,
+    plain_rows,
+    scaled,
+)
+from sdp_vs_penalty.solvers.objective import Entropy, Objective
+
+_CHAIN_SEED = 20191015
+
+
+@dataclass(frozen=True)
+class Instance:
+    """minimise objective(theta) over task.constraints.convex, |theta_k| <= task.bound.
+
+    task : data, constraints and bounds in the instance's own units; what it calls nonconvex is empty.
+    formulation : "residual" is ours, centred and scaled; "gram", "gram in float32" and "rows" are what
+        users write (:func:`unscaled_sdp`).
+    """
+
+    task: Task
+    objective: Objective
+    formulation: str = "residual"
+    name: str = ""
+
+    def having(self, convex: Iterable[Constraint] | None = None, **data: Any) -> Self:
+        """With other constraints, or other entries of the data."""
+        rows = replace(self.data, **data)
+        kept = self.constraints if convex is None else ConstraintSet(tuple(convex))
+        objective = replace(self.objective, least_squares=rows)
+        return replace(self, task=replace(self.task, data=rows, constraints=kept), objective=objective)
+
+    @property
+    def constraints(self) -> ConstraintSet:
+        return self.task.constraints
+
+    @property
+    def data(self) -> LeastSquares:
+        """The least-squares part of the objective."""
+        return self.objective.least_squares
+
+    @cached_property
+    def interior(self) -> Array | None:
+        """A strictly feasible theta, or None where the constraints exclude each other."""
+        try:
+            return interior_point(self.task, self.constraints)
+        except InputError:
+            return None
+
+    @cached_property
+    def sent(self) -> list[Constraint]:
+        """The constraints that solvers get: ours without redundant ones, users' all of them."""
+        if self.formulation == "residual":
+            return essential(self.constraints, self.objective)
+        return list(self.constraints.convex)
+
+    @cached_property
+    def sdp(self) -> SdpProblem:
+        """The problem as it is posed to conic solvers."""
+        if self.formulation != "residual":
+            return unscaled_sdp(self.data, self.sent, self.formulation)
+        centre = self.task.nominal if self.interior is None else self.interior
+        least = 1e-6 * self.data.tau_squared
+        return least_squares_sdp(
+            self.objective, self.sent, centre, self.task.bound, centre, least_loss=least
+        )
+
+    @cached_property
+    def hash(self) -> str:
+        """Sixteen hexadecimal digits of the problem and the form it is posed in: of objective and
+        constraints at three points, to the six digits that all libraries of linear algebra share."""
+        data, bound, entropy = self.data, self.task.bound, self.objective.entropy
+        numbers = [data.tau_squared, bound.sum()]
+        numbers += [] if entropy is None else [entropy.weight, entropy.nominal.sum()]
+        for x in np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(bound))) * bound:
+            numbers += [data.loss(x), *(c.value(x).sum() for c in self.constraints.convex)]
+        families = [f"{c.family} {c.name} {c.cone}" for c in self.constraints.convex]
+        told = [self.formulation, self.name, *families, *(f"{x:.6g}" for x in numbers)]
+        return hashlib.sha256("\n".join(told).encode()).hexdigest()[:16]
+
+
+def unscaled_sdp(data: LeastSquares, constraints: Sequence[Constraint], formulation: str) -> SdpProblem:
+    """The problem as users write it, without a centre, without scales of parameters or cones:
+
+    gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is left out;
+           "gram in float32" sums R^T R and R^T rho in single precision
+    rows   minimise |z|^2 subject to R theta - z = rho
+    """
+    (r, p), offset = data.R.shape, data.residual_norm**2
+    R, rho, groups = data.R, data.rho, list[Alike]()
+    if formulation == "rows":
+        groups = [plain_rows("zero", np.hstack([R, -np.eye(r)]), -rho)]
+        P, q = sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc(), np.zeros(p + r)
+    else:
+        single = formulation.endswith("float32")
+        R, rho = (x.astype(np.float32 if single else float) for x in (R, rho))
+        offset += float(data.rho @ data.rho)
+        P = sparse.csc_matrix(np.triu(2.0 * (R.T @ R).astype(float)))
+        q = -2.0 * (R.T @ rho).astype(float)
+    more, placed = scaled(constraints, np.zeros(p), np.ones(p), None, first=r if groups else 0)
+    conic = conic_problem([*groups, *more], P, q)
+    return SdpProblem(conic, np.zeros(p), np.ones(p), 1.0, placed, offset)
+
+
+def in_units(instance: Instance, mass: float, length: float) -> Instance:
+    """The same problem with masses in ``mass`` kg and lengths in ``length`` m (seconds stay).
+
+    Torques become tau / (mass length^2); parameters, bounds and constraint rows follow their units.
+    """
+    task, data, entropy = instance.task, instance.data, instance.objective.entropy
+    m, l = 1.0 / mass, 1.0 / length  # noqa: E741
+    torque, corner = m * l**2, np.sqrt(m) * np.array([l, l, l, 1.0])
+    factor = np.full(len(task.bound), torque)
+    factor[task.links] = [m, *[m * l] * 3, *[m * l**2] * 6]
+    R, rho, left = torque * data.R / factor, torque * data.rho, torque * data.residual_norm
+    square = torque**2 * data.tau_squared
+    changed = replace(data, R=R, rho=rho, residual_norm=left, tau_squared=square)
+    row_units = {"centre of mass": m * l, "centre of mass cone": m * l, "trace": m * l**2}
+    row_units |= dict.fromkeys(("mass", "total mass", "bounding ellipsoid", "body"), m)
+
+    def convert(c: Constraint) -> Constraint:
+        local = factor[c.indices].reshape(-1, *[1] * c.constant.ndim)
+        scale = np.outer(corner, corner) if c.cone == "psd" else row_units.get(c.family, torque)
+        return replace(c, constant=c.constant * scale, coefficients=c.coefficients * scale / local)
+
+    convex = tuple(convert(c) for c in task.constraints.convex)
+    scaled = {"bound": task.bound * factor, "nominal": task.nominal * factor}
+    moved = replace(task, data=changed, constraints=ConstraintSet(convex), **scaled)
+    if entropy is not None:
+        nominal = entropy.nominal * np.outer(corner, corner)
+        entropy = Entropy(entropy.weight * torque**2, moved.pseudo_inertias, nominal)
+    return replace(instance, task=moved, objective=Objective(changed, entropy))
+
+
+def recorded(robot: str, source: str, step: str, shape: str, stop: float = np.inf) -> Instance:
+    """From a robot's simulated experiment, or its real measurements up to ``stop`` [s].
+
+    source : "simulated" or "measured". InputError where the measurements are absent."""
+    return posed(_task(robot, source, stop), step, shape)
+
+
+def posed(task: Task, step: str, shape: str) -> Instance:
+    """One-step (torque) or two-step (base parameters) form of a task, with a demand on shape."""
+    demands = task.minimum_thickness(LmiSdpThickness.thickness) if shape == "gyration" else []
+    demands = shape_cones(task) if shape == "cones" else demands
+    task = replace(task, constraints=ConstraintSet((*task.constraints.convex, *demands)))
+    data, entropy = task.data if step == "one-step" else task.base_distance, None
+    if shape == "regulariser":
+        spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
+        nominal = inertia.pseudo_inertia(task.nominal[task.links])
+        entropy = Entropy(spread, task.pseudo_inertias, nominal)
+    return Instance(replace(task, data=data), Objective(data, entropy))
+
+
+def shape_cones(task: Task) -> list[Constraint]:
+    """|c across z| <= r + |slope| c_z for each link: a centre of mass in a cone, as the 2R has.
+
+    The cone opens along z from the nominal centre's plane, wide enough to hold it.
+    """
+    out = []
+    for k, indices in enumerate(task.links):
+        m, mx, my, mz = task.nominal[indices[:4]]
+        centre, slope = np.array([mx, my, mz]) / m, 0.3
+        radius = 1.2 * float(np.hypot(*centre[:2])) + 0.02 - slope * min(centre[2], 0.0)
+        out.append(CentreOfMassCone(k + 1, "z", radius, slope).constraint(indices))
+    return out
+
+
+@lru_cache(maxsize=8)
+def _task(robot: str, source: str, stop: float) -> Task:
+    problem, effects = load_problem(robot), None
+    if source == "measured":
+        if not (runs := list(measured_runs(robot).values())):
+            what = f"The measurements of {robot} are absent"
+            raise InputError(what, "name their folder in SDP_VS_PENALTY_DATA")
+        run = replace(runs[0], dq=None)
+    else:
+        described = experiment(problem)
+        run, effects = described.training_run(seed=0), described.effects
+    task = pose(problem, _part(run, problem, stop), PoseOptions(effects)).task
+    return replace(task, constraints=ConstraintSet(task.constraints.convex))
+
+
+def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
+    """The first ``stop`` seconds; of one or two, so many seconds of rows in which the robot moves."""
+    if stop >= 5.0:
+        return run.window(0.0, stop)
+    moved = np.abs(run.q - run.q[0]).max(axis=1) > 0.2 * np.ptp(run.q, axis=0).max()
+    begin = float(run.t[np.argmax(moved)] - run.t[0])
+    settings = problem.preprocessing.resolve(run)
+    assert settings.state_cutoff is not None
+    assert settings.torque_cutoff is not None
+    # The filters' kernels reach two periods of their cut-off beyond each row.
+    reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
+    return run.window(begin, begin + stop + 2.0 * reach)
+
+
+def chain_problem(n: int, draw: int = 0) -> Problem:
+    """Twist +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal links as balls."""
+    rng = np.random.default_rng([_CHAIN_SEED, n, *[draw] * (draw > 0)])
+    a, twist, d = rng.uniform(0.0, 0.3, n), rng.choice([-0.5, 0.0, 0.5], n), rng.uniform(0.05, 0.3, n)
+    robot = Robot.from_dh(f"chain{n}", a.tolist(), (np.pi * twist).tolist(), d.tolist(), "modified")
+    balls = np.zeros((n, 10))
+    balls[:, 0] = 2.0
+    balls[:, [4, 6, 9]] = 0.4 * 2.0 * (0.4 * np.array(robot.link_reach())[:, None]) ** 2
+    links = inertia.standard_from_barycentric(balls)
+    title = f"random serial chain of {n} links"
+    return Problem(robot.name, title, robot, open_box(n), links, torque_side="link")
+
+
+def chain_task(n: int, draw: int = 0) -> Task:
+    """Random states, torque of thin random links with friction and white noise, 1 % of each joint's.
+
+    draw : another arm of the same size, with another motion.
+    """
+    rng = np.random.default_rng([_CHAIN_SEED + 1, n, *[draw] * (draw > 0)])
+    problem, samples = chain_problem(n, draw), 60
+    model = problem.model()
+    q = problem.robot.random_configurations(samples, _CHAIN_SEED)
+    dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))
+    motion = Motion(np.linspace(0.0, 1.0, samples), q, dq, ddq)
+    theta = np.concatenate([thin_links(rng, problem).ravel(), rng.uniform(0.1, 0.5, 3 * n)])
+    columns = model.columns(motion)
+    torque = np.column_stack([c.columns @ theta[c.indices] for c in columns])
+    stack = [np.column_stack([c.wide(len(theta)), t]) for c, t in zip(columns, torque.T, strict=True)]
+    for wide in stack:
+        wide /= 0.01 * float(np.sqrt(np.mean(wide[:, -1] ** 2)))
+        wide[:, -1] += rng.normal(size=samples)
+    data, convex = LeastSquares.stacked(stack, n * samples), problem.constraints(model).convex
+    known = problem.parameter_bound(model), problem.nominal(model), problem.box
+    return Task(model, data, ConstraintSet(convex), *known)
+
+
+def thin_links(rng: np.random.Generator, problem: Problem) -> Array:
+    """(n, 10) links of 1-4 kg whose mass lies near a rod: constraints that bind."""
+    out = []
+    for reach in problem.robot.link_reach():
+        mass = rng.uniform(1.0, 4.0)
+        centre = rng.uniform(-0.2, 0.2, 3) * reach
+        frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        gyration = reach * np.array([0.3, 0.05, 0.02]) * rng.uniform(0.5, 1.0, 3)
+        second = mass * (frame * gyration**2) @ frame.T + mass * np.outer(centre, centre)
+        corner = (mass * centre)[:, None]
+        out.append(inertia.from_pseudo_inertia(np.block([[second, corner], [corner.T, mass]])))
+    return np.array(out)
+
 
 Change = Callable[[Instance], Instance]
 

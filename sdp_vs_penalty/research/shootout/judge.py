@@ -14,7 +14,7 @@ import numpy as np
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
-from sdp_vs_penalty.research.shootout.instance import Instance
+from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.solvers.certificate import Fit

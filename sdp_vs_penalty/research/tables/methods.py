@@ -16,11 +16,11 @@ from sdp_vs_penalty.robot import inertia
 @makes("methods", slow=True)
 def methods(study: Study) -> Table:
     """Method table: every method on every data set, judged by the same independent figures."""
-    rows = []
-    for data in study.judged:
-        optimum = certified_optimum(study, data)
-        for method in (*estimator_types(), *WITH_PRIOR):
-            rows.append(_row(study, data, method, optimum))
+    rows = [
+        _row(study, data, method)
+        for data in study.judged
+        for method in (*estimator_types(), *WITH_PRIOR)
+    ]
     last = [row for row in rows if row["data"] == rows[-1]["data"]]
     errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
     return Table(
@@ -54,14 +54,10 @@ def methods(study: Study) -> Table:
     )
 
 
-def certified_optimum(study: Study, data: Data) -> float:
-    """The lower bound on the least loss that any feasible theta has."""
-    lower = study.result("lmi-sdp-plain", data).certificate.lower
-    assert lower is not None
-    return lower
-
-
-def _row(study: Study, data: Data, method: str, optimum: float) -> Row:
+def _row(study: Study, data: Data, method: str) -> Row:
+    # The lower bound on the least loss that any feasible theta has.
+    optimum = study.result("lmi-sdp-plain", data).certificate.lower
+    assert optimum is not None
     estimator: str | Estimator = method
     if method not in WITH_PRIOR and estimator_types()[method].needs_black_box:
         found = study.reverse_engineered
