@@ -271,7 +271,7 @@ def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
     task = posed_task(problem, random_run(problem, seed), chosen)
     objective, constraints = make_estimator(method).posed(task)
     convex = ConstraintSet(constraints.convex)
-    made = in_units(Instance("x", replace(task, constraints=convex), objective), *UNITS[seed % 3])
+    made = in_units(Instance(replace(task, constraints=convex), objective), *UNITS[seed % 3])
     fit = solve_sdp(made.task, made.objective, made.task.constraints, "clarabel", 1e-10)
     _, certificate = certify(made.task, fit)
     assert certificate.worst == 0.0
