@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from peak_memory import peak_memory
+from commands import peak_memory
 from small_runs import hostile_log, small_run, write_bag
 
 from sdp_vs_penalty import (

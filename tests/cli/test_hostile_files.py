@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from peak_memory import peak_memory
+from commands import peak_memory
 from small_runs import small_run
 
 from sdp_vs_penalty import identify, load_problem
@@ -92,7 +92,7 @@ def chain(links: int) -> str:
 
 
 def bombs(kind: str, folder: Path) -> Iterator[Path]:
-    """Files of about a megabyte that nest or count without end; data/test_hostile.py unpacks some."""
+    """Files of about a megabyte that nest or count without end; data/test_bad_input.py unpacks some."""
     size = 10**6
     texts = {
         "run": {".csv": "t,q1,tau1\n" + "1," * (size // 2), "2.csv": "9" * size, "3.csv": "\n" * size},
@@ -246,11 +246,8 @@ def test_a_limit_of_memory_is_one_sentence(verb, good, tmp_path):
             pytest.param(verb, marks=pytest.mark.slow)
             for verb in (
                 "identify two_link --data RUN --jobs 2 --out out/model.json --proof out/proof.json",
-                "diagnose MODEL --data RUN --json out/findings.json",
-                "convert RUN --out out/run.npz",
                 "report MODEL --data RUN --out out/report.html",
                 "simulate two_link --out out",
-                "demo --out out",
                 "tables VIII --problem two_link --out out",
                 "shootout --problems 'chain of 2 links gyration 0' --solvers clarabel,scs --out out",
                 "excite two_link --duration 2 --out out/path.csv",

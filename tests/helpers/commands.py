@@ -1,8 +1,11 @@
 """Commands, run in this process or in one of their own."""
 
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,3 +33,22 @@ def python(*words: object, path: str = HOME, **options: Any) -> subprocess.Compl
     return subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=300, **options
     )
+
+
+@contextmanager
+def peak_memory() -> Iterator[list[float]]:
+    """A list that holds the peak in bytes, beyond what was taken before, once the block has ended."""
+    out: list[float] = []
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
+    before = _status("VmRSS")
+    yield out
+    out.append(_status("VmHWM") - before)
+
+
+def _status(field: str) -> float:
+    try:
+        found = re.search(rf"{field}:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    except OSError:
+        return 0.0
+    return 1024.0 * int(found[1]) if found else 0.0

@@ -3,7 +3,7 @@ hidden world, signed.
 
 Robots have joints of one kind only where shape constants are at work: one constant for rad and m at
 once has no unit. The worlds state the torque of an effect a second time, in code that shares nothing
-with the columns (``tests/simulation/test_worlds.py`` looks). Forms that no world draws stand here.
+with the columns (``tests/simulation/test_challenge.py`` looks). Forms that no world draws stand here.
 """
 
 from collections.abc import Callable, Mapping

@@ -122,12 +122,8 @@ def genuine(rng: np.random.Generator) -> Proof:
     p |= {"parameters": [f"x{k}" for k in range(n)], "R": texts(R) if m else [], "rho": texts(rho)}
     p |= {"bound": texts(bound), "y": texts(y), "theta": texts(theta), "constraints": constraints}
     lower, upper = float(constant - np.abs(slope) @ bound), value(p, theta)
-    p["lower"] = repr(lower - _CLEARLY * size_of(lower))
-    return p | {"upper": repr(upper + _CLEARLY * size_of(upper))}
-
-
-def size_of(x: float) -> float:
-    return 1.0 + abs(x)
+    p["lower"] = repr(lower - _CLEARLY * (1.0 + abs(lower)))
+    return p | {"upper": repr(upper + _CLEARLY * (1.0 + abs(upper)))}
 
 
 def infeasible(rng: np.random.Generator) -> Proof:
@@ -156,7 +152,7 @@ def without_optimum(p: Proof) -> Proof:
 def swapped(p: Proof, rng: np.random.Generator) -> Proof | None:
     """lower above the objective of a feasible point, upper below it."""
     f = value(p, number(p["theta"]))
-    off = size_of(f) * float(rng.choice([2 * _CLEARLY, 1e-3, 1.0, 1e6]))
+    off = (1.0 + abs(f)) * float(rng.choice([2 * _CLEARLY, 1e-3, 1.0, 1e6]))
     return p | ({"lower": repr(f + off)} if rng.random() < 0.5 else {"upper": repr(f - off)})
 
 
@@ -164,11 +160,6 @@ def outside(p: Proof, rng: np.random.Generator) -> Proof | None:
     """A theta that violates a constraint or a bound, with an upper bound that it would have."""
     x = number(p["theta"]) + float(rng.choice([1.0, 8.0])) * short(rng, len(p["theta"]))
     return p | {"theta": texts(x), "upper": repr(1e9)} if value(p, x) == float("inf") else None
-
-
-def impossible(p: Proof, rng: np.random.Generator) -> Proof | None:
-    """Infeasibility of what has a feasible point, with the multipliers of the optimum."""
-    return without_optimum(p)
 
 
 def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
@@ -185,7 +176,7 @@ def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
             return None
     scale = float(rng.choice([1.0, 2.0**10, 2.0**40]))
     c["dual"] = texts(np.round(scale * direction * 64) / 64)
-    return p | {"lower": repr(value(p, x) + size_of(value(p, x)))}
+    return p | {"lower": repr(value(p, x) + 1.0 + abs(value(p, x)))}
 
 
 def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
@@ -200,7 +191,8 @@ def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
     dual = v @ v.T * float(rng.choice([1.0, -1.0])) * 2.0**-40
     p = with_entropy(p, 2.0 ** float(rng.integers(8, 40)) * np.eye(d), dual)
     best = value(p, number(p["theta"]))
-    return p | {"lower": repr(best + _CLEARLY * 2 * size_of(best)), "upper": repr(best + size_of(best))}
+    size = 1.0 + abs(best)
+    return p | {"lower": repr(best + _CLEARLY * 2 * size), "upper": repr(best + size)}
 
 
 def with_entropy(p: Proof, F: np.ndarray, dual: np.ndarray) -> Proof:
@@ -233,8 +225,12 @@ def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
     p, pick = copy.deepcopy(p), random.Random(int(rng.integers(0, 2**31)))
     parent = pick.choice([p, p, *p["constraints"]])
     key = pick.choice([k for k in parent if k != "format"])
-    old, what = parent[key], pick.randrange(5)
     indices = pick.choice([c["indices"] for c in p["constraints"]])
+    place = pick.choice(["floor", *(f for f in ("bound", "y", "rho") if p[f])])
+    numbers = [p["floor"]] if place == "floor" else p[place]
+    odd = pick.choice(_NUMBERS.split("|")).replace("{}", numbers[0])
+    other = pick.choice(_OTHERS)
+    what = pick.randrange(5)
     if what == 0:
         del parent[key]
     elif what == 1:
@@ -242,15 +238,9 @@ def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
     elif what == 2 and indices:
         indices[0] = pick.choice([-1, len(p["bound"]), *indices[1:], True, "0"])
     elif what == 3:
-        field = pick.choice([f for f in ("floor", "bound", "y", "rho") if p[f]])
-        bad = pick.choice(_NUMBERS.split("|"))
-        if field == "floor":
-            p[field] = bad.replace("{}", p[field])
-        elif pick.random() < 0.5:
-            p[field][0] = bad.replace("{}", p[field][0])
-        else:
-            p[field].append("1")
-    elif what == 4 and type(other := pick.choice(_OTHERS)) is not type(old):
+        longer = [*numbers, "1"] if pick.random() < 0.5 else [odd, *numbers[1:]]
+        p[place] = odd if place == "floor" else longer
+    elif what == 4 and type(other) is not type(parent[key]):
         parent[key] = other
     else:
         return None
@@ -258,8 +248,10 @@ def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
 
 
 FALSE: dict[str, Callable[[Proof, np.random.Generator], Proof | None]] = {
-    f.__name__: f for f in (swapped, outside, impossible, wrong_dual, singular, concave, malformed)
+    f.__name__: f for f in (swapped, outside, wrong_dual, singular, concave, malformed)
 }
+#: Infeasibility of what has a feasible point, with the multipliers of the optimum.
+FALSE["impossible"] = lambda p, rng: without_optimum(p)
 
 
 def unreadable(whole: str, rng: np.random.Generator) -> str:
