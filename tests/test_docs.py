@@ -194,13 +194,6 @@ def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     assert f"Missing: {HIDDEN} on joint 7" in text
     fall = text.partition("neither has seen: joint 7: ")[2].partition(" %)")[0]
     assert int(fall.rpartition("(")[2]) <= -60
-    readme = re.sub("<!--.*?-->", "", README)
-    for figure in re.findall(r"-?[\d.]+", fall.replace("->", "")):
-        assert f"{figure} times" in readme or f"({figure} %)" in readme
-    for method in ("ols", "penalty", "lmi-sdp"):
-        assert f"{method} " in text
-    assert "ols do not use" in text
-    assert "Good. Error over noise" in text
     check_printed("demo.md", shown.out)
     html = (tmp_path / "demo" / "report.html").read_text()
     assert '<p class="verdict good">' in html

@@ -242,16 +242,6 @@ def test_the_ladder_ends_at_the_error_of_what_add_returns(presliding):
     np.testing.assert_allclose(result.held_out_rmse, added.rmse, rtol=5e-3)
 
 
-def test_add_keeps_the_sign_of_physics(two_link):
-    made = hidden_runs(two_link, [("sigmoid_friction", [0])], "strong", seed=25)
-    data = concatenate(made.runs[:3])
-    estimate = identify(two_link, data, effects=made.truth["model_effects"])
-    # Sigmoid and Stribeck differ in sign only: with the wrong one the best size is zero.
-    wrong = add(estimate, "stribeck_friction:1@vs=0.1@delta=1", data)
-    right = add(estimate, "sigmoid_friction:1", data)
-    assert 0.0 <= wrong.theta[-1] < 0.1 * right.theta[-1]
-
-
 def test_a_gain_is_added_beside_its_own_reference(two_link):
     made = hidden_runs(two_link, [("torque_gain", [1])], "strong", seed=26)
     data = concatenate(made.runs[:3])

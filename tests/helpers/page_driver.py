@@ -8,7 +8,6 @@ import shutil
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -160,18 +159,6 @@ def idle(page: Page) -> None:
 def alert(page: Page) -> str:
     page.wait_for_selector(".notice[role=alert] p")
     return page.inner_text(".notice[role=alert] .texts")
-
-
-def busy(server: Server) -> list[Any]:
-    """The processes that compute, once there are any."""
-    before = {p: p.cpu_times().user for p in server.workers()}
-    end = time.monotonic() + 10.0
-    while time.monotonic() < end:
-        now = {p: p.cpu_times().user for p in server.workers()}
-        if working := [p for p, user in now.items() if user > before.get(p, 0.0) + 0.3]:
-            return working
-        time.sleep(0.05)
-    raise AssertionError("nothing computes")
 
 
 def go(page: Page, stage: str) -> None:

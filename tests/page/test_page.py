@@ -20,7 +20,6 @@ from page_driver import (
     a_context,
     alert,
     barriers,
-    busy,
     choose,
     errors,
     expect,
@@ -272,7 +271,8 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server)
     page.check(key("folds"))
     page.click(key("compare"))
     page.wait_for_selector(".working .status:has-text('penalty-paper')")
-    working = busy(server)
+    working = server.workers()
+    assert working
     page.close()
     _, alive = psutil.wait_procs(working, SILENCE + 8.0)
     assert not alive

@@ -1,7 +1,5 @@
 """Compression: exact, additive, in the order of time; base parameters; memory; black boxes."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from commands import run_cli
@@ -17,7 +15,6 @@ from sdp_vs_penalty.regression import BlackBox, LeastSquares, compress, load_ans
 from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows
 from sdp_vs_penalty.regression.black_box import compress_black_box
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock
-from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.signals import Preprocessing
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.simulation import experiment
@@ -152,23 +149,6 @@ def test_independent_parameters_must_be_independent(panda):
         base_parameters(model, [*names[:-1], "mx7"])
     with pytest.raises(InputError, match="bogus"):
         base_parameters(model, [*names[:-1], "bogus"])
-
-
-def test_memory_beyond_the_samples_does_not_grow_with_their_number():
-    """Four times the samples: what is added is a few copies of them, far less than all columns."""
-    rng, t, peaks = np.random.default_rng(0), np.arange(0.0, 25.0, 2e-3), []
-    robot = Robot.from_dh("r", [0.0] * 4, [0.0, 1.57, -1.57, 1.57], [0.3] * 4, "modified")
-    model = Model(robot, parse_effects("rigid_body,viscous_friction", robot))
-    q, tau = sines(rng, 4, t, 0.04, 4).q, rng.normal(size=(len(t), 4))
-    for times in (1, 4):
-        both = np.tile(q, (times, 1)), np.tile(tau, (times, 1))
-        run = Measurements(2e-3 * np.arange(times * len(t)), *both)
-        tracemalloc.start()
-        compress(FilteredRuns.of(run, FILTERS), model)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    samples, columns = 3 * 8 * (1 + 4 + 4) * len(t), 3 * 8 * 44 * 4 * len(t)
-    assert peaks[1] - peaks[0] < min(5 * samples, 0.3 * columns)
 
 
 def answers(problem: Problem, count: int, seed: int = 0) -> BlackBox:
