@@ -12,9 +12,8 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.console import aligned, details, explain, say, table
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
-from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows
 from sdp_vs_penalty.formatting import number, plain_unit
 
 if TYPE_CHECKING:  # `identify` needs no diagnosis

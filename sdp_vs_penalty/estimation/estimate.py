@@ -20,15 +20,17 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
-from sdp_vs_penalty.formatting import Shown, Summary, Table
+from sdp_vs_penalty.formatting import Shown, Summary, Table, number
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.fields import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import MotionRecord
@@ -360,3 +362,40 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
     if not named:
         raise InputError("No model to compare", "name at least one model.json")
     return named
+
+
+#: Of a table of links, as command line, page and report show it.
+LINK_HEADS = (
+    "link", "mass [kg]", "nominal", "from", "centre of mass [m]", "gyration [m]", "nominal",
+    "thickness [mm]",
+)  # fmt: skip
+
+
+def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
+    """Mass, centre of mass and radius of gyration of each link beside the nominal ones, as text."""
+    at = estimate.model.rigid_indices
+    if not len(at):
+        return []
+    links, nominal = estimate.links, estimate.nominal[at].reshape(-1, 10)
+    robot, thick = estimate.robot, inertia.thickness(links)
+    gyration = inertia.gyration(links), inertia.gyration(nominal)
+    rows = []
+    for i, link in enumerate(links):
+        com = link[1:4] / link[0] if link[0] > 0.0 else np.full(3, np.nan)
+        rows.append(
+            (
+                f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
+                number(link[0], 4),
+                number(nominal[i, 0], 4),
+                estimate.sources[at[10 * i]],
+                ", ".join(number(seen(c)) for c in com),
+                *(number(g[i]) for g in gyration),
+                number(1e3 * thick[i]),
+            )
+        )
+    return rows
+
+
+def seen(value: float | None) -> float | None:
+    """Zero for what rounding alone keeps from it."""
+    return 0.0 if value is not None and abs(value) < ROUNDING else value

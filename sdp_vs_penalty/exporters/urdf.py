@@ -33,7 +33,7 @@ from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.robot.urdf import load_urdf
+from sdp_vs_penalty.robot.urdf import load_urdf, placed_links
 
 #: What may hold a < or > that is none of a tag's; then a whole tag, in which quotes may hold a >.
 _MARKUP = re.compile(
@@ -234,18 +234,14 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     order = _order(path, theirs, robot)
     links = _in_frames_of(path, theirs, robot, content.links, order)
     document = Document.read(path)
-    owner = _moving_links(document.root, theirs)
-    for link in document.root.findall("link"):
-        name = link.get("name")
-        if name not in owner:  # the base and what is fixed to it
-            continue
-        index, carries = owner[name]
-        if carries:
-            require_consistent(links[index], f"{path}: link {name!r}")
-            document.put(link, "inertial", {}, inertial_tags(Inertial.of(links[index])))
-        elif link.find("inertial") is not None:
-            zero = Inertial.of(np.zeros(10)).urdf_attributes
-            document.put(link, "inertial", {}, {"mass": {"value": "0"}, "inertia": zero})
+    there = {link.get("name"): link for link in document.root.findall("link")}
+    zero = {"mass": {"value": "0"}, "inertia": Inertial.of(np.zeros(10)).urdf_attributes}
+    for theta, (own, *fixed) in zip(links, placed_links(path), strict=True):
+        require_consistent(theta, f"{path}: link {(name := own[0].get('name'))!r}")
+        document.put(there[name], "inertial", {}, inertial_tags(Inertial.of(theta)))
+        for link in (there[e.get("name")] for e, _ in fixed):
+            if link.find("inertial") is not None:
+                document.put(link, "inertial", {}, zero)
     joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
     names = [joint.name for joint in theirs.tree]
     for joint in theirs.joints:
@@ -255,24 +251,6 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
             written = {key: number(value) for key, value in values.items()}
             document.put(joints[joint.name], "dynamics", written)
     return document.edited()
-
-
-def _moving_links(root: Any, robot: Robot) -> dict[str, tuple[int, bool]]:
-    """Of every link that moves: the joint that moves it, and whether it hangs on that joint itself."""
-    link_of = {robot.tree[carrier].name: k for k, carrier in enumerate(robot.link_joints)}
-    massless = {joint.name for joint in robot.tree} - set(link_of)  # declared so, and stay so
-    above: dict[str, tuple[str, str]] = {}
-    for joint in root.findall("joint"):
-        child = joint.find("child").get("link")
-        above[child] = joint.get("name"), joint.find("parent").get("link")
-    out: dict[str, tuple[int, bool]] = {}
-    for name in above:
-        link = name
-        while link in above and above[link][0] not in (*link_of, *massless):
-            link = above[link][1]
-        if link in above and above[link][0] in link_of:
-            out[name] = link_of[above[link][0]], link == name
-    return out
 
 
 def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:

@@ -29,14 +29,13 @@ from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, link_rows, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.exporters.friction_table import friction_curves
-from sdp_vs_penalty.exporters.links import link_rows
 from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters

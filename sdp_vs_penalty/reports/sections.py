@@ -12,11 +12,10 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows, seen
 from sdp_vs_penalty.estimation.uncertainty import Interval, counts
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.exporters.friction_table import friction_curves
-from sdp_vs_penalty.exporters.links import LINK_HEADS, link_rows, seen
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.reports import markup, plots
 from sdp_vs_penalty.reports.markup import Material, figure, table, text

@@ -12,6 +12,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import new_motion
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation.estimate import LINK_HEADS
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import charts
@@ -20,7 +21,7 @@ from sdp_vs_penalty.page.session import ModelStep, Session
 from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, spoken
 from sdp_vs_penalty.reports import markup
 from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
-from sdp_vs_penalty.reports.sections import CERTIFICATE, HEADS, LINK_HEADS
+from sdp_vs_penalty.reports.sections import CERTIFICATE, HEADS
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 

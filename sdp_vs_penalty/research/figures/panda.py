@@ -9,7 +9,13 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.research.figures import style
-from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure
+from sdp_vs_penalty.research.figures.style import (
+    LOOKS,
+    draw_torques,
+    label_joints,
+    legend_below,
+    new_figure,
+)
 from sdp_vs_penalty.research.tables import table_v
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.robot.arrays import Array
@@ -21,19 +27,12 @@ PROBLEM = "panda"
 def _torques(
     axes: Any, study: Study, data: Data, run: Measurements, methods: Iterable[str], name: str
 ) -> dict[str, float]:
-    """Torque of each joint on the left axes (n, 2), errors of all methods on the right, behind the same
-    filters; each method's 100 |tau - tau_hat| / |tau| over all joints [%]."""
+    """Draws measured and estimated torques, all behind the same filters; each method's
+    100 |tau - tau_hat| / |tau| over all joints [%]."""
     rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
-    t, measured, errors = rows.motion.t - run.t[0], rows.torque, {}
-    for (left, _), torque in zip(axes, measured.T, strict=True):
-        left.plot(t, torque, label=name, **LOOKS["measured"])
-    for method in methods:
-        estimated = predicted(rows, study.theta(method, data))
-        errors[method] = 100.0 * float(np.linalg.norm(measured - estimated) / np.linalg.norm(measured))
-        for j, (left, right) in enumerate(axes):
-            left.plot(t, estimated[:, j], label=method, **LOOKS[method])
-            right.plot(t, (estimated - measured)[:, j], label=method, **LOOKS[method])
-    return errors
+    made, size = {m: predicted(rows, study.theta(m, data)) for m in methods}, np.linalg.norm(rows.torque)
+    draw_torques(axes, rows.motion.t - run.t[0], rows.torque, name, made)
+    return {m: 100.0 * float(np.linalg.norm(rows.torque - x) / size) for m, x in made.items()}
 
 
 def figure_1(study: Study) -> Any:

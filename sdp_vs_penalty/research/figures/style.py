@@ -1,11 +1,12 @@
 """How figures look: print size, the colour-blind-safe palette of Okabe and Ito, lines that also differ
 in pattern, so that they survive a black-and-white printer."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Okabe, Ito, "Color universal design" (2008).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -15,7 +16,6 @@ BLUE, RED, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#999999"
 #: or has gaps, each in another place, so that lines that coincide all stay visible.
 LOOKS: dict[str, dict[str, Any]] = {
     "measured": {"color": BLACK, "linewidth": 2.0},
-    "true": {"color": BLACK, "linewidth": 2.0},
     "model": {"color": "#bbbbbb", "linewidth": 3.5},
     "ols": {"color": ORANGE, "linewidth": 1.2},
     "lmi-sdp": {"color": SKY, "linewidth": 1.0},
@@ -35,6 +35,18 @@ def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[
     # Full width of a two-column page [inch].
     figure, axes = plt.subplots(rows, columns, figsize=(7.16, height), squeeze=False, **options)
     return figure, axes
+
+
+def draw_torques(
+    axes: Any, t: Array, known: Array, name: str, estimates: Mapping[str, Array], scale: float = 1.0
+) -> None:
+    """A known torque (M, n) of each joint and estimates of it by method on the left axes (n, 2), what
+    these are off, times ``scale``, on the right."""
+    for j, (left, right) in enumerate(axes):
+        left.plot(t, known[:, j], label=name, **LOOKS["measured"])
+        for method, torque in estimates.items():
+            left.plot(t, torque[:, j], label=method, **LOOKS[method])
+            right.plot(t, scale * (torque - known)[:, j], label=method, **LOOKS[method])
 
 
 def label_joints(axes: Any, units: Sequence[str], what: str) -> None:

@@ -8,7 +8,7 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.research.figures import style
-from sdp_vs_penalty.research.figures.style import LOOKS, label_joints, legend_below, new_figure
+from sdp_vs_penalty.research.figures.style import draw_torques, label_joints, legend_below, new_figure
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.robot import inertia
@@ -113,18 +113,12 @@ def figure_9(study: Study) -> Any:
     states = x.trajectory.states(t)
     true = robot.inverse_dynamics(x.links.ravel(), *states)
     figure, axes = new_figure(robot.n, 2, 4.2, sharex=True, width_ratios=(3, 2))
-    gaps, worst = [], []
-    for j in range(robot.n):
-        axes[j, 0].plot(t, true[:, j], label="p_real", **LOOKS["true"])
-    for method in ("lmi-sdp", "penalty"):
-        torque = robot.inverse_dynamics(study.links(method, data).ravel(), *states)
-        worst.append(f"{method} {1e3 * np.abs(torque - true).max():.1f} mN m")
-        gap = study.result(method, data).certificate.gap
-        if gap is not None:
-            gaps.append(f"{method} {abs(gap):.0e}")
-        for j in range(robot.n):
-            axes[j, 0].plot(t, torque[:, j], label=method, **LOOKS[method])
-            axes[j, 1].plot(t, 1e3 * (torque - true)[:, j], label=method, **LOOKS[method])
+    links = {method: study.links(method, data).ravel() for method in ("lmi-sdp", "penalty")}
+    made = {method: robot.inverse_dynamics(own, *states) for method, own in links.items()}
+    draw_torques(axes, t, true, "p_real", made, scale=1e3)
+    worst = [f"{method} {1e3 * np.abs(x - true).max():.1f} mN m" for method, x in made.items()]
+    found = {method: study.result(method, data).certificate.gap for method in made}
+    gaps = [f"{method} {abs(gap):.0e}" for method, gap in found.items() if gap is not None]
     for axis in axes[:, 1]:
         axis.set_ylabel("error [mN m]")
     label_joints(axes, robot.torque_units, "torque")
