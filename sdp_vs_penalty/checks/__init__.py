@@ -29,7 +29,7 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
+from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
@@ -193,7 +193,7 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
     settings = settings.resolve(run)
     told = [*rules.idle(glance), *rules.sample_rate(glance)]
     if not run.torque_logged:  # rows, clock and positions are all there is
-        motion, _ = FilteredRun(run, settings).low_passed()
+        motion = joined(FilteredRun(run, settings).states())
         told += [*rules.quantised(glance, motion, settings), *rules.beside(glance)]
         return replace(report, issues=tuple(told))
     first = [*rules.dead(glance), *rules.magnitude(glance)]

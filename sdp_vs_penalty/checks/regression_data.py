@@ -26,6 +26,7 @@ from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.constants import SLIDES
+from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints
 
@@ -137,7 +138,7 @@ def _piece(
     # Off the column grid by at most half a step: both sides of the relation alike would cost more.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
     local = np.clip(local, half, len(dense.t) - 1 - half)
-    low_pass = filters.coarse.decimator(local)
+    low_pass = Decimator(filters.coarse, local)
     own = np.stack([(low_pass @ c).T for c in own_columns(laws, dense)], axis=2)
     return dense.t[local], dense.q[local], dense.dq[local], dense.ddq[local], own
 

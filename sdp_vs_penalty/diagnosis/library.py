@@ -124,7 +124,7 @@ class Library:
 def library(data: WhiteData) -> Library:
     """All candidates beside the model; their columns white."""
     forms = [*_forms(data.rows, data.estimate.model, data.frozen), *_own_forms(data)]
-    blocks = data.rows.blocks_of([f.effect for f in forms])
+    blocks = [data.rows.blocks(f.effect, keep=False) for f in forms]
     groups: dict[tuple[tuple[int, ...], int, Key | None], list[int]] = {}
     for at, (form, own) in enumerate(zip(forms, blocks, strict=True)):
         if own:

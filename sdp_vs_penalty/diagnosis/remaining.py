@@ -12,7 +12,7 @@ noise is exponential.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +31,9 @@ from sdp_vs_penalty.signals.coloured_noise import (
     lone_windows,
     robust_scale,
 )
-from sdp_vs_penalty.signals.noise import REPETITION, SAME_PHASE, differences
-from sdp_vs_penalty.signals.repetition import consecutive, later_rows
+from sdp_vs_penalty.signals.constants import SAME_PHASE
+from sdp_vs_penalty.signals.noise import REPETITION, differences
+from sdp_vs_penalty.signals.repetition import consecutive
 from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 
@@ -126,10 +127,10 @@ def events(data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]) ->
     events."""
     rows, mask = data.rows, odd.copy()
     mask[:, list(named)] = False
-    whole = rows.with_masked(np.zeros((0, 0), bool))
+    whole = replace(rows, masked=np.zeros((0, 0), bool))
     found = []
     for j in range(rows.n):
-        for piece in whole.pieces(j):
+        for piece in whole.pieces[j]:
             own = piece[mask[piece, j]]
             apart = np.flatnonzero(np.diff(rows.t[own]) > 2.0 * SAME_PHASE) + 1
             for group in np.split(own, apart) if len(own) else ():
@@ -156,11 +157,11 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         # The noise may be larger than was thought; its median does not see an event.
         steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
         degrees = float(noise.degrees[j])
-        found = local_excess(steady, rows.pieces(j), rows.n, degrees)
+        found = local_excess(steady, rows.pieces[j], rows.n, degrees)
         if found.any() and noise.source != REPETITION:
             # It stands out of the joint's own error, where no repetition tells that from noise.
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
-            found &= lone_windows(white[:, j], rows.pieces(j), slow, rows.rate, rows.n)
+            found &= lone_windows(white[:, j], rows.pieces[j], slow, rows.rate, rows.n)
         if found.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = found
     return out | _odd_ones(data, residual)
@@ -171,14 +172,13 @@ def _odd_ones(data: WhiteData, residual: Array) -> Mask:
     rows, repeats, suspect = data.rows, data.noise.repeats, data.noise.suspect
     if not suspect.any():
         return suspect
-    pairs = [(r.rows, later_rows(rows.segments, r)) for r in repeats]
     # Within so many rows two windows are at the same phase.
     width = np.ones(2 * max(1, round(SAME_PHASE * rows.rate)) + 1)
     near, energy = (
         np.array([np.convolve(x, width, mode="same") for x in y.T]).T for y in (suspect, residual**2)
     )
     out, near = suspect.copy(), near > 0.5
-    for one, other in pairs:
+    for one, other in ((r.rows, r.there) for r in repeats):
         first_less = energy[one] <= energy[other]
         out[one] &= ~(near[other] & first_less)
         lost = np.zeros_like(out)
@@ -196,14 +196,14 @@ def _hums(data: WhiteData, residual: Array) -> list[Event]:
     rows, repeats = data.rows, data.noise.repeats
     slow = rows.slow > SLOW  # reversals are harmonics of the motion
     if repeats:
-        left, found = differences(rows, rows.residual, repeats), consecutive(repeats)
+        left, found = differences(rows, repeats), consecutive(repeats)
         slow = np.concatenate([slow[r.rows] for r in repeats])
     else:
         left = residual
     left = np.where(slow, 0.0, left)
     out = []
     for j in range(rows.n):
-        every = found if repeats else rows.pieces(j)
+        every = found if repeats else rows.pieces[j]
         longest = max((len(p) for p in every), default=0)
         series = [left[p, j] for p in every if 2 * len(p) > longest]
         # What the low-pass folds has no flat surroundings.

@@ -275,7 +275,7 @@ class Search:
         data = self.data
         rows = with_estimate(data.rows, estimate)
         if without is not None:
-            rows = rows.with_masked(rows.masked | without if rows.masked.size else without)
+            rows = replace(rows, masked=rows.masked | without if rows.masked.size else without)
         data = whitened(rows, data.noise, estimate, data.frozen)
         out = Search(data, self.library)
         out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in self.terms]

@@ -94,7 +94,7 @@ class WhiteData:
 
     def white(self, columns: Array, joint: int) -> Array:
         """(M, ...) columns of one joint's torque, white."""
-        return self.noise.whiten(columns, joint, self.rows.pieces(joint))
+        return self.noise.whiten(columns, joint, self.rows.pieces[joint])
 
     def columns(self, effect: Effect) -> dict[int, Array]:
         """(M, k) white columns of an effect, of each joint whose torque it changes."""
@@ -118,7 +118,7 @@ def prepare(
     """White rows with a model attached; whole : what the noise is measured in, if not these."""
     noise = noise_of(rows, whole)
     if noise.suspect.any():
-        rows = rows.with_masked(noise.suspect)
+        rows = replace(rows, masked=noise.suspect)
     return whitened(rows, noise, estimate, frozen)
 
 
@@ -129,7 +129,7 @@ def whitened(rows: SegmentedRuns, noise: Noise, estimate: Estimate, frozen: bool
         y = y + X @ estimate.theta
     clusters = time_clusters(rows), stretches(rows, CLUSTERS)[1]
     # Rows behind the past that whitening needs, each by its worth.
-    count = np.array([noise.worth[rows.pieces(j).predicted, j].sum() for j in range(rows.n)])
+    count = np.array([noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)])
     return WhiteData(rows, noise, estimate, X, y, clusters, count, frozen)
 
 
@@ -139,7 +139,7 @@ def white_rows(
     """White columns (n, M, p) and residual (n, M) from (n, M, p) and (M, n)."""
     white, target = np.zeros(columns.shape), np.zeros(columns.shape[:2])
     for j in range(rows.n):
-        pieces = rows.pieces(j)
+        pieces = rows.pieces[j]
         white[j] = noise.whiten(columns[j], j, pieces)
         target[j] = noise.whiten(residual[:, j], j, pieces)
     return white, target

@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.special import betaincinv, ndtri
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.constants import ABOVE
+from sdp_vs_penalty.signals.constants import ABOVE, SAME_PHASE
 
 Mask = NDArray[np.bool_]
 
@@ -28,9 +28,8 @@ _FAR = 5.0
 LENGTHS = (1, 4, 16)
 #: Events are rare: what fills more than this share of the rows is noise of another kind.
 RARE = 0.15
-#: Seconds of the stretches of which the largest window is compared, how many others their tail is known
-#: from at least, and the family-wise probability of a false event beside a model's error.
-_STRETCH, _FEWEST_BESIDE, FALSE_LONE = 0.5, 10, 1e-2
+#: The same beside a model's error, whose tail is known from the others only.
+FALSE_LONE = 1e-2
 
 
 class Pieces(tuple[NDArray[np.intp], ...]):
@@ -112,12 +111,12 @@ def lone_windows(
     """(M,) rows of windows whose energy no other window in the same state of motion comes near.
 
     For a residual that holds a model's error, of which neither scale nor tails are known: of every
-    stretch of _STRETCH seconds the largest logarithm of a window's energy, of windows in which the
+    stretch of one phase the largest logarithm of a window's energy, of windows in which the
     joint is ``slow`` (M,) and of the others by themselves. pieces, tests : as in :func:`local_excess`;
     rate : rows a second.
     """
     mask = np.zeros(len(white), bool)
-    size = max(2, round(_STRETCH * rate))
+    size = max(2, round(2.0 * SAME_PHASE * rate))
     stretches = [x for p in pieces for x in np.array_split(p, max(1, round(len(p) / size)))]
     for length in LENGTHS:
         around = partial(np.convolve, np.ones(length), mode="same")
@@ -144,7 +143,7 @@ def _tail_limit(values: Array, tests: int) -> float:
     that k values show (Hill 1975); a new one exceeds it by x with probability (1 + x / (k h))^-k.
     """
     k = len(values) // 2
-    if k < _FEWEST_BESIDE:
+    if not k:
         return np.inf
     far = k * ((k * tests / FALSE_LONE) ** (1.0 / k) - 1.0)
     for out in range(min(int(RARE * len(values)), len(values) - k - 1), 0, -1):
@@ -162,7 +161,7 @@ def _outlying(windows: Array) -> float:
     if not len(logs):
         return np.inf
     middle = float(np.median(logs))
-    return float(np.exp(middle + _FAR * 1.4826 * np.median(np.abs(logs - middle))))
+    return float(np.exp(middle + _FAR * robust_scale(logs - middle)))
 
 
 def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:

@@ -8,17 +8,20 @@ import numpy as np
 
 #: Samples of one spectrum (a longer stretch has the mean of the spectra of so many each); instants at
 #: which two motions are compared; time steps of which a median is taken, in stretches that are spread
-#: over a longer run.
+#: over a longer run. Positions of a run whose rows, and the low-passed columns of the last model, are
+#: kept in memory; those of a longer one in a file.
 SAMPLES = 1 << 18
 #: Share of it that the noise of a joint's positions may be behind a wider filter. Without it a point to
 #: point run of the UR10e (steps of 1e-4 rad) is cut off at twice the frequency, and its check warns of
 #: five joints.
 NOISY = 0.03
+#: Seconds within which two instants are at the same phase of a motion.
+SAME_PHASE = 0.25
 #: Motion is what has so many times the power of the noise, in a spectrum smoothed over so many Hz.
 ABOVE, SMOOTH = 10.0, 1.0
-#: In torque cut-offs: where the motion has ended. In sample rates: the last frequency of a log, beyond
-#: which it has been averaged away between its samples.
-MOTION_ENDS, LAST = 1.5, 0.45
+#: In cut-offs: where a kernel has stopped, and with it what it lets through of a motion. In sample
+#: rates: the last frequency of a log, beyond which it has been averaged away between its samples.
+STOPS, LAST = 1.5, 0.45
 #: Degree of the motion's course within a window: what leaks of it hides that a torque was smoothed.
 COURSE = 3
 #: Share of the windows that are quiet, and share that are loud.

@@ -19,13 +19,10 @@ from sdp_vs_penalty.data.store import PART, Shelf
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Movement, stretches
-
-#: Rows of runs of at most so many positions are kept in memory, with the low-passed columns of the last
-#: model; those of longer ones in a file.
-_MOST_KEPT = 150_000
 
 
 @dataclass(frozen=True)
@@ -49,16 +46,6 @@ class Piece:
     rows: Motion
     torque: Array
 
-    def low_passed(self, blocks: Mapping[int, list[Block]], smooth: bool) -> dict[int, list[Block]]:
-        """Effects' columns at the rows: by one product, which reads the low-pass once for all."""
-        every = [b.columns.T for own in blocks.values() for b in own]
-        if not every:
-            return dict(blocks)
-        few = (self.smooth_low_pass if smooth else self.low_pass) @ np.vstack(every).T
-        ends = np.cumsum([len(x) for x in every])
-        parts = iter(np.split(few, ends[:-1], axis=1))
-        return {k: [replace(b, columns=next(parts)) for b in own] for k, own in blocks.items()}
-
 
 #: How to read an effect's low-passed columns.
 Read = Callable[[], list[Block]]
@@ -75,36 +62,37 @@ class _Kept:
 
     def rows(self, model: Model) -> Rows:
         """The piece in the columns of a model."""
-        piece, reads = self.read(), self._known(model)
+        piece, effects, width = self.read(), model.effects, model.sign_width
+        reads = {
+            k: read
+            for k, effect in enumerate(effects)
+            for one, turned, read in self._columns
+            if one.same_columns(effect) and (effect.signless or turned == width)
+        }
         known = {k: read() for k, read in reads.items()}
         smooth = None if model.needs_reference else piece.smooth
         made = model.blocks(piece.around, known, smooth)
-        for few in (True, False):
-            part = {k: b for k, b in made.items() if few == (bool(smooth) and model.effects[k].smooth)}
-            known |= piece.low_passed(part, few)
-        self._keep(model, known, reads)
-        columns = model.joined(known, len(piece.torque))
-        columns, torque = model.explaining(columns, piece.torque)
+        few = [k for k in made if smooth is not None and effects[k].smooth]
+        known |= _low_passed(piece.smooth_low_pass, {k: made.pop(k) for k in few})
+        known |= _low_passed(piece.low_pass, made)
+        put = partial(partial, list) if self._shelf is None else self._shelf.put
+        self._columns = [
+            (effect, width, reads.get(k) or put(known[k]))
+            for k, effect in enumerate(effects)
+            if not depends(effect) and (effect.smooth or self._shelf is None)
+        ]
+        columns, torque = model.explaining(model.joined(known, len(piece.torque)), piece.torque)
         return Rows(piece.rows, torque, columns)
 
-    def _known(self, model: Model) -> dict[int, Read]:
-        """The low-passed columns of a model's effects that are known, by their places in it."""
-        return {
-            k: read
-            for k, effect in enumerate(model.effects)
-            for one, width, read in self._columns
-            if one.same_columns(effect) and (effect.signless or width == model.sign_width)
-        }
 
-    def _keep(self, model: Model, known: Mapping[int, list[Block]], reads: Mapping[int, Read]) -> None:
-        """The columns of a model's effects, for the next model; reads : of those that were kept."""
-        found = dict[int, Read]()
-        for k, effect in enumerate(model.effects):
-            if self._shelf is None and not depends(effect):
-                found[k] = partial(list, known[k])
-            elif self._shelf is not None and effect.smooth and not depends(effect):
-                found[k] = reads.get(k) or self._shelf.put(known[k])
-        self._columns = [(model.effects[k], model.sign_width, read) for k, read in found.items()]
+def _low_passed(low_pass: Decimator, blocks: Mapping[int, list[Block]]) -> dict[int, list[Block]]:
+    """Effects' columns at the rows: by one product, which reads the low-pass once for all."""
+    every = [b.columns.T for own in blocks.values() for b in own]
+    if not every:
+        return dict(blocks)
+    ends = np.cumsum([len(x) for x in every])
+    parts = iter(np.split(low_pass @ np.vstack(every).T, ends[:-1], axis=1))
+    return {k: [replace(b, columns=next(parts)) for b in own] for k, own in blocks.items()}
 
 
 class FilteredRun:
@@ -152,19 +140,15 @@ class FilteredRun:
     def all_rows(self, model: Model) -> Rows:
         """All of them at once."""
         pieces = list(self.rows(model))
+        torque = np.concatenate([p.torque for p in pieces])
         columns = [
             JointColumns(parts[0].indices, np.concatenate([p.columns for p in parts]))
             for parts in zip(*(p.columns for p in pieces), strict=True)
         ]
-        return Rows(*_joined([(p.motion, p.torque) for p in pieces]), columns)
-
-    def low_passed(self) -> tuple[Motion, Array]:
-        """States and torque (M, n) at the rows, without columns: enough to judge data."""
-        pieces = (kept.read() for kept in self._pieces(False))
-        return _joined([(p.rows, p.torque) for p in pieces])
+        return Rows(joined(p.motion for p in pieces), torque, columns)
 
     def states(self) -> Iterator[Motion]:
-        """The states at the rows, piece by piece."""
+        """The states at the rows, piece by piece, without columns: enough to judge data."""
         return (kept.read().rows for kept in self._pieces(False))
 
     @property
@@ -186,11 +170,9 @@ class FilteredRun:
     def _pieces(self, whole: bool) -> list[_Kept]:
         """The run cut into pieces; ``whole``: where effects remember, each stretch sample by sample."""
         if whole not in self._kept:
-            if self.run.q.size <= _MOST_KEPT:
-                self._kept[whole] = [_Kept(lambda piece=piece: piece) for piece in self._cut(whole)]  # type: ignore[misc]
-            else:
-                shelf = Shelf()
-                self._kept[whole] = [_Kept(shelf.put(piece), shelf) for piece in self._cut(whole)]
+            shelf = Shelf() if self.run.q.size > SAMPLES else None
+            put: Any = (lambda piece: lambda: piece) if shelf is None else shelf.put
+            self._kept[whole] = [_Kept(put(piece), shelf) for piece in self._cut(whole)]
         return self._kept[whole]
 
     def _cut(self, whole: bool) -> Iterator[Piece]:
@@ -200,7 +182,7 @@ class FilteredRun:
         found = False
         for part in stretches(self.run):
             outputs = np.arange(margin, part.count - margin, step)
-            per_chunk = len(outputs) if whole or self.run.q.size <= _MOST_KEPT else max(1, PART // step)
+            per_chunk = len(outputs) if whole or self.run.q.size <= SAMPLES else max(1, PART // step)
             for number in range(0, len(outputs), max(per_chunk, 1)):
                 at = outputs[number : number + per_chunk]
                 keep = self.moving.at(part.clock(at))
@@ -212,9 +194,9 @@ class FilteredRun:
                 coarse = (at[keep] - at[0]) // filters.smooth_stride + filters.smooth.half
                 yield Piece(
                     motion,
-                    filters.coarse.decimator(local),
+                    Decimator(filters.coarse, local),
                     smooth,
-                    filters.smooth.decimator(coarse),
+                    Decimator(filters.smooth, coarse),
                     Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
                     filters.torque(part, at[keep]),
                 )
@@ -237,7 +219,8 @@ class FilteredRuns:
         return cls(measurements, settings, tuple(FilteredRun(r, settings) for r in measurements.runs()))
 
 
-def _joined(pieces: Iterable[tuple[Motion, Array]]) -> tuple[Motion, Array]:
-    every = ((m.t, m.q, m.dq, m.ddq, torque) for m, torque in pieces)
-    t, q, dq, ddq, torque = (np.concatenate(parts) for parts in zip(*every, strict=True))
-    return Motion(t, q, dq, ddq), torque
+def joined(pieces: Iterable[Motion]) -> Motion:
+    """The states of several motions, one after the other."""
+    every = ((m.t, m.q, m.dq, m.ddq) for m in pieces)
+    t, q, dq, ddq = (np.concatenate(parts) for parts in zip(*every, strict=True))
+    return Motion(t, q, dq, ddq)

@@ -16,9 +16,6 @@ from scipy import fft
 
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Rows of a block of a :class:`Decimator`.
-_ROWS = 16
-
 
 class LowPass:
     """A symmetric kernel (2 half + 1,) of a low-pass on a uniform grid."""
@@ -26,28 +23,24 @@ class LowPass:
     def __init__(self, value: Array) -> None:
         self.value, self.half = value, len(value) // 2
 
-    def decimator(self, at: NDArray[np.int64]) -> Decimator:
-        """The low-pass evaluated at the samples ``at`` only, which ascend."""
-        return Decimator(self.value, at)
-
 
 class Decimator:
-    """The matrix (M, N) of a low-pass at M ascending samples, as dense blocks of few rows: they share
-    most of their samples, which makes it several times as fast as sparse rows."""
+    """The matrix (M, N) of a low-pass at M ascending samples ``at``, as dense blocks of few rows: they
+    share most of their samples, which makes it several times as fast as sparse rows."""
 
-    def __init__(self, value: Array, at: NDArray[np.int64]) -> None:
-        self.value, self.at = value, at
+    def __init__(self, kernel: LowPass, at: NDArray[np.int64]) -> None:
+        self.kernel, self.at, size = kernel, at, len(kernel.value)
         self.blocks: list[tuple[slice, Array]] = []
         known: dict[bytes, Array] = {}  # evenly spaced rows share one block
-        for start in range(0, len(at), _ROWS):
-            few = at[start : start + _ROWS]
+        for start in range(0, len(at), 16):
+            few = at[start : start + 16]
             places = few - few[0]
             block = known.get(places.tobytes())
             if block is None:
-                block = known[places.tobytes()] = np.zeros((len(few), places[-1] + len(value)))
-                taps = places[:, None] + np.arange(len(value))
-                block[np.arange(len(few))[:, None], taps] = value[::-1]
-            begin = int(few[0]) - len(value) // 2
+                block = known[places.tobytes()] = np.zeros((len(few), places[-1] + size))
+                taps = places[:, None] + np.arange(size)
+                block[np.arange(len(few))[:, None], taps] = kernel.value[::-1]
+            begin = int(few[0]) - kernel.half
             self.blocks.append((slice(begin, begin + block.shape[1]), block))
 
     def __matmul__(self, x: Array) -> Array:
@@ -58,11 +51,12 @@ class Decimator:
 
     def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
         """Some of the rows, and the samples that they see."""
-        at, half = self.at[start:stop], len(self.value) // 2
-        return Decimator(self.value, at - at[0] + half), slice(int(at[0]) - half, int(at[-1]) + half + 1)
+        at, half = self.at[start:stop], self.kernel.half
+        first, last = int(at[0]) - half, int(at[-1]) + half
+        return Decimator(self.kernel, at - first), slice(first, last + 1)
 
     def __abs__(self) -> Decimator:
-        return Decimator(np.abs(self.value), self.at)
+        return Decimator(LowPass(np.abs(self.kernel.value)), self.at)
 
 
 class Kernel(LowPass):

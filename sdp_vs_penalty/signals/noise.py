@@ -14,7 +14,7 @@ is called noise is a guess.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,8 @@ from sdp_vs_penalty.signals.coloured_noise import (
     noise_profile,
     robust_scale,
 )
+from sdp_vs_penalty.signals.constants import SAME_PHASE
+from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.repetition import (
     Repeat,
     consecutive,
@@ -49,8 +51,6 @@ REPETITION, SPECTRUM, RESIDUAL = "repetition", "spectrum", "residual"
 SPECTRUM_KNOWN = "right within a factor of two"
 #: Fewest differences from which a floor is believed.
 _FEWEST = 60
-#: Seconds within which two windows are at the same phase of the motion.
-SAME_PHASE = 0.25
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,10 @@ def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
     whole : all that was measured, where ``runs`` are windows of it: the noise is that of the whole,
     which may repeat what a window does not; profile, suspect and repeats are of the rows of ``runs``.
     """
-    residual = runs.residual
-    if whole is None:
-        known = _from_repetition(runs, residual)
-    else:
-        known = _from_repetition(whole, whole.residual, runs) if whole.segments else None
+    known = _from_repetition(whole or runs, runs)
     if known is not None:
         return known
-    guess, floor = noise_in(runs, residual), spectral_floor(runs)
+    guess, floor = noise_in(runs, runs.residual), spectral_floor(runs)
     least = guess.floor if floor is None else np.minimum(floor, guess.floor)
     source = RESIDUAL if floor is None else SPECTRUM
     return replace(guess, floor=least, sigma=least, ar=np.zeros_like(guess.ar), source=source)
@@ -122,7 +118,7 @@ def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
     """A guess: all of a residual (M, n) taken for noise, in rows during which the joint moves."""
     n = runs.n
-    moving = [_without(runs.pieces(j), runs.still[:, j] >= STILL) for j in range(n)]
+    moving = [_without(runs.pieces[j], runs.still[:, j] >= STILL) for j in range(n)]
     parts = [autoregression(residual[:, j], moving[j]) for j in range(n)]
     ar, sigma, degrees = (np.array(values) for values in zip(*parts, strict=True))
     floor = np.array([residual[np.concatenate(p), j].std() if p else 0.0 for j, p in enumerate(moving)])
@@ -136,10 +132,8 @@ def _without(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
     return others if len(others.predicted) >= _FEWEST else pieces
 
 
-def _from_repetition(
-    runs: SegmentedRuns, residual: Array, shown: SegmentedRuns | None = None
-) -> Noise | None:
-    """The noise of ``runs``, on their rows or on those of windows of them, ``shown``.
+def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
+    """The noise of ``runs``, on the rows of ``shown``: theirs, or those of windows of them.
 
     A joint that stands still does so again when the motion repeats, and what friction holds there too:
     it is no noise, but evidence only as far as a law of friction says it.
@@ -147,69 +141,69 @@ def _from_repetition(
     repeats = runs.repeats()
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
-    n = runs.n
-    difference = differences(runs, residual, repeats)
-    both, rows = pairs(runs.segments, repeats), len(runs.t)
+    n, count = runs.n, len(runs.t)
+    difference, both = differences(runs, repeats), pairs(repeats)
     index, later = both.T
-    gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
-    every = Pieces(consecutive(repeats))
-    stuck = runs.stuck[index] | runs.stuck[later]
-    share = min(1.0, new_differences(both, rows) / len(index))
+    every, stuck = Pieces(consecutive(repeats)), runs.lawless[1][index] | runs.lawless[1][later]
+    share = min(1.0, new_differences(both, count) / len(index))
+    reach = max(1, round(SAME_PHASE * runs.rate))
+    comes_back = partial(recurring, both, phases(both, count), reach)
+    # What offset and frictions leave of a difference when they drift, ever slower or faster.
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
-    phase = cache(lambda: phases(both, rows))
+    gap, since = np.concatenate([r.later - runs.t[r.rows] for r in repeats]), t - t.mean()
 
-    def comes_back(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return recurring(both, phase(), marked, max(1, round(SAME_PHASE * runs.rate)))
-
-    rates_shown = rates if shown is None else rate_features(shown)
+    rates_shown = rates if shown is runs else rate_features(shown)
     profile = np.ones((rates_shown.shape[1], n))
-    suspect = np.zeros(residual.shape, bool)
+    suspect = np.zeros((count, n), bool)
     floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
-    for j in range(n):
-        drift = _drift_columns(t, gap, speed[:, j])
+    for j, dq in enumerate(speed.T):
+        laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
+        drift = gap[:, None] * np.column_stack([laws, since[:, None] * laws])
+        drift /= or_one(np.linalg.norm(drift, axis=0))
         pieces = _without(every, stuck[:, j])
         rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n, comes_back)
         steady = Pieces(p[good[p]] for p in pieces)
         ar[j], own, free = autoregression(rest, steady)
-        count, rank = sum(map(len, steady)), int(np.linalg.matrix_rank(drift * good[:, None]))
-        left = max(count - rank, 1)  # slow columns take noise with them
+        used, rank = sum(map(len, steady)), int(np.linalg.matrix_rank(drift * good[:, None]))
+        left = max(used - rank, 1)  # slow columns take noise with them
         floor[j] = np.sqrt(sum(np.sum(rest[p] ** 2) for p in steady) / left)
-        sigma[j], degrees[j] = own * np.sqrt(count / left), max(share * free - rank, 1.0)
+        sigma[j], degrees[j] = own * np.sqrt(used / left), max(share * free - rank, 1.0)
         # Known on the rows that repeat, wanted on all.
         white = steady.filter(ar[j], len(rest)) @ rest
         swell = noise_profile(white, rates[j][index], rates[j])
         floor[j] *= np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
         profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
         suspect[both[~good], j] = True  # an event may have happened at either instant
-    if shown is not None:
+    if shown is not runs:
         suspect, repeats = _carried(suspect, runs, shown), shown.repeats()
-    seen = runs if shown is None else shown
-    suspect &= ~seen.stuck
-    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, seen.lawless, repeats)
+    held, no_law = shown.lawless
+    suspect &= ~no_law
+    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
 
 
 def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns) -> NDArray[np.bool_]:
     """(M, n) whether the rows of windows ``shown`` are within a row of what is suspect in ``runs``."""
-    starts = np.cumsum([0, *(len(s.t) for s in runs.segments)])
+    ends = np.cumsum([len(s.t) for s in runs.segments])[:-1]
+    wholes = list(zip(runs.segments, np.split(suspect, ends), strict=True))
     out = []
     for window in shown.segments:
         marked = np.zeros((len(window.t), runs.n), bool)
-        for first, whole in zip(starts, runs.segments, strict=False):
+        for whole, own in wholes:
             if is_part(window, whole):
                 at = np.searchsorted(whole.t, window.t)
                 for k in (at - 1, at):
-                    marked |= suspect[first + np.clip(k, 0, len(whole.t) - 1)]
+                    marked |= own[np.clip(k, 0, len(own) - 1)]
         out.append(marked)
     return np.concatenate(out)
 
 
-def differences(runs: SegmentedRuns, residual: Array, repeats: Sequence[Repeat]) -> Array:
+def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     """(D, n) of noise with the variance of one residual: (r(t) - r(t + T)) / sqrt(2)."""
     from scipy.interpolate import CubicSpline
 
     left = ((s.t_dense, s.torque_dense - s.dense @ s.motion.model_torque) for s in runs.segments)
     dense = [CubicSpline(*both) for both in left]
-    parts = [residual[r.rows] - dense[r.other](r.later) for r in repeats]
+    parts = [runs.residual[r.rows] - dense[r.other](r.later) for r in repeats]
     return np.concatenate(parts) / np.sqrt(2.0)
 
 
@@ -247,23 +241,15 @@ def rate_features(runs: SegmentedRuns) -> Array:
     return np.swapaxes(np.concatenate(parts), 0, 1)
 
 
-def _drift_columns(t: Array, gap: Array, dq: Array) -> Array:
-    """What offset and frictions leave in a difference of two instants when they drift, ever slower or
-    faster."""
-    rates = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
-    matrix = gap[:, None] * np.column_stack([rates, (t - t.mean())[:, None] * rates])
-    return matrix / or_one(np.linalg.norm(matrix, axis=0))
-
-
 def spectral_floor(runs: SegmentedRuns) -> Array | None:
     """(n,) standard deviation of the noise in the filtered rows [N m or N], the density S of the noise
     continued below the motion's band through the low-pass H: floor^2 = mean over w of S |H|^2.
     None where the logs show nothing above the motion, only what a filter has left of it, or what comes
     and goes with the motion."""
-    found = torque_spectrum([s.standstill.stretch for s in runs.segments], runs.cutoff)
+    found = torque_spectrum([s.stretch for s in runs.segments], runs.cutoff)
     if found is None or found.smoothed or found.uneven:
         return None
-    kernel = next(s.standstill for s in runs.segments if s.standstill.stretch is found.part).kernels[1]
+    kernel = Kernel(runs.cutoff, found.part.dt)
     frequency, size = found.frequency, max(2 * len(found.frequency) - 2, 4 * len(kernel.value))
     response = np.abs(np.fft.rfft(kernel.value, size)) ** 2
     passed = np.interp(frequency, np.fft.rfftfreq(size, found.part.dt), response)

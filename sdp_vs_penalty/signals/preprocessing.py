@@ -31,9 +31,11 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion, Sampling
 from sdp_vs_penalty.effects.motion import Command
+from sdp_vs_penalty.effects.servo import LATEST
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.kernels import Kernel
+from sdp_vs_penalty.signals.constants import STOPS
+from sdp_vs_penalty.signals.kernels import Decimator, Kernel
 from sdp_vs_penalty.signals.runs import (
     FINEST,
     Movement,
@@ -50,11 +52,6 @@ OVERSAMPLING = 4.0
 #: Columns are computed at this multiple of the cut-off: what they hold above half of it (reversals of
 #: friction, products of states) must not fold back below the cut-off.
 _COLUMN_RATE = 30.0
-#: Smooth columns hold products of so many states: up to so many state cut-offs. Kernels stop at
-#: ``_STOPS`` cut-offs.
-_PRODUCTS, _STOPS = 4.0, 1.4
-#: Longest delay of a command that columns can look back over [s].
-_LATEST = 0.12
 
 
 @dataclass(frozen=True)
@@ -128,15 +125,11 @@ class RunFilter:
         self.grid_stride = max(1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt)))
         self.stride = self.grid_stride
         self.coarse = self.column.sampled(self.stride)
-        # Of the samples between two rows, so that rows lie on the grid of smooth columns too.
-        step, highest = (
-            self.step(OVERSAMPLING),
-            settings.torque_cutoff + _PRODUCTS * settings.state_cutoff,
-        )
-        most = 1.0 / (_STOPS * highest * self.dt)
-        self.smooth_stride = max(
-            (k for k in range(1, step + 1) if step % k == 0 and k <= most), default=1
-        )
+        # Smooth columns hold products of up to four states. Of the samples between two rows, so that
+        # rows lie on the grid of smooth columns too.
+        step, highest = self.step(OVERSAMPLING), settings.torque_cutoff + 4.0 * settings.state_cutoff
+        most = max(1.0, 1.0 / (STOPS * highest * self.dt))
+        self.smooth_stride = max(k for k in range(1, step + 1) if step % k == 0 and k <= most)
         self.smooth = self.column.sampled(self.smooth_stride)
         self.standstill = settings.standstill
 
@@ -174,7 +167,7 @@ class RunFilter:
         states = self._states(part, first, last, step)
         end, (own, smooth) = (last - first) // step + 1, ((max(reach) - r) // step for r in reach)
         grid = [x[own : end - own : self.stride // step] for x in states]
-        fine = self._motion(part, at[0] - reach[0], at[-1] + reach[0], grid)
+        fine = self.motion(part, at[0] - reach[0], at[-1] + reach[0], grid)
         q, dq, ddq = (x[smooth : end - smooth : self.smooth_stride // step] for x in states)
         clock = part.clock(np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride))
         return fine, Motion(clock, q, dq, ddq)
@@ -183,13 +176,11 @@ class RunFilter:
         around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
         return self.state.states(around, step)
 
-    def motion(self, part: Stretch, first: int, last: int) -> Motion:
-        """States on the column grid from the log's sample ``first`` to ``last``."""
-        states = [x[:: self.stride] for x in self._states(part, first, last, 1)]
-        return self._motion(part, first, last, states)
-
-    def _motion(self, part: Stretch, first: int, last: int, states: Sequence[Array]) -> Motion:
-        q, dq, ddq = states
+    def motion(
+        self, part: Stretch, first: int, last: int, states: Sequence[Array] | None = None
+    ) -> Motion:
+        """On the column grid from the log's sample ``first`` to ``last``; states : there, if known."""
+        q, dq, ddq = states or [x[:: self.stride] for x in self._states(part, first, last, 1)]
         clock = part.clock(np.arange(first, last + 1, self.stride))
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
@@ -205,7 +196,7 @@ class RunFilter:
         of the positions from there to ``last``: filtered as the positions are."""
         assert part.qcmd is not None
         half, stride = self.state.half, self.stride
-        early = stride * -(-int(_LATEST / self.dt) // stride)
+        early = stride * -(-int(1.2 * LATEST / self.dt) // stride)  # profiles look a little beyond
 
         def around(values: Array, begin: int) -> tuple[Array, ...]:
             long = part.resampled(values, begin - half, last + 1 + half)
@@ -220,7 +211,7 @@ class RunFilter:
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""
         begin, end = at[0] - self.column.half, at[-1] + self.column.half + 1
-        return self.column.decimator(at - begin) @ part.resampled(part.tau, begin, end)
+        return Decimator(self.column, at - begin) @ part.resampled(part.tau, begin, end)
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:

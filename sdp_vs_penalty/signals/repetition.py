@@ -6,7 +6,6 @@ measures noise or tells it from error rests on the repeats found here.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -45,78 +44,75 @@ def repeat_period(t: Array, q: Array) -> float | None:
     away = [np.any(np.abs(q - rest) > ALIKE * scale, axis=1) for rest in (q[0], q[-1])]
     moving = slice(int(np.argmax(away[0])), len(t) - int(np.argmax(away[1][::-1])))
     t, q = t[moving], q[moving]
-    if len(t) < 2:
-        return None
-    for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST):
+    for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST) if len(t) > 1 else ():
         inside = (t >= t[0] + cut) & (t <= t[-1] - cut)
-        period = _period(t[inside], q[inside])
-        if period is not None:
-            return period
+        own = t[inside], q[inside]
+        if len(own[0]) < 3 or (scale := motion_scale(own[1])) is None:
+            continue
+        step = float(np.median(np.diff(own[0])))
+        last = int((own[0][-1] - own[0][0] - _SHORTEST) / step)
+        # The first that is one, not its multiples.
+        for _, lag in _valleys(own, own, scale, step, np.arange(max(1, int(0.5 / step)), last)):
+            if _alike(own, own, scale, lag):
+                return lag
     return None
 
 
-def _period(t: Array, q: Array) -> float | None:
-    scale = motion_scale(q) if len(t) >= 3 else None
-    if scale is None:
+def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
+    """Clock difference after which b repeats a, from a's beginning on; None where it does not.
+
+    slip : how far b may begin before or after the motion of a [s].
+    """
+    scale = motion_scale(a[1])
+    if scale is None or min(len(a[0]), len(b[0])) < 3:
         return None
-    match = _Match(t, q, t, q, scale)
-    lags = np.arange(max(1, int(0.5 / match.step)), int((t[-1] - t[0] - _SHORTEST) / match.step))
-    # The first that is one, not its multiples.
-    return next((lag for _, lag in match.valleys(lags) if match.alike(lag)), None)
+    step = float(np.median(np.diff(a[0])))
+    back, ahead = (int(min(slip, float(t[-1] - t[0]) - _SHORTEST) / step) for t, _ in (a, b))
+    if min(back, ahead) <= 0:
+        return None
+    best = min(_valleys(a, b, scale, step, np.arange(-back, ahead + 1)), default=None)
+    if best is None or not _alike(a, b, scale, best[1]):
+        return None
+    return best[1] + float(b[0][0] - a[0][0])
 
 
-@dataclass(frozen=True)
-class _Match:
-    """Two motions, a at instants t_a and b at t_b, each joint in units of its scale: where one comes
-    back as the other."""
+def _valleys(
+    a: Track, b: Track, scale: Array, step: float, lags: NDArray[np.int64]
+) -> list[tuple[float, float]]:
+    """Mean square of the difference b(t_b0 + k step + lag) - a(t_a0 + k step), each joint in units of
+    its scale (n,), where it has a minimum that reaches the ground, and that lag [s], in the order of
+    ``lags`` [steps] in a row: all by one correlation.
 
-    t_a: Array
-    a: Array
-    t_b: Array
-    b: Array
-    scale: Array
+    Between two lags the difference grows linearly, its square has the vertex of a parabola.
+    """
+    x, y = (
+        np.stack([np.interp(np.arange(t[0], t[-1], step), t, column) for column in (q / scale).T])
+        for t, q in (a, b)
+    )
+    middle, (n, M), N = x.mean(axis=1, keepdims=True), x.shape, y.shape[1]
+    length = fft.next_fast_len(M + N, real=True)
+    spectra = [fft.rfft(z - middle, length) for z in (x, y)]
+    product = fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=0), length)[lags]
+    first, last = np.maximum(0, -lags), np.minimum(M, N - lags)
+    own, other = (np.append(0.0, np.cumsum(np.sum((z - middle) ** 2, axis=0))) for z in (x, y))
+    total = own[last] - own[first] + other[last + lags] - other[first + lags] - 2.0 * product
+    squares = np.maximum(total, 0.0) / ((last - first) * n)
+    left, center, right = squares[:-2], squares[1:-1], squares[2:]
+    bend = left - 2.0 * center + right
+    valley = (center <= left) & (center <= right) & (bend > 0.0)
+    shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
+    ground = center - 0.25 * (left - right) * shift
+    at = np.flatnonzero(valley & (ground < (2.0 * ALIKE) ** 2))
+    return list(zip(ground[at], (lags[1 + at] + shift[at]) * step, strict=True))
 
-    @cached_property
-    def step(self) -> float:
-        """The step [s] in which lags are looked through."""
-        return float(np.median(np.diff(self.t_a)))
 
-    def valleys(self, lags: NDArray[np.int64]) -> list[tuple[float, float]]:
-        """Mean square of the difference b(t_b0 + k step + lag) - a(t_a0 + k step) where it has a minimum
-        that reaches the ground, and that lag [s], in the order of ``lags`` [steps] in a row.
-
-        Between two lags the difference grows linearly, its square has the vertex of a parabola.
-        """
-        squares = self._squares(lags)
-        left, middle, right = squares[:-2], squares[1:-1], squares[2:]
-        bend = left - 2.0 * middle + right
-        valley = (middle <= left) & (middle <= right) & (bend > 0.0)
-        shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
-        ground = middle - 0.25 * (left - right) * shift
-        at = np.flatnonzero(valley & (ground < (2.0 * ALIKE) ** 2))
-        return list(zip(ground[at], (lags[1 + at] + shift[at]) * self.step, strict=True))
-
-    def _squares(self, lags: NDArray[np.int64]) -> Array:
-        """The mean square for each lag, by one correlation."""
-        x, y = (
-            np.stack([np.interp(np.arange(t[0], t[-1], self.step), t, c) for c in (q / self.scale).T])
-            for t, q in ((self.t_a, self.a), (self.t_b, self.b))
-        )
-        middle, (n, M), N = x.mean(axis=1, keepdims=True), x.shape, y.shape[1]
-        length = fft.next_fast_len(M + N, real=True)
-        spectra = [fft.rfft(z - middle, length) for z in (x, y)]
-        product = fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=0), length)[lags]
-        first, last = np.maximum(0, -lags), np.minimum(M, N - lags)
-        own, other = (np.append(0.0, np.cumsum(np.sum((z - middle) ** 2, axis=0))) for z in (x, y))
-        total = own[last] - own[first] + other[last + lags] - other[first + lags] - 2.0 * product
-        return np.asarray(np.maximum(total, 0.0) / ((last - first) * n))
-
-    def alike(self, lag: float) -> bool:
-        """Whether b repeats a after a lag [s] of the instants since each began."""
-        at = self.t_a - self.t_a[0] + lag + self.t_b[0]
-        inside = (at >= self.t_b[0]) & (at <= self.t_b[-1])
-        there = np.column_stack([np.interp(at[inside], self.t_b, column) for column in self.b.T])
-        return _difference(self.a[inside], there, self.scale) < ALIKE
+def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:
+    """Whether b repeats a after a lag [s] of the instants since each began."""
+    (t_a, q_a), (t_b, q_b) = a, b
+    at = t_a - t_a[0] + lag + t_b[0]
+    inside = (at >= t_b[0]) & (at <= t_b[-1])
+    there = np.column_stack([np.interp(at[inside], t_b, column) for column in q_b.T])
+    return _difference(q_a[inside], there, scale) < ALIKE
 
 
 def _difference(q: Array, other: Array, scale: Array) -> float:
@@ -138,11 +134,12 @@ class Filtered:
 @dataclass(frozen=True)
 class Repeat:
     """Rows ``rows`` (indices into all rows) of a segment come back at the instants ``later`` of the
-    segment ``other``."""
+    segment ``other``, of which the first rows from then on are ``there``."""
 
     rows: NDArray[np.intp]
     other: int
     later: Array
+    there: NDArray[np.intp]
 
 
 def is_part(window: Filtered, whole: Filtered) -> bool:
@@ -160,65 +157,34 @@ def is_part(window: Filtered, whole: Filtered) -> bool:
 
 def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
     """Every pair of stretches with the same motion, inside segments and between them."""
+    from scipy.interpolate import CubicSpline
+
     out = []
     starts = np.cumsum([0, *(len(s.t) for s in segments)])
-    for k, segment in enumerate(segments):
-        period = repeat_period(segment.t_dense, segment.q_dense)
-        if period is not None:
-            out += _pair(segment, segment, period, k, starts[k])
-        for m in range(k + 1, len(segments)):
-            other = segments[m]
-            lag = repeat_lag((segment.t_dense, segment.q_dense), (other.t_dense, other.q_dense))
-            if lag is not None:
-                out += _pair(segment, other, lag, m, starts[k])
+    for k, a in enumerate(segments):
+        own, scale = (a.t_dense, a.q_dense), motion_scale(a.q_dense)
+        for m, b in enumerate(segments[k:], k):
+            shift = repeat_period(*own) if m == k else repeat_lag(own, (b.t_dense, b.q_dense))
+            if shift is None or scale is None:
+                continue
+            later = a.t + shift
+            inside = a.keep & (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
+            fewest = 2 * ORDER  # noise is compared with its own past
+            if inside.sum() < fewest:
+                continue
+            at, later = a.t[inside], later[inside]
+            q, there = (CubicSpline(s.t_dense, s.q_dense)(x) for s, x in ((a, at), (b, later)))
+            alike = np.all(np.abs(q - there) < ALIKE * scale, axis=1)
+            index, later = starts[k] + np.flatnonzero(inside)[alike], later[alike]
+            if len(index) >= fewest:
+                place = np.clip(np.searchsorted(b.t, later), 0, len(b.t) - 1)
+                out.append(Repeat(index, m, later, starts[m] + place))
     return tuple(out)
 
 
-def _pair(a: Filtered, b: Filtered, shift: float, other: int, start: int) -> list[Repeat]:
-    """The rows of a whose motion b repeats ``shift`` seconds later."""
-    later = a.t + shift
-    inside = a.keep & (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
-    scale, fewest = motion_scale(a.q_dense), 2 * ORDER  # noise is compared with its own past
-    if inside.sum() < fewest or scale is None:
-        return []
-    from scipy.interpolate import CubicSpline
-
-    q_a = CubicSpline(a.t_dense, a.q_dense)(a.t[inside])
-    q_b = CubicSpline(b.t_dense, b.q_dense)(later[inside])
-    alike = np.all(np.abs(q_a - q_b) < ALIKE * scale, axis=1)
-    index = start + np.flatnonzero(inside)[alike]
-    return [Repeat(index, other, later[inside][alike])] if len(index) >= fewest else []
-
-
-def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
-    """Clock difference after which b repeats a, from a's beginning on; None where it does not.
-
-    slip : how far b may begin before or after the motion of a [s].
-    """
-    scale = motion_scale(a[1])
-    if scale is None or min(len(a[0]), len(b[0])) < 3:
-        return None
-    match = _Match(*a, *b, scale)
-    spans = (float(t[-1] - t[0]) - _SHORTEST for t, _ in (a, b))
-    back, ahead = (int(min(slip, span) / match.step) for span in spans)
-    found = match.valleys(np.arange(-back, ahead + 1)) if min(back, ahead) > 0 else []
-    best = min(found, default=None)
-    if best is None or not match.alike(best[1]):
-        return None
-    return best[1] + float(b[0][0] - a[0][0])
-
-
-def later_rows(segments: Sequence[Filtered], repeat: Repeat) -> NDArray[np.intp]:
-    """Among all rows the first at or after each instant at which the repeat comes back."""
-    start = sum(len(s.t) for s in segments[: repeat.other])
-    times = segments[repeat.other].t
-    return start + np.clip(np.searchsorted(times, repeat.later), 0, len(times) - 1)
-
-
-def pairs(segments: Sequence[Filtered], repeats: Sequence[Repeat]) -> NDArray[np.intp]:
+def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
     """(D, 2) of the differences of all repeats the rows at their two instants."""
-    later = [later_rows(segments, r) for r in repeats]
-    return np.column_stack([np.concatenate([r.rows for r in repeats]), np.concatenate(later)])
+    return np.concatenate([np.column_stack([r.rows, r.there]) for r in repeats])
 
 
 def new_differences(both: NDArray[np.intp], count: int) -> int:
@@ -243,7 +209,7 @@ def phases(both: NDArray[np.intp], count: int) -> Array:
 
 
 def recurring(
-    both: NDArray[np.intp], phase: Array, marked: NDArray[np.bool_], reach: int
+    both: NDArray[np.intp], phase: Array, reach: int, marked: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """(D,) which ``marked`` differences come back within ``reach`` rows of their phase in one of two
     other instants: noise that the motion swells, of which no one instant is the odd one. both, phase :
@@ -258,9 +224,6 @@ def recurring(
 
 def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
     """The differences of all repeats, numbered through, as index arrays of uninterrupted rows."""
-    pieces, first = [], 0
-    for r in repeats:
-        index = first + np.arange(len(r.rows))
-        pieces += np.split(index, np.flatnonzero(np.diff(r.rows) != 1) + 1)
-        first += len(r.rows)
-    return pieces
+    rows = np.concatenate([np.arange(0), *(r.rows for r in repeats)])
+    ends = np.cumsum([len(r.rows) for r in repeats])[:-1]
+    return np.split(np.arange(len(rows)), np.union1d(ends, np.flatnonzero(np.diff(rows) != 1) + 1))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,19 +121,14 @@ class Stretch:
     @cached_property
     def integrals(self) -> tuple[Array, Array]:
         """(N, n) of qcmd and of q over time since the stretch began, at the samples as logged."""
-        assert self.qcmd is not None
-        own = _integral(self.t, self.q) if self.sum is None else self.sum
-        return _integral(self.t, self.qcmd), own
+        from scipy.integrate import cumulative_trapezoid
+
+        integral = partial(cumulative_trapezoid, x=self.t, axis=0, initial=0.0)
+        return integral(self.qcmd), integral(self.q) if self.sum is None else self.sum
 
     def resampled(self, values: Array, start: int, stop: int) -> Array:
         """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
         return interpolated(self.clock(np.arange(start, stop)), self.t, values)
-
-
-def _integral(t: Array, values: Array) -> Array:
-    """By the trapezoidal rule."""
-    steps = 0.5 * np.diff(t)[:, None] * (values[1:] + values[:-1])
-    return np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
 
 
 def interpolated(at: Array, t: Array, values: Array) -> Array:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Seen
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
@@ -33,17 +34,13 @@ from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
 from sdp_vs_penalty.signals.runs import Stretch, stretches
 from sdp_vs_penalty.signals.standstill import (
     STILL,
-    Standstill,
     friction_laws,
     lawless,
     resolution,
+    standing,
     turned_at_rest,
 )
 
-#: Effects low-passed together; parameters from which on one is so by itself, a few rows at a time.
-_AT_ONCE, _WIDE, _ROWS = 32, 12, 256
-#: Effects whose columns are kept.
-_MOST = 1024
 #: Rows at twice the cut-off that noise, residuals and a library of effects are judged on at most.
 MOST = 4000
 #: Windows of a single run.
@@ -51,8 +48,8 @@ _WINDOWS = 4
 
 
 class Columns:
-    """parts : low-pass (M, N) and motion of each segment; before : the same of another model, from which
-    columns of the motion alone are taken over."""
+    """Effects' columns at the rows. parts : low-pass (M, N) and motion of each segment; before : those
+    of another model, from which columns of the motion alone are taken over."""
 
     def __init__(self, parts: Sequence[tuple[Decimator, Motion]], before: Columns | None = None) -> None:
         self._parts = parts
@@ -60,58 +57,51 @@ class Columns:
         self._kept: tuple[dict[Hashable, tuple[Effect, list[Block]]], ...]
         self._kept = ({} if before is None else before._kept[0], {})
 
-    def of(self, effects: Sequence[Effect]) -> list[list[Block]]:
-        """Blocks of (M, k) of the true torque, of each effect."""
-        found = [self._known(effect) for effect in effects]
-        missing = [k for k, known in enumerate(found) if known is None]
-        few = [depends(e) or e.has_memory or len(e.parameters) < _WIDE for e in effects]
-        wide, narrow = ([k for k in missing if few[k] == is_few] for is_few in (False, True))
-        lots = [[k] for k in wide] + [narrow[k : k + _AT_ONCE] for k in range(0, len(narrow), _AT_ONCE)]
-        for lot in lots:
-            made = self._made([effects[k] for k in lot], lot[0] in wide)
-            for k, blocks in zip(lot, made, strict=True):
-                found[k] = blocks
-                kept = self._kept[depends(effects[k])]
-                kept[self._key(effects[k])] = effects[k], blocks
-                while len(kept) > _MOST:
-                    kept.pop(next(iter(kept)))
-        return [blocks for blocks in found if blocks is not None]
+    def of(self, effect: Effect, keep: bool) -> list[Block]:
+        """Blocks of (M, k) of the true torque; keep : for who asks again."""
+        width = None if effect.signless or not self._parts else self._parts[0][1].sign_width
+        key = type(effect), effect.joints, *effect.shape.items(), width
+        kept = self._kept[depends(effect)]
+        known, blocks = kept.get(key, (None, None))
+        if blocks is None or known is None or not known.same_columns(effect):
+            blocks = self._made(effect)
+            if keep:
+                kept[key] = effect, blocks
+        return blocks
 
-    def _made(self, effects: Sequence[Effect], by_parts: bool) -> list[list[Block]]:
-        rows, made = [], list[list[Block]]()
+    def _made(self, effect: Effect) -> list[Block]:
+        """A few rows at a time, of a column grid many times as fine: the fewer, the more columns."""
+        whole = depends(effect) or effect.has_memory
+        rows, blocks = [], list[Block]()
         for low_pass, motion in self._parts:
             count = len(low_pass.at)
-            step = _ROWS if by_parts else count
+            step = count if whole else PART // (2 * len(effect.parameters))
             for start in range(0, count, step):
-                few, around = low_pass.part(start, start + step) if by_parts else (low_pass, slice(None))
-                made = [e.blocks(motion.part(around) if by_parts else motion) for e in effects]
-                rows.append(few @ np.hstack([b.columns for blocks in made for b in blocks]))
-        sizes = [b.columns.shape[1] for blocks in made for b in blocks]
-        columns = iter(np.split(np.concatenate(rows), np.cumsum(sizes)[:-1], axis=1))
-        return [[replace(b, columns=next(columns)) for b in blocks] for blocks in made]
-
-    def _known(self, effect: Effect) -> list[Block] | None:
-        one, blocks = self._kept[depends(effect)].get(self._key(effect), (None, None))
-        return blocks if one is not None and one.same_columns(effect) else None
-
-    def _key(self, effect: Effect) -> Hashable:
-        width = None if effect.signless or not self._parts else self._parts[0][1].sign_width
-        return type(effect), effect.joints, tuple(effect.shape.items()), width
+                few, around = low_pass, motion
+                if step < count:
+                    few, samples = low_pass.part(start, start + step)
+                    around = motion.part(samples)
+                blocks = effect.blocks(around)
+                rows.append(few @ np.hstack([b.columns for b in blocks]))
+        ends = np.cumsum([b.columns.shape[1] for b in blocks])
+        columns = np.split(np.concatenate(rows), ends[:-1], axis=1)
+        return [replace(b, columns=x) for b, x in zip(blocks, columns, strict=True)]
 
 
 @dataclass(frozen=True)
 class Segment(Filtered):
     """One uninterrupted piece of a run.
 
-    motion : on the column grid; torque (M, n) : at the rows; standstill : what reaches them from when a
-    joint stood still; low_pass (M, N), dense (D, N) : from the column grid to the rows and to the dense
-    grid, on which torque_dense (D, n) is known too.
+    motion : on the column grid; torque (M, n) : at the rows; stretch : of the log; still : (M, n) the
+    share of each row that a joint stood still; low_pass (M, N), dense (D, N) : from the column grid to
+    the rows and to the dense grid, on which torque_dense (D, n) is known too.
     """
 
     run: int
     motion: Motion
     torque: Array
-    standstill: Standstill
+    stretch: Stretch
+    still: Callable[[], Array]
     low_pass: Decimator
     torque_dense: Array
     dense: Decimator
@@ -166,7 +156,7 @@ class SegmentedRuns:
     @cached_property
     def still(self) -> Array:
         """(M, n) share of each row that a joint stood still."""
-        return np.concatenate([s.standstill.share for s in self.segments])
+        return np.concatenate([s.still() for s in self.segments])
 
     @cached_property
     def slow(self) -> Array:
@@ -187,7 +177,7 @@ class SegmentedRuns:
     def seen(self, joint: int) -> Seen:
         """What all runs show of a joint."""
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
-        fine = (resolution(s.standstill.stretch.q[:, joint]) for s in self.segments)
+        fine = (resolution(s.stretch.q[:, joint]) for s in self.segments)
         return Seen(float(np.ptp(paths)), float(max(fine)), float(np.mean(self.still > STILL)))
 
     @cached_property
@@ -195,7 +185,7 @@ class SegmentedRuns:
         """(n,) joints whose friction was seen to hold them whatever it was, as far as positions tell."""
         ddq = np.concatenate([s.low_pass @ s.motion.ddq for s in self.segments])
         rates = np.stack([self.dq.T, ddq.T], axis=2)
-        joints = zip(self._friction.T, rates, self.still.T, self._pieces, strict=True)
+        joints = zip(self._friction.T, rates, self.still.T, self.pieces, strict=True)
         return np.array([turned_at_rest(*joint) for joint in joints], bool)
 
     @cached_property
@@ -210,17 +200,9 @@ class SegmentedRuns:
         return np.asarray(size * self.still)
 
     @cached_property
-    def lawless(self) -> Array:
-        """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding friction can say."""
-        return self._standstill[0]
-
-    @cached_property
-    def stuck(self) -> NDArray[np.bool_]:
-        """(M, n) whether a row is of a standstill of which no law of friction says anything."""
-        return self._standstill[1]
-
-    @cached_property
-    def _standstill(self) -> tuple[Array, NDArray[np.bool_]]:
+    def lawless(self) -> tuple[Array, NDArray[np.bool_]]:
+        """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding friction can say,
+        and whether a row is of a standstill of which no law of friction says anything."""
         held, stuck = np.zeros_like(self.still), np.zeros(self.still.shape, bool)
         for j, share in enumerate(self.still.T):
             keep = self.keep[:, j]
@@ -236,12 +218,9 @@ class SegmentedRuns:
         keep = np.repeat(np.concatenate([s.keep for s in self.segments])[:, None], self.n, axis=1)
         return keep & ~self.masked if self.masked.size else keep
 
-    def pieces(self, joint: int) -> Pieces:
-        """Index arrays of consecutive rows that count for a joint."""
-        return self._pieces[joint]
-
     @cached_property
-    def _pieces(self) -> list[Pieces]:
+    def pieces(self) -> list[Pieces]:
+        """Of each joint the index arrays of consecutive rows that count for it."""
         index, out = np.arange(len(self.t)), []
         apart = np.diff(self.segment) != 0
         for keep in self.keep.T:
@@ -249,30 +228,18 @@ class SegmentedRuns:
             out.append(Pieces(p for p in np.split(index, ends) if keep[p[0]]))
         return out
 
-    def with_masked(self, masked: NDArray[np.bool_]) -> SegmentedRuns:
-        return replace(self, masked=masked)
-
     def with_model(self, attach: Callable[[Motion], Motion]) -> SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         columns = Columns([(s.low_pass, s.motion) for s in segments], self.columns)
         return replace(self, segments=segments, columns=columns)
 
-    def blocks(self, effect: Effect) -> list[Block]:
-        """The effect's columns on the rows: blocks of (M, k)."""
-        return self.blocks_of([effect])[0]
-
-    def blocks_of(self, effects: Sequence[Effect]) -> list[list[Block]]:
-        """The same of many effects, quicker than one after the other."""
-        found = self.columns.of(effects)
-        if self.gains is None:
+    def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
+        """The effect's columns on the rows: blocks of (M, k); keep : them for who asks again."""
+        found = self.columns.of(effect, keep)
+        if self.gains is None or effect.needs_torque:
             return found
-        return [
-            blocks
-            if effect.needs_torque
-            else [replace(b, columns=self.gains[b.joint] * b.columns) for b in blocks]
-            for effect, blocks in zip(effects, found, strict=True)
-        ]
+        return [replace(b, columns=self.gains[b.joint] * b.columns) for b in found]
 
 
 def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:
@@ -308,15 +275,15 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     motion = filters.motion(part, state.half, part.count - state.half - 1)
     rows = np.arange(half, count - half, step)
     dense = np.arange(half, count - half, dense_step)
-    low_pass, low_dense = (filters.coarse.decimator(at) for at in (rows, dense))
+    low_pass, low_dense = (Decimator(filters.coarse, at) for at in (rows, dense))
 
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
         return None
-    standstill = Standstill(part, (state, column), grid[rows])
+    still = cache(partial(standing, part, (state, column), grid[rows]))  # by most logs never asked
     torque, dense_torque = (filters.torque(part, grid[at]) for at in (rows, dense))
     seen = motion.t[rows], keep, motion.t[dense], motion.q[dense]
-    return Segment(*seen, index, motion, torque, standstill, low_pass, dense_torque, low_dense)
+    return Segment(*seen, index, motion, torque, part, still, low_pass, dense_torque, low_dense)
 
 
 def _steps(filters: RunFilter) -> tuple[int, int]:

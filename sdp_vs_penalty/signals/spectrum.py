@@ -139,7 +139,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
         if p.count >= length and p.dt == part.dt
     ]
     frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
-    band = (frequency >= c.MOTION_ENDS * cutoff) & (frequency <= c.LAST / part.dt)
+    band = (frequency >= c.STOPS * cutoff) & (frequency <= c.LAST / part.dt)
     largest = max(float(np.abs(p.tau).max()) for p in parts)
     # A quantile needs some windows below it, a colour some frequencies.
     if sum(map(len, known)) * c.QUIET < 2.0 or band.sum() < 4 or largest == 0.0:

@@ -6,8 +6,6 @@ does say more, over a travel that shows in the positions (Dahl, AIAA Journal 197
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,24 +32,17 @@ _TRAVELS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 _LONGEST = 0.1
 
 
-@dataclass(frozen=True)
-class Standstill:
-    """When the joints of a stretch stand still, as its filtered rows see it: worked out when it is
-    asked for. kernels : the low-passes of states and of torques; rows (M,) : their samples."""
+def standing(stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]) -> Array:
+    """(M, n) how much of a unit torque, whatever its sign, reaches filtered rows (M,), samples of a
+    stretch, from when a joint stood still, and from when filtered states mistake that for motion.
 
-    stretch: Stretch
-    kernels: tuple[Kernel, ...]
-    rows: NDArray[np.int64]
-
-    @cached_property
-    def share(self) -> Array:
-        """(M, n) how much of a unit torque, whatever its sign, reaches each row from a standstill, and
-        from when filtered states mistake it for motion."""
-        reaching = still(self.stretch.resampled(self.stretch.q, 0, self.stretch.count)).astype(float)
-        for kernel in self.kernels if reaching.any() else ():
-            padded = np.pad(reaching, ((kernel.half, kernel.half), (0, 0)), mode="edge")
-            (reaching,) = convolve(padded, np.abs(kernel.value))
-        return np.asarray(reaching[self.rows])
+    kernels : the low-passes of states and of torques.
+    """
+    reaching = still(stretch.resampled(stretch.q, 0, stretch.count)).astype(float)
+    for kernel in kernels if reaching.any() else ():
+        padded = np.pad(reaching, ((kernel.half, kernel.half), (0, 0)), mode="edge")
+        (reaching,) = convolve(padded, np.abs(kernel.value))
+    return np.asarray(reaching[rows])
 
 
 def still(q: Array) -> NDArray[np.bool_]:

@@ -238,10 +238,10 @@ def test_what_differs_at_one_phase_between_other_instants_too_is_no_event():
     rows = np.arange(400)
     both, phase = np.column_stack([rows, rows + 100]), rows % 100.0
     odd = np.isin(rows, [120, 121, 122, 220, 221, 222])  # differences that hold the third period
-    assert not recurring(both, phase, odd, 10).any()
+    assert not recurring(both, phase, 10, odd).any()
     again = odd | np.isin(rows, [25, 325])
-    assert not recurring(both, phase, again, 2)[odd].any()
-    assert recurring(both, phase, again, 10)[[25, 120, 220, 325]].all()
+    assert not recurring(both, phase, 2, again)[odd].any()
+    assert recurring(both, phase, 10, again)[[25, 120, 220, 325]].all()
 
 
 RATE = 250.0

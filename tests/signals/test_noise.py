@@ -112,7 +112,7 @@ def test_whitening_makes_white_noise_of_unit_variance():
     rows = without_model(replace(other, tau=other.tau - 20.0 * np.tanh(other.q)))
     for j in range(JOINTS):
         residual = rows.residual[:, j]
-        white = noise.whiten(residual, j, rows.pieces(j))
+        white = noise.whiten(residual, j, rows.pieces[j])
         used = white[white != 0.0]
         assert used.std() == pytest.approx(1.0, abs=0.06)
         # An autoregression of order 4 stands for the low-pass and the noise's own colour together.

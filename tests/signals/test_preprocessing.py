@@ -12,6 +12,7 @@ from sdp_vs_penalty import InputError, Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered, preprocessing
 from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.signals.kernels import Decimator
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
@@ -76,7 +77,7 @@ def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
     settings = Preprocessing(4.0, 6.0).resolve(run)
     whole = FilteredRun(run, settings).all_rows(model)
     monkeypatch.setattr(filtered, "PART", chunk)
-    monkeypatch.setattr(filtered, "_MOST_KEPT", 0)  # what is kept is kept in one piece
+    monkeypatch.setattr(filtered, "SAMPLES", 0)  # what is kept is kept in one piece
     cut = FilteredRun(run, settings)
     pieces = list(cut.rows(model))
     assert len(pieces) > 1
@@ -230,7 +231,7 @@ def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
     dense = preprocessing.Motion(run.t[half:-half], *filters.state.states(run.q))
     at = np.rint(found.motion.t / filters.dt).astype(int) - half
     for own, exact in zip(found.columns, model.columns(dense), strict=True):
-        low = filters.column.decimator(at) @ exact.columns
+        low = Decimator(filters.column, at) @ exact.columns
         np.testing.assert_allclose(own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max())
 
 
