@@ -325,7 +325,7 @@ def _judged(
         band,
         signals,
         runs.measurements.names,
-        None if record is None else record.new_share(signals.q, signals.dq),
+        None if record is None else record.new_share(runs),
         {name: rows / count for name, rows in outside.items() if rows > 0.0},
     )
 

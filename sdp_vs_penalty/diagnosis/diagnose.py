@@ -95,9 +95,9 @@ def diagnose(
     if frozen and record is not None:  # a frozen model has seen what it was identified from, too
         seen = estimate.training_motion
         record = None if seen is None else record.joined(seen)
-    share = (
-        None if record is None or test is None else record.new_share_of(FilteredRuns.of(test, settings))
-    )
+    share = None
+    if record is not None and test is not None:
+        share = record.new_share(FilteredRuns.of(test, settings))
     done = conclude(found, gain_errors, share, seed)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 

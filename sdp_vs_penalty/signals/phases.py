@@ -8,7 +8,7 @@ filtered rows share samples of the log.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -54,31 +54,22 @@ def tracks_of(measurements: Measurements) -> list[Track]:
 
 
 def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
-    """One clock a run; runs that repeat each other share theirs."""
+    """One clock a run; runs that repeat each other share theirs, as each of them shows it."""
     clocks: list[MotionClock] = []
     for k, track in enumerate(tracks):
-        t = track[0]
-        period = repeat_period(*track)
-        span = float(t[-1] - t[0])
-        own = MotionClock(k, float(t[0]), span if period is None else period, period is not None)
-        clocks.append(_shared(own, track, clocks, tracks) or own)
-    return tuple(clocks)
-
-
-def _shared(
-    own: MotionClock, track: Track, clocks: Sequence[MotionClock], tracks: Sequence[Track]
-) -> MotionClock | None:
-    """The clock of an earlier run with the same motion, as this run shows it."""
-    for other, there in zip(clocks, tracks, strict=False):
-        if other.periodic and own.periodic:
-            if abs(other.length - own.length) > ALIKE * own.length:
+        t, period = track[0], repeat_period(*track)
+        length = float(t[-1] - t[0]) if period is None else period
+        own = MotionClock(k, float(t[0]), length, period is not None)
+        for other, there in zip(clocks, tracks, strict=False):
+            both = own.periodic and other.periodic
+            if both and abs(other.length - length) > ALIKE * length:
                 continue
-            lag = repeat_lag(there, track, 0.6 * own.length)
-        else:
-            lag = repeat_lag(there, track)
-        if lag is not None:
-            return MotionClock(other.motion, other.start + lag, other.length, other.periodic)
-    return None
+            lag = repeat_lag(there, track, *([0.6 * length] if both else []))
+            if lag is not None:
+                own = replace(other, start=other.start + lag)
+                break
+        clocks.append(own)
+    return tuple(clocks)
 
 
 @dataclass(frozen=True)
@@ -95,10 +86,8 @@ class PhaseFolds:
 
     def fold(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
         """The fold that tests on instants t of a run."""
-        return self._fold_at(self.clocks[run], self.clocks[run].at(t))
-
-    def _fold_at(self, clock: MotionClock, at: ArrayLike) -> NDArray[np.intp]:
-        slot = np.floor(np.asarray(at) / clock.length * self.count).astype(np.intp)
+        clock = self.clocks[run]
+        slot = np.floor(clock.at(t) / clock.length * self.count).astype(np.intp)
         return np.clip(slot, 0, self.count - 1)
 
     def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
@@ -147,7 +136,7 @@ class PhaseFolds:
             at, begin = 0.5 * (edges[:-1] + edges[1:]), fold * clock.length / self.count
             ways = np.array([begin - at, at - begin - clock.length / self.count])
             apart = np.min(ways % clock.length, axis=0) if clock.periodic else np.max(ways, axis=0)
-            out.append(np.where(self._fold_at(clock, at) == fold, -1.0, apart))
+            out.append(np.where(np.all(ways < 0.0, axis=0), -1.0, apart))
         return np.concatenate(out)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from periodic_runs import JOINTS, SETTINGS, periodic, run_of
+from periodic_runs import SETTINGS, periodic, run_of
 
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
@@ -31,7 +31,7 @@ from sdp_vs_penalty.signals.standstill import lawless, still, turned_at_rest
 def share(train: Measurements, judged: Measurements) -> float:
     record = record_motion(FilteredRuns.of(train, SETTINGS))
     kept = MotionRecord.from_dict(json.loads(json.dumps(record.to_dict())))
-    found = kept.new_share_of(FilteredRuns.of(judged, SETTINGS))
+    found = kept.new_share(FilteredRuns.of(judged, SETTINGS))
     assert found is not None
     return found
 
@@ -66,16 +66,17 @@ def test_other_motion_is_new():
 def test_the_record_is_bounded(monkeypatch):
     """Periods add nothing; much motion is kept more coarsely, and stays known, or not at all."""
     one, ten = (record_motion(FilteredRuns.of(run_of(10, s), SETTINGS)) for s in (11.0, 96.0))
-    assert ten.points < 1.5 * one.points
+    points = [sum(map(len, record.lines)) for record in (one, ten)]
+    assert points[1] < 1.5 * points[0]
     rng = np.random.default_rng(3)
     wild = run_of(10, 120.0)
     smooth = np.convolve(rng.normal(size=len(wild.t) + 200), np.hanning(201), "valid")
     wild.q[:, 0] = smooth / smooth.std()
     monkeypatch.setattr(motion, "_MOST", 14_000)
     record = record_motion(FilteredRuns.of(wild, SETTINGS))
-    assert 2 * JOINTS * record.points <= 14_000
+    assert sum(line.size for line in record.lines) <= 14_000
     assert record.distance > motion.DISTANCE
-    assert record.new_share_of(FilteredRuns.of(wild, SETTINGS)) == 0.0
+    assert record.new_share(FilteredRuns.of(wild, SETTINGS)) == 0.0
     monkeypatch.setattr(motion, "_MOST", 100)
     assert record_motion(FilteredRuns.of(wild, SETTINGS)) is None
 
