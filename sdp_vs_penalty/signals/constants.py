@@ -4,8 +4,6 @@ Sensitivity: each was halved and doubled on drawn logs of which the noise is kno
 coloured, heavy-tailed, swelling and quantised noise, challenge's clean and disturbed arms).
 """
 
-import numpy as np
-
 #: Samples of one spectrum (a longer stretch has the mean of the spectra of so many each); instants at
 #: which two motions are compared; time steps of which a median is taken, in stretches that are spread
 #: over a longer run. Positions of a run whose rows, and the low-passed columns of the last model, are
@@ -17,21 +15,17 @@ SAMPLES = 1 << 18
 NOISY = 0.03
 #: Seconds within which two instants are at the same phase of a motion.
 SAME_PHASE = 0.25
-#: Motion is what has so many times the power of the noise, in a spectrum smoothed over so many Hz.
-ABOVE, SMOOTH = 10.0, 1.0
+#: Motion is what has so many times the power of the noise.
+ABOVE = 10.0
 #: In cut-offs: where a kernel has stopped, and with it what it lets through of a motion. In sample
 #: rates: the last frequency of a log, beyond which it has been averaged away between its samples.
 STOPS, LAST = 1.5, 0.45
-#: Degree of the motion's course within a window: what leaks of it hides that a torque was smoothed.
-COURSE = 3
 #: Share of the windows that are quiet, and share that are loud.
 QUIET = 0.3
 #: The factor of amplitudes beyond which a spectrum is no noise's: half of them off its law, or loud
 #: windows above quiet ones. Panda, UR10e, EMPS 1.0 to 1.5; TX40 1.9 to 6; a UR10's smoothed torque
 #: 2.7 to 6.
 NOISE_LIKE = 1.7
-#: Coefficients a of the noise's autoregression that are tried: beyond, its corner is far below the band.
-COLOURS = np.linspace(-0.9, 0.9, 181)
 #: A joint slides at this share of its usual speed: slower, dry friction turns round and holds any
 #: torque between limits.
 SLIDES = 0.2

@@ -11,7 +11,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.constants import SAMPLES
+from sdp_vs_penalty.signals.constants import SAME_PHASE, SAMPLES
 
 #: A joint whose position has at most this standard deviation [rad, m] may be an idle one's noise.
 _LARGEST_NOISE = 0.01
@@ -21,24 +21,19 @@ _PAUSE, FINEST = 0.05, 10.0
 
 
 def sample_rate(run: Measurements) -> float:
-    """Samples a second: one over the median time step [Hz].
+    """Samples a second: one over the median time step [Hz], of a long run that of stretches that are
+    spread over it.
 
     Stamps that come in bursts have a median step of nothing: the grid on which a run is resampled never
     has more than ten points a sample, pauses apart.
     """
-    steps = _steps(run.t)
+    count, size = (1, len(run.t)) if len(run.t) <= SAMPLES else (SAMPLES // PART, PART)
+    starts = np.linspace(0, len(run.t) - size, count).astype(int)
+    steps = np.concatenate([np.diff(run.t[k : k + size]) for k in starts])
     middle = float(np.median(steps))
     longest = max(_PAUSE, 20.0 * middle)
     mean = float(np.mean(np.minimum(steps, longest)))
     return 1.0 / max(middle, mean / FINEST)
-
-
-def _steps(t: Array) -> Array:
-    """Time steps [s], of a long run those of stretches that are spread over it."""
-    if len(t) <= SAMPLES:
-        return np.diff(t)
-    starts = np.linspace(0, len(t) - PART, SAMPLES // PART).astype(int)
-    return np.concatenate([np.diff(t[k : k + PART]) for k in starts])
 
 
 def moving_joints(run: Measurements) -> NDArray[np.bool_]:
@@ -73,7 +68,7 @@ class Movement:
 
         def travel(t: Array) -> Array:
             """(n, M) how far each joint comes within half a second."""
-            far = interpolated(t + 0.25, run.t, run.q) - interpolated(t - 0.25, run.t, run.q)
+            far = interpolated(t + SAME_PHASE, run.t, run.q) - interpolated(t - SAME_PHASE, run.t, run.q)
             return np.abs(far.T)
 
         for _, t in parts(run.t):

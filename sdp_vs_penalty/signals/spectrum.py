@@ -48,8 +48,8 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
 
 
 def _periodograms(x: Array, length: int, degree: int = 0) -> Array:
-    """(W, F, n) of windows of ``length`` samples of x (N, n), without their course of that degree: of
-    unit mean for white noise of unit variance."""
+    """(W, F, n) of windows of ``length`` samples of x (N, n), without their course of that degree, as
+    what leaks of it hides that a torque was smoothed: of unit mean for white noise of unit variance."""
     window = np.hanning(length)[:, None]
     course = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, length), degree + 1))[0]
     pieces = np.stack([x[k : k + length] for k in range(0, len(x) - length + 1, length // 2)])
@@ -88,7 +88,8 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     twice = (2.0 * np.pi * f) ** 4
     seen = twice * _gain(Kernel(band, part.dt), length) ** 2
     gains = np.array([_gain(Kernel(x, part.dt), length) for x in cutoffs])
-    wide = np.ones(max(1, int(c.SMOOTH / f[1])))
+    # The spectrum is smoothed over 1 Hz.
+    wide = np.ones(max(1, int(1.0 / f[1])))
     found = []
     for power in powers.T:
         noise = float(power[f > c.LAST / part.dt].mean())
@@ -134,7 +135,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
     part = parts[0]
     length = 2 * round(1.0 / cutoff / part.dt)  # as far as the low-pass reaches
     known = [
-        _periodograms(p.resampled(p.tau, 0, min(p.count, c.SAMPLES)), length, c.COURSE)
+        _periodograms(p.resampled(p.tau, 0, min(p.count, c.SAMPLES)), length, degree=3)
         for p in parts
         if p.count >= length and p.dt == part.dt
     ]
@@ -151,7 +152,8 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
     # Channels that are stuck have the noise of rounding, beside the others'.
     powers = np.maximum(quiet, (64.0 * np.finfo(float).eps * largest) ** 2)
     turns = np.cos(2.0 * np.pi * frequency * part.dt)
-    shapes = 1.0 / (1.0 + c.COLOURS[:, None] ** 2 - 2.0 * c.COLOURS[:, None] * turns)
+    a = np.linspace(-0.9, 0.9, 181)[:, None]  # beyond, its corner is far below the band
+    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * turns)
     apart = np.log(powers[band].T[:, None] / shapes[:, band])  # (n, colours, frequencies)
     best = np.argmin(np.var(apart, axis=2), axis=1)
     apart = np.take_along_axis(apart, best[:, None, None], axis=1)[:, 0]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.bristles import dahl
+from sdp_vs_penalty.effects.bristles import PreslidingHysteresis, dahl
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.coloured_noise import ORDER
@@ -26,10 +26,6 @@ STILL = 0.01
 SLOW = 0.1
 #: By how many times more than moving rows those of a standstill are off where no law says what holds.
 _LAWLESS = 2.0
-#: Travels over which friction may turn [rad or m].
-_TRAVELS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-#: Largest share of a stretch of the times that are looked at.
-_LONGEST = 0.1
 
 
 def standing(stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]) -> Array:
@@ -55,7 +51,7 @@ def still(q: Array) -> NDArray[np.bool_]:
         return out.T
     alike, half = resolution(q), 1
     joints, own = np.arange(q.shape[1]), np.ascontiguousarray(q.T)
-    while half < _LONGEST * len(q) and len(joints):
+    while half < 0.1 * len(q) and len(joints):
         width = 2 * half + 1
         quiet = maximum_filter1d(own, width) - minimum_filter1d(own, width) <= 2.0 * alike[joints, None]
         some = quiet.any(axis=1)  # the others are not quiet for longer either
@@ -81,7 +77,8 @@ def resolution(q: Array) -> Array:
 def friction_laws(motion: Motion, joint: int) -> Array:
     """(N, k) a joint's friction of unit size: Dahl's for each travel, Coulomb's, viscous, a constant."""
     q, dq = motion.q[:, joint], motion.dq[:, joint]
-    memory = [dahl(q, travel, float(np.sign(dq[0]))) for travel in _TRAVELS]
+    travels = PreslidingHysteresis.shapes["d"].grid
+    memory = [dahl(q, travel, float(np.sign(dq[0]))) for travel in travels]
     return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(q))])
 
 
