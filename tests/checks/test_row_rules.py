@@ -68,7 +68,6 @@ def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
 def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed, step):
     """A slow load and Coulomb's friction, in steps of so much: at one level for long, then a jump."""
     clean, rng = motion(2), np.random.default_rng(seed)
-    assert clean.dq is not None
     load = 1.5 * np.sin(2.6 * np.pi * clean.t / clean.t[-1] + seed)[:, None]
     tau = 2.4 * np.sign(clean.dq) + 0.2 * clean.dq + load + 0.02 * rng.normal(size=clean.q.shape)
     assert found("frozen torque", replace(clean, tau=stepped(tau, step))) is None

@@ -262,7 +262,6 @@ def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
     found = recognised(columns_, [f"{j}_joint" for j in UR])
     assert "target" not in " ".join(found.rename.values())
     assert found.scale.get("t") == (1e-3 if "ms" in name else None)
-    assert found is not None
     run = load_measurements(path, joints=6, names=[f"{j}_joint" for j in UR])
     for block, ours in ((run.q, "q"), (run.tau, "tau")):
         at = [columns_.index(found.rename[f"{ours}{j}"]) for j in range(1, 7)]

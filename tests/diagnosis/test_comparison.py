@@ -10,6 +10,7 @@ from random_robots import repeating_run as run_of
 from small_runs import small_run
 
 from sdp_vs_penalty import Estimate, InputError, Problem, identify, load_estimate, where_it_fails
+from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
@@ -162,7 +163,7 @@ def test_an_error_after_reversals_is_seen_there(two_link):
     assert not any(s.cause == REVERSAL for s in first.stretches)
 
 
-def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link):
+def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link, capsys):
     run = repeating_run(two_link, 0, noise=0.05)
     ripple = run.tau + [[0.0, 0.6]] * np.sin(40.0 * run.q)
     first, second = where_it_fails(identify(two_link, run), replace(run, tau=ripple))
@@ -171,3 +172,5 @@ def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link):
     assert 0.4 < amplitude < 0.6  # less where the joint is slow: what is slow is taken away
     assert over > 5.0
     assert 40 not in [k for k, *_ in first.orders]
+    printing.where_it_fails([first, second], ["N m", "N m"], "it")
+    assert "joint 2: " in capsys.readouterr().out

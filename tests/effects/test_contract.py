@@ -118,10 +118,8 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
     """Chunked filtering computes columns piece by piece."""
     robot = robots()["tree"]
     motion = steady_motion(robot)
-    assert motion.torque is not None
 
     def rows(index: np.ndarray) -> Motion:
-        assert motion.torque is not None
         parts = (motion.t, motion.q, motion.dq, motion.ddq, motion.torque)
         warm = motion.joint_temperature[index]
         more = {"temperature": warm, "command": motion.command, "sum": motion.integral[index]}
@@ -149,7 +147,6 @@ def test_what_an_effect_needs_is_what_it_declares(name):
     """A torque, links, a clock: the columns change with what is declared and with nothing else."""
     robot = robots()["arm"]
     motion = steady_motion(robot)
-    assert motion.torque is not None
     bare = Motion(motion.t, motion.q, motion.dq, motion.ddq)
     another_torque = replace(motion, torque=2.0 * motion.torque + 1.0)
     another_arm = replace(motion, current=CurrentModel(robot, 1.5 * motion.model_links**2))

@@ -197,7 +197,10 @@ def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel(effe
         assert len(waves) == 200 or waves[-1] > 0.999 * finest - np.pi / travel
 
 
-def test_a_filter_that_looks_both_ways_may_be_joints_that_stick():
+def test_what_an_effect_may_be_mistaken_for_is_said():
+    (ripple,) = parse_effects("torque_ripple:1@k=3", robots()["arm"])
+    assert "less than one wave" in ripple.looks_like(1.0, Seen(travel=2.0))
+    assert ripple.looks_like(1.0, Seen(travel=2.2)) == ""
     zero, late = (
         parse_effects(f"torque_filter@phase={p}", robots()["arm"])[0] for p in ("zero", "late")
     )

@@ -38,8 +38,6 @@ def _same(
     about = write_posed(problem, run, file, options=options)
     estimate = identify(problem, run, SDPA_METHOD, check=False, **told)
     lower, upper = estimate.certificate.lower, estimate.certificate.upper
-    assert lower is not None
-    assert upper is not None
     assert about["method"] == SDPA_METHOD
     assert about["effects"] == [effect.text for effect in estimate.model.effects]
     np.testing.assert_allclose((about["lower"], about["upper"]), (lower, upper), rtol=1e-7)

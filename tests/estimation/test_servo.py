@@ -276,8 +276,10 @@ def test_report_and_page_show_the_torque_that_the_servos_make(found, tmp_path):
     test, truth = log(seed=3), log(seed=3, torque=True)
     given = Runs(log(), test, concatenate([log(), test]))
     asked = type("AskedOfRuns", (Asked,), {"runs": given})({"out": tmp_path / "model.json"})
-    shown = summary(asked, found)
+    bounded = replace(found, details=found.details | {"on_bounds": ["mass of link 1"]})
+    shown = summary(asked, bounded)
     assert shown["servo"]
+    assert shown["on_bounds"] == ["mass of link 1"]
     with np.load(tmp_path / "model-1.npz") as read:  # the second of its runs
         t, torque, modelled = read["t"], read["torque"][:, 0], read["modelled"][:, 0]
     plant = truth.tau[:, 0] - VISCOUS * np.gradient(truth.q[:, 0], truth.t)  # kd holds both

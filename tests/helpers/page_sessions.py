@@ -14,7 +14,6 @@ from sdp_vs_penalty.page.sessions import Sessions
 async def finish(session: Session, act: Callable[[], Coroutine[Any, Any, None]]) -> None:
     """Do something and wait until its job is done; a sentence about an error fails the test."""
     session.start(act)
-    assert session.task is not None
     await asyncio.wait([session.task])
     if session.notice is not None and session.notice.error:
         raise InputError(" ".join(session.notice.texts))

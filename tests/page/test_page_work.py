@@ -24,7 +24,7 @@ from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
-from sdp_vs_penalty.reports.plots import Curves, envelope
+from sdp_vs_penalty.reports.plots import Curves, envelope, shifts
 from sdp_vs_penalty.reports.sections import judged_row
 
 #: A job of seconds.
@@ -167,7 +167,6 @@ def test_a_full_disk_is_said(sessions, monkeypatch):
     monkeypatch.setattr(tabs.os, "open", full)
     s = sessions.new()
     assert asyncio.run(put(s, "run.csv", "runs")) == 507
-    assert s.notice is not None
     said = "run.csv: cannot be stored (No space left on device): free disk space."
     assert s.notice.texts == (said,)
     assert s.arrived == {}
@@ -429,7 +428,6 @@ def test_jobs_of_all_tabs_wait_for_each_other():
         status = second.working.status
         for s in (second, first):
             s.cancel()
-            assert s.task is not None
             await asyncio.wait([s.task])
         await finish(second, lambda: second.choose_robot("two_link"))  # the place is free again
         return status, second
@@ -481,6 +479,7 @@ def test_long_curves_are_drawn_by_their_envelope():
     assert short.max() == 9.0
     assert x[np.argmax(short)] == 123.456
     assert np.all(np.diff(x) > 0.0)
+    assert shifts([t[5:9], t[2:4] + 7.0]) == pytest.approx([-0.005, 1.003 - 7.002])
     run = Curves(t, np.column_stack([y, y]), {"a": np.column_stack([y, 0.0 * y])})
     whole = torque_chart(run, 1, ["N m", "N m"])
     part = torque_chart(run, 1, ["N m", "N m"], (100.0, 100.4))

@@ -121,7 +121,6 @@ def test_the_ellipsoid_has_the_links_inertia(made):
     """A solid ellipsoid of the drawn half axes and the link's mass has the link's inertia."""
     link = np.array([2.0, 0.2, -0.4, 0.6, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])
     points = ellipsoid(link, 60)
-    assert points is not None
     com = link[1:4] / link[0]
     centred = points - com[:, None]
     spread = inertia.pseudo_inertia(link)[:3, :3] / link[0] - np.outer(com, com)

@@ -81,7 +81,6 @@ def test_units_change_numbers_only(two_link, mass):
     other = in_units(two_link, mass, length)
     torque = 1.0 / (mass * length**2)
     theta = two_link.interior
-    assert theta is not None
     factor = other.task.bound / two_link.task.bound
     assert other.objective.value(theta * factor) == pytest.approx(
         torque**2 * two_link.objective.value(theta), rel=1e-9
@@ -122,7 +121,6 @@ def test_infeasible_instances_are_proved_infeasible(name):
 
 def test_planted_wrong_answers_are_found(two_link, proved, best):
     inside = two_link.interior
-    assert inside is not None
     optimal = replace(best, claims="optimal", multipliers=None)
     suboptimal = replace(optimal, theta=best.theta + 1e-3 * (inside - best.theta))
     outside = replace(optimal, theta=best.theta + 0.2 * (best.theta - inside))

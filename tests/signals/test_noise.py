@@ -82,7 +82,6 @@ def test_drift_and_events_are_no_noise():
     disturbed = run.tau + 0.02 * run.t[:, None]
     disturbed[5000:5060, 2] += 30.0
     noise = noise_of(without_model(replace(run, tau=disturbed)))
-    assert clean is not None
     np.testing.assert_allclose(noise.floor, clean, rtol=0.05)
     assert noise.suspect[:, 2].any()
     assert not noise.suspect[:, [0, 1, 3, 4, 5]].any()
@@ -156,7 +155,6 @@ def test_the_floor_is_right_within_30_percent(rate, colour):
     settings = Preprocessing(5.0, 8.0)
     floor = spectral_floor(segmented(Measurements(t, q, torque + noise), settings))
     rows = segmented(Measurements(t, q, noise), settings)
-    assert floor is not None
     np.testing.assert_allclose(floor, rows.torque.std(axis=0), rtol=0.3)
 
 

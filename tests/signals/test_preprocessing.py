@@ -150,7 +150,6 @@ def test_idle_joints_do_not_set_the_filters():
     q = q + rng.choice([0.0, 1e-5], size=q.shape)
     run = Measurements(t, q, rng.normal(size=q.shape))
     settings = Preprocessing().resolve(run)
-    assert settings.state_cutoff is not None
     assert 4.8 <= settings.torque_cutoff < 12.8
     robot = tree(rng, 3)
     rows = FilteredRun(run, settings).all_rows(Model(robot, parse_effects("torque_offset", robot)))
@@ -165,7 +164,6 @@ def test_default_cutoff_is_ten_times_the_highest_harmonic(base):
     noise = 1e-4 * rng.normal(size=(2, *motion.q.shape))
     run = Measurements(t, motion.q + noise[0], motion.q + noise[1])
     settings = Preprocessing().resolve(run)
-    assert settings.state_cutoff is not None
     assert settings.state_cutoff == pytest.approx(10 * 5 * base, rel=0.35)
     assert settings.torque_cutoff == pytest.approx(1.6 * settings.state_cutoff)
     assert settings.resolve(run) == settings
@@ -253,7 +251,6 @@ def _resolved(sticks: bool, noise: float = NOISE) -> Preprocessing:
 
 def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to():
     smooth, sharp = _resolved(False), _resolved(True)
-    assert sharp.state_cutoff is not None
     assert smooth.torque_cutoff == 1.6 * smooth.state_cutoff
     assert sharp.state_cutoff > 2.0 * smooth.state_cutoff
     assert sharp.torque_cutoff == smooth.torque_cutoff

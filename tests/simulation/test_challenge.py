@@ -170,7 +170,6 @@ def test_a_driven_joint_sticks_and_friction_holds_it_below_the_coulomb_torque():
     t = np.arange(0.0, 6.0, 1e-3)
     planned = TrueMotion(t, *plan(world.arm, "points", 8.0, np.random.default_rng(5))(t))
     m = driven(world, planned)
-    assert m.share is not None
     stuck = np.abs(m.dq) < 2e-6
     assert (stuck.mean(axis=0) > 0.02).all()
     assert np.abs(m.share[stuck]).max() <= 1.0

@@ -102,9 +102,6 @@ def test_the_interval_of_the_estimator_holds_the_known_optimum(seed, links):
     known = Known(seed, links)
     fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
     theta, certificate = certify(known.task, fit)
-    assert certificate.lower is not None
-    assert certificate.upper is not None
-    assert certificate.gap is not None
     rounding = 1e-12 * known.task.data.tau_squared
     assert certificate.lower <= known.optimum + rounding
     assert known.optimum <= certificate.upper + rounding
@@ -122,29 +119,16 @@ def test_the_interval_of_the_estimator_holds_the_known_optimum(seed, links):
 
 @quick
 @given(seeds)
-def test_a_wrong_answer_or_a_wrong_dual_shows_as_a_gap(seed):
+def test_a_wrong_answer_shows_as_a_gap_and_one_outside_is_repaired_or_reported(seed):
     known = Known(seed)
     fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
-    assert fit.multipliers is not None
+    interior, dual = interior_point(known.task, fit.constraints), fit.multipliers
     _, right = certify(known.task, fit)
-    rng = np.random.default_rng(seed)
-    interior = interior_point(known.task, fit.constraints)
-    wrong_theta = replace(fit, theta=fit.theta + 0.05 * (interior - fit.theta))
-    wrong_dual = replace(fit, multipliers=2.0 * fit.multipliers)
-    no_dual = replace(fit, multipliers=0.0 * fit.multipliers)
-    noisy = replace(fit, multipliers=fit.multipliers + rng.normal(size=len(fit.multipliers)))
-    assert right.gap is not None
-    for name, wrong in {"theta": wrong_theta, "2 S": wrong_dual, "0": no_dual, "noise": noisy}.items():
-        _, certificate = certify(known.task, wrong)
-        assert certificate.gap > 1e3 * max(right.gap, 1e-9), name
-
-
-@quick
-@given(seeds)
-def test_an_infeasible_answer_is_repaired_or_reported(seed):
-    known = Known(seed)
-    fit = LmiSdpThickness(thickness=THICKNESS).fit(known.task)
-    interior = interior_point(known.task, fit.constraints)
+    wrong = [replace(fit, theta=fit.theta + 0.05 * (interior - fit.theta))]
+    noise = np.random.default_rng(seed).normal(size=len(dual))
+    wrong += [replace(fit, multipliers=x) for x in (2.0 * dual, 0.0 * dual, dual + noise)]
+    for one in wrong:
+        assert certify(known.task, one)[1].gap > 1e3 * max(right.gap, 1e-9)
     outside = fit.theta + 0.2 * (fit.theta - interior)
     assert fit.constraints.margin(outside) < 0.0
     theta, repaired = certify(known.task, replace(fit, theta=outside))
