@@ -159,13 +159,14 @@ class Runs:
 
 
 #: What drives were told or gave: commanded position [rad, m] and velocity, feed-forward torque [N m, N],
-#: motor current [A] and voltage [V].
-COMMANDED = ("qcmd", "dqcmd", "tauff", "current", "voltage")
+#: motor current [A] and voltage [V]; and where the motor is, on its joint's side of the gear, where q is
+#: the link's [rad, m].
+COMMANDED = ("qcmd", "dqcmd", "tauff", "current", "voltage", "qmot")
 #: The positions that a model makes of the command, and their integral over time; that of q in its place.
 SIMULATED = ("qsim", "isim", "isum")
 #: Numbers above which a column holds no measurement, whatever its unit: t [ns since 1970], q and dq
 #: [encoder counts], tau [mN m], temp [degrees].
-LARGEST_VALUE = dict.fromkeys(("q", "dq", "qcmd", "dqcmd", "current", "voltage"), 1e9)
+LARGEST_VALUE = dict.fromkeys(("q", "dq", "qcmd", "dqcmd", "current", "voltage", "qmot"), 1e9)
 LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {"t": 1e20, "temp": 1e4}
 #: Numbers below which a column holds zeros, whatever its unit: no sensor resolves them, filters that
 #: fade out leave them, and squares of far smaller ones are zero where they are not.

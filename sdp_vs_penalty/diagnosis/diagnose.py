@@ -18,14 +18,13 @@ from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
-from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.known_load import independent_gains
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
-from sdp_vs_penalty.estimators.estimator import Progress, make_task, no_progress
-from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.noise import REPETITION
@@ -58,40 +57,40 @@ def diagnose(
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """
-    estimate = as_estimate(estimate, "diagnose(estimate=...)")
-    names = estimate.robot.joint_names
-    measurements = as_measurements(measurements, names=names, what="diagnose(measurements=...)")
-    if test is not None:
-        test = as_measurements(test, names=names, what="diagnose(test=...)")
-    for what, m in (("measurements", measurements), ("test run", test)):
-        if m is not None:
-            estimate.require_joints(m, what)
-    settings, whole_estimate = estimate.preprocessing.resolve(measurements), estimate
-    estimate, measurements = driven(whole_estimate, measurements)
-    if test is not None:
-        _, test = driven(whole_estimate, test)
+    given = as_estimate(estimate, "diagnose(estimate=...)")
+
+    def logged(source: Source, argument: str, what: str) -> Measurements:
+        found = as_measurements(source, names=given.robot.joint_names, what=f"diagnose({argument}=...)")
+        given.require_joints(found, what)
+        return found
+
+    recording = logged(measurements, "measurements", "measurements")
+    test = None if test is None else logged(test, "test", "test run")
+    settings = given.preprocessing.resolve(recording)
+    estimate, recording = driven(given, recording)
+
+    def windows(run: Measurements) -> Measurements:
+        return window_subsample(driven(given, run)[1], settings)
+
     progress("filtering the runs")
-    recording, whole = measurements, None
-    measurements = window_subsample(recording, settings)
-    looked = subsample_sentence(measurements, recording, "effects were searched for in")
-    test = None if test is None else window_subsample(test, settings)
-    rows = diagnosis_rows(measurements, estimate, settings)
+    searched, whole = window_subsample(recording, settings), None
+    looked = subsample_sentence(searched, recording, "effects were searched for in")
+    test = None if test is None else windows(test)
+    rows = diagnosis_rows(searched, estimate, settings)
     if noise_from is not None:
-        given = as_measurements(noise_from, names=names, what="diagnose(noise_from=...)")
-        estimate.require_joints(given, "runs for the noise")
-        _, given = driven(whole_estimate, given)
-        whole = with_estimate(segmented(window_subsample(given, settings), settings), estimate)
+        noisy = windows(logged(noise_from, "noise_from", "runs for the noise"))
+        whole = with_estimate(segmented(noisy, settings), estimate)
     progress("noise, and columns of all candidates")
     data = prepare(rows, estimate, frozen, whole)
     search = Search(data, library(data))
     search.run(progress)
     progress("held-out errors")
     unseen = None if test is None else diagnosis_rows(test, estimate, settings)
-    found = _offered(search, Judge(estimate, measurements, unseen, frozen))
+    found = _offered(search, Judge(estimate, unseen, frozen))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-    record = None if test is None else record_motion(FilteredRuns.of(measurements, settings))
+    record = None if test is None else record_motion(FilteredRuns.of(searched, settings))
     if frozen and record is not None:  # a frozen model has seen what it was identified from, too
         seen = estimate.training_motion
         record = None if seen is None else record.joined(seen)
@@ -108,9 +107,10 @@ def _offered(search: Search, judge: Judge) -> Found:
 
     def beside_model(kept: Sequence[Term], findings: Sequence[Term]) -> tuple[Estimate, Search]:
         """Findings beside the model with other constants of its own."""
-        now = adopted(first, changed(kept, first.model), judge.data) if kept else first
+        effects = with_shapes(first.model.effects, changed(kept, first.model))
+        now = replace(first, model=replace(first.model, effects=effects)) if kept else first
         found = search.limited(findings)
-        now, found = referred(found.carried(now) if own else found)
+        now, found = referred(found.carried(now) if own else found, anyway=bool(kept))
         return now, found.limited(found.terms)
 
     now, final = beside_model(own, [t for t in search.terms if not t.form.own])
@@ -174,20 +174,12 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Foun
     return replace(found, curves=tuple(out))
 
 
-def adopted(estimate: Estimate, shapes: Sequence[ShapeEstimate], measurements: Measurements) -> Estimate:
-    """The model with other shape constants, refitted by least squares."""
-    model = replace(estimate.model, effects=with_shapes(estimate.model.effects, shapes))
-    regression = compress(FilteredRuns.of(measurements, estimate.preprocessing), model)
-    theta = make_task(estimate.problem, model, regression, estimate.weighting).ols
-    return replace(estimate, model=model, theta=theta)
-
-
-def referred(search: Search) -> tuple[Estimate, Search]:
-    """Where columns refer to the model: that with the parameters that it has beside the findings, and
-    these carried on (a step of Gauss and Newton). Fitted without them it has taken a part of their
-    torque; of play in a gear 14 % of the size were left out."""
+def referred(search: Search, anyway: bool) -> tuple[Estimate, Search]:
+    """Where columns refer to the model, or ``anyway``: that with the parameters that it has beside the
+    findings, and these carried on (a step of Gauss and Newton). Fitted without them it has taken a part
+    of their torque; of play in a gear 14 % of the size were left out."""
     effects, estimate = [t.form.effect for t in search.terms], search.data.estimate
-    if not search.data.frozen and any(e.needs_torque or e.needs_links for e in effects):
+    if anyway or (not search.data.frozen and any(depends(e) for e in effects)):
         theta = refitted(search.data, effects)[0][: len(estimate.theta)]
         estimate = replace(estimate, theta=theta)
         search = search.carried(estimate)

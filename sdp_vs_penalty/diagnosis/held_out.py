@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.whitening import folds_of, model_columns, spread_columns, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
@@ -102,11 +101,10 @@ def harm(before: Array, after: Array) -> float:
 
 @dataclass(frozen=True)
 class Judge:
-    """Who has the last word: a test run, or folds by phase. first : the model as it was given; data :
-    the runs that were searched; test : the rows of a run that was not."""
+    """Who has the last word: a test run, or folds by phase. first : the model as it was given; test :
+    the rows of a run that was not searched."""
 
     first: Estimate
-    data: Measurements
     test: SegmentedRuns | None
     frozen: bool
 

@@ -155,8 +155,9 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
                 taken |= {(effect.name, j) for j in where}
     start = min(float(s.motion.t[0]) for s in rows.segments)
     warm = all(s.motion.temperature is not None for s in rows.segments)
+    motors = all(s.motion.motors is not None for s in rows.segments)
     for name, kind in effect_types().items():
-        if kind.frozen_only and not frozen:
+        if (kind.frozen_only and not frozen) or (kind.needs_motors and not motors):
             continue
         for joint in (None,) if kind.whole_robot else range(rows.n):
             key = (name, joint)

@@ -46,6 +46,11 @@ class Search:
     def judged(self, fit: Fit, form: Form) -> Term:
         return self.score.judged(fit, form, self.columns(form))
 
+    def beside(self, term: Term, others: Sequence[Term]) -> Term:
+        """A term judged anew beside others, with the rivals that it had."""
+        fit = self.score.fit(others, self.fit)
+        return replace(self.score.judged(fit, term.form, term.columns), rivals=term.rivals)
+
     def refined(self, fit: Fit, start: Term, fixed: Set[str] = frozenset()) -> Term:
         """Each continuous shape constant but the fixed ones in turn where the score is highest, on a
         lattice of its scale: the same values come back in every step of the search."""
@@ -188,9 +193,7 @@ class Search:
 
     def worth(self, group: Sequence[Term], rest: Sequence[Term]) -> float:
         """The score of terms together: of each beside the rest and those before it."""
-        fits = [self.score.fit([*rest, *group[:i]], self.fit) for i in range(len(group))]
-        pairs = zip(fits, group, strict=True)
-        return sum(self.score.judged(fit, g.form, g.columns).J for fit, g in pairs)
+        return sum(self.beside(g, [*rest, *group[:i]]).J for i, g in enumerate(group))
 
     def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
         """One term for another where that is as good and simpler, or better, or one for several; else
@@ -217,15 +220,11 @@ class Search:
     def one_effect(self, terms: Sequence[Term]) -> list[list[Term]]:
         """Groups of terms of one effect that may be one candidate that acts on all of their joints."""
         sets = {frozenset(b.joints) for b in self.library.batches if len(b.joints) > 1}
-        out = []
+        out = list[list[Term]]()
         for name in dict.fromkeys(t.key[0] for t in terms):
             same = [t for t in terms if t.key[0] == name and not t.form.own]
-            every = [*combinations(same, 2), same] if len(same) > 2 else [same]
-            out += [
-                list(g)
-                for g in every
-                if len(g) > 1 and frozenset().union(*(t.joints for t in g)) in sets
-            ]
+            every = [*combinations(same, 2), *([same] if len(same) > 2 else [])]
+            out += [list(g) for g in every if frozenset().union(*(t.joints for t in g)) in sets]
         return out
 
     @staticmethod
@@ -286,10 +285,7 @@ class Search:
         """The search with some of its terms only, each judged beside those."""
         out = Search(self.data, self.library)
         out.fit = out.score.fit(terms)
-        for t in terms:
-            beside = out.score.fit([x for x in terms if x != t], out.fit)
-            again = out.score.judged(beside, t.form, t.columns)
-            out.terms.append(replace(again, rivals=t.rivals))
+        out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
         return out
 
 

@@ -98,12 +98,8 @@ class WhiteData:
 
     def columns(self, effect: Effect) -> dict[int, Array]:
         """(M, k) white columns of an effect, of each joint whose torque it changes."""
-        out = dict[int, Array]()
-        for block in self.rows.blocks(effect):
-            full = filled(block.columns, block.parameters, len(effect.parameters))
-            white = self.white(full, block.joint)
-            out[block.joint] = out[block.joint] + white if block.joint in out else white
-        return out
+        wide = spread_columns(self.rows, effect)
+        return {b.joint: self.white(wide[b.joint], b.joint) for b in self.rows.blocks(effect)}
 
 
 def cluster_sums(clusters: Sequence[NDArray[np.intp]], scores: Array) -> Iterator[Array]:

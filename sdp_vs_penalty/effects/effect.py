@@ -100,6 +100,8 @@ class Effect(ABC):
     needs_temperature: bool = False
     #: True where the columns need Motion.command.
     needs_command: ClassVar[bool] = False
+    #: True where the columns need Motion.motors.
+    needs_motors: ClassVar[bool] = False
 
     #: When the model runs forward: a torque, the measuring channel's (:meth:`undone`), what drives the
     #: joints, or nothing.
@@ -364,7 +366,7 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
     """Whether the torque changes with the joints' position, or velocity, or not at all, and with nothing
     else."""
     other = effect.needs_torque or effect.needs_links or effect.needs_temperature
-    if other or effect.needs_command or effect.has_memory:
+    if other or effect.needs_command or effect.needs_motors or effect.has_memory:
         return False
     own = np.random.default_rng(0).normal(size=(3, effect.robot.n))
 

@@ -141,6 +141,25 @@ class RotorInertia(JointEffect):
         return motion.ddq[:, joint]
 
 
+class MotorInertia(JointEffect):
+    equation = "I_m (ddq_m - ddq), q_m the motor's position on the joint's side of the gear"
+    explanation = (
+        "Where motor and link have encoders of their own (columns qmot1..qmotn) it is measured what the "
+        "gear yields: the rotor's inertia acts on the motor's acceleration. With the link's it is "
+        "rotor_inertia, which the links often absorb; this is the rest, which they cannot."
+    )
+    reference = "Albu-Schaeffer, Hirzinger, IEEE ICRA 2001 (both sides measured); Spong 1987"
+    symbol = "I_m"
+    units = ("kg*m^2", "kg")
+    lower = 0.0
+    signless = True
+    needs_motors = True
+    forward = "left out"  # a motor that moves by itself
+
+    def column(self, motion: Motion, joint: int) -> Array:
+        return motion.motor_acceleration[:, joint] - motion.ddq[:, joint]
+
+
 class BaseTilt(Effect):
     equation = "g_1 dID/dg_1 + g_2 dID/dg_2"
     explanation = (

@@ -118,6 +118,8 @@ class Motion:
     #: same instant.
     command: Command | None = None
     sum: Array | None = None
+    #: (N, n) accelerations of the motors on their joints' side of the gear, where the log holds both.
+    motors: Array | None = None
 
     @property
     def told(self) -> Command:
@@ -134,9 +136,14 @@ class Motion:
         """``temperature``; InputError where the measurements hold none."""
         return _logged(self.temperature, "temperatures", "temp1..tempn")
 
+    @property
+    def motor_acceleration(self) -> Array:
+        """``motors``; InputError where the measurements hold none."""
+        return _logged(self.motors, "positions of motors", "qmot1..qmotn")
+
     def part(self, which: slice) -> Motion:
         """Consecutive ones of these instants."""
-        arrays = ("t", "q", "dq", "ddq", "torque", "temperature", "sum")
+        arrays = ("t", "q", "dq", "ddq", "torque", "temperature", "sum", "motors")
         known: dict[str, Any] = {k: x[which] for k in arrays if (x := getattr(self, k)) is not None}
         return replace(self, **known)
 

@@ -164,7 +164,7 @@ class RunFilter:
         reach = [self.stride * self.coarse.half, self.smooth_stride * self.smooth.half]
         first, last = at[0] - max(reach), at[-1] + max(reach)
         step = 1 if (self.stride | self.smooth_stride) % 2 else 2  # of the samples that are read below
-        states = self._states(part, first, last, step)
+        states = self._states(part, part.q, first, last, step)
         end, (own, smooth) = (last - first) // step + 1, ((max(reach) - r) // step for r in reach)
         grid = [x[own : end - own : self.stride // step] for x in states]
         fine = self.motion(part, at[0] - reach[0], at[-1] + reach[0], grid)
@@ -172,24 +172,28 @@ class RunFilter:
         clock = part.clock(np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride))
         return fine, Motion(clock, q, dq, ddq)
 
-    def _states(self, part: Stretch, first: int, last: int, step: int) -> tuple[Array, Array, Array]:
-        around = part.resampled(part.q, first - self.state.half, last + 1 + self.state.half)
+    def _states(
+        self, part: Stretch, q: Array, first: int, last: int, step: int
+    ) -> tuple[Array, Array, Array]:
+        around = part.resampled(q, first - self.state.half, last + 1 + self.state.half)
         return self.state.states(around, step)
 
     def motion(
         self, part: Stretch, first: int, last: int, states: Sequence[Array] | None = None
     ) -> Motion:
         """On the column grid from the log's sample ``first`` to ``last``; states : there, if known."""
-        q, dq, ddq = states or [x[:: self.stride] for x in self._states(part, first, last, 1)]
+        q, dq, ddq = states or [x[:: self.stride] for x in self._states(part, part.q, first, last, 1)]
         clock = part.clock(np.arange(first, last + 1, self.stride))
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
             warm = part.resampled(warm, first, last + 1)[:: self.stride]
-        command = path = None
+        command = path = motors = None
         if part.qcmd is not None:
             command, path = self._command(part, first, last)
-        within = Sampling(self.stride, self.dt)
-        return Motion(clock, q, dq, ddq, within=within, temperature=warm, command=command, sum=path)
+        if part.qmot is not None:
+            motors = self._states(part, part.qmot, first, last, 1)[2][:: self.stride]
+        motion = Motion(clock, q, dq, ddq, temperature=warm, command=command, sum=path, motors=motors)
+        return replace(motion, within=Sampling(self.stride, self.dt))
 
     def _command(self, part: Stretch, first: int, last: int) -> tuple[Command, Array]:
         """What the drives were told, from a longest delay before sample ``first`` on, and the integral

@@ -105,6 +105,7 @@ class Stretch:
     temperature: Array | None = None
     qcmd: Array | None = None
     sum: Array | None = None
+    qmot: Array | None = None
 
     @property
     def count(self) -> int:
@@ -149,8 +150,8 @@ def stretches(run: Measurements) -> Iterator[Stretch]:
     for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
         if stop - start >= 2:
             part = run.rows(slice(start, stop))
-            told, path = (part.commanded.get(name) for name in ("qcmd", "isum"))
-            yield Stretch(part.t, part.q, part.tau, dt, part.temperature, told, path)
+            told = (part.commanded.get(name) for name in ("qcmd", "isum", "qmot"))
+            yield Stretch(part.t, part.q, part.tau, dt, part.temperature, *told)
 
 
 def no_motion(run: Measurements) -> InputError:

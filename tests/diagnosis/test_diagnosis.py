@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_runs import small_run
 
 from sdp_vs_penalty import (
     Estimate,
@@ -17,7 +18,7 @@ from sdp_vs_penalty import (
     load_estimate,
     load_problem,
 )
-from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
@@ -272,3 +273,24 @@ def test_what_would_hide_nothing_is_said(panda):
     """Joint 1 turns about the vertical: where its links stand makes no difference to gravity."""
     with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):
         hidden_runs(panda, [("joint_zero_error", [0])], "strong", seed=1, count=1)
+
+
+def test_a_rotor_is_weighed_where_motor_and_link_have_encoders(tmp_path):
+    """By what the gear yields beside the links' motion; nothing of the kind is found in a log of one
+    side, and it survives being added and a run without it."""
+    run = small_run(problem := load_problem("two_link"), 30.0)
+    w, tau = 2.0 * np.pi * 1.3, run.tau.copy()
+    yielded = 0.02 * np.sin(w * run.t)
+    tau[:, 1] -= 0.4 * w**2 * yielded
+    both = replace(run, tau=tau, commanded={"qmot": run.q + np.outer(yielded, [0.0, 1.0])})
+    save(both, tmp_path / "both.csv")
+    estimate = identify(problem, both, "ols")
+    found = diagnose(estimate, tmp_path / "both.csv")
+    assert [(f.effect, f.joints) for f in found.effects[:1]] == [("motor_inertia", (2,))]
+    assert found.effects[0].size == pytest.approx(0.4, rel=0.05)
+    bigger = add(estimate, "motor_inertia:2", both)
+    assert compare(bigger, both)[0].rmse[1] < 0.2 * compare(estimate, both)[0].rmse[1]
+    one_side = replace(both, commanded={})
+    assert all(f.effect != "motor_inertia" for f in diagnose(estimate, one_side).effects)
+    with pytest.raises(InputError, match="qmot1"):
+        compare(bigger, one_side)

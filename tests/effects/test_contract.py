@@ -42,7 +42,8 @@ def to_and_fro(robot: Robot) -> Motion:
     friction = 0.5 * np.tanh(motion.dq / 0.1)
     torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + friction
     warm = np.full_like(motion.q, 30.0)
-    return told(replace(motion, torque=torque, current=CurrentModel(robot, links), temperature=warm))
+    seen = {"temperature": warm, "motors": 1.2 * motion.ddq}
+    return told(replace(motion, torque=torque, current=CurrentModel(robot, links), **seen))
 
 
 @EVERY_EFFECT
@@ -123,6 +124,7 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
         parts = (motion.t, motion.q, motion.dq, motion.ddq, motion.torque)
         warm = motion.joint_temperature[index]
         more = {"temperature": warm, "command": motion.command, "sum": motion.integral[index]}
+        more["motors"] = motion.motor_acceleration[index]
         return Motion(*(x[index] for x in parts), motion.current, **more)
 
     shuffled = np.random.default_rng(1).permutation(len(motion.t))
@@ -156,9 +158,9 @@ def test_what_an_effect_needs_is_what_it_declares(name):
     warmer = replace(motion, temperature=motion.joint_temperature + 5.0)
     for effect in variants(name, robot):
         columns = wide_columns(effect, motion)
-        other = effect.needs_temperature or effect.needs_command
+        other = effect.needs_temperature or effect.needs_command or effect.needs_motors
         if effect.needs_torque or effect.needs_links or other:
-            missing = r"needs Motion\.(torque|current)|no (temperatures|commands)"
+            missing = r"needs Motion\.(torque|current)|no (temperatures|commands|positions)"
             with pytest.raises(ValueError, match=missing):
                 effect.blocks(bare)
         else:
@@ -169,6 +171,7 @@ def test_what_an_effect_needs_is_what_it_declares(name):
             (later, "follows_clock"),
             (warmer, "needs_temperature"),
             (farther, "needs_command"),
+            (replace(motion, motors=motion.q), "needs_motors"),
         ):
             declared = getattr(effect, word)
             changed = not np.allclose(wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12)

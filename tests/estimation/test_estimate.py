@@ -68,14 +68,14 @@ def test_a_model_with_every_effect_survives(two_link, tmp_path):
     every = [name for name, kind in own.items() if not kind.frozen_only]
     texts = [f"{n}@d=0.02" if n == "presliding_hysteresis" else n for n in every]
     run = noisy_run(two_link, 2)
-    run = replace(run, temperature=20.0 + run.t[:, None] * [1.0, 2.0])
+    run = replace(run, temperature=20.0 + run.t[:, None] * [1.0, 2.0], commanded={"qmot": 1.1 * run.q})
     estimate = identify(two_link, run, "ols", effects=texts)
     # One of them a joint where a constant is estimated joint by joint.
     assert list(dict.fromkeys(e.name for e in estimate.model.effects)) == every
     estimate.save(tmp_path / "model.json")
     again = load_estimate(tmp_path / "model.json")
     motion = sines(np.random.default_rng(1), 2, np.arange(0.0, 3.0, 0.01))
-    motion = replace(motion, temperature=np.full_like(motion.q, 25.0))
+    motion = replace(motion, temperature=np.full_like(motion.q, 25.0), motors=1.1 * motion.ddq)
     assert_same_estimate(estimate, again, motion)
     hysteresis = next(e for e in again.model.effects if e.name == "presliding_hysteresis")
     assert hysteresis.shape == {"d": 0.02}

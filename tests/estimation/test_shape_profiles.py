@@ -89,7 +89,7 @@ def motion_of(problem: Problem) -> Motion:
     states = trajectory.states(t)
     current = CurrentModel(problem.robot, problem.nominal_links)
     torque, warm = 1.0 + 0.5 * states[0], np.stack([20.0 + t, 30.0 - t], axis=1)
-    return Motion(t, *states, torque, current, temperature=warm)
+    return Motion(t, *states, torque, current, temperature=warm, motors=1.2 * states[2])
 
 
 def torque(effect: Effect, theta: np.ndarray, motion: Motion) -> np.ndarray:

@@ -63,7 +63,7 @@ def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
     links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
     torque = robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * np.sign(dq) + 0.1 * dq
     warm = 20.0 + 300.0 * np.outer(t, 1.0 + np.arange(robot.n))
-    moved = Motion(t, q, dq, ddq, torque, CurrentModel(robot, links), temperature=warm)
+    moved = Motion(t, q, dq, ddq, torque, CurrentModel(robot, links), temperature=warm, motors=1.2 * ddq)
     return told(moved)
 
 
@@ -179,6 +179,7 @@ def _rewritten(
         temperature=motion.temperature,
         command=Command(*moved(motion.told), motion.told.sum * position * s),
         sum=motion.integral * position * s,
+        motors=motion.motor_acceleration * position / s**2,
     )
 
 

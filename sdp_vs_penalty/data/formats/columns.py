@@ -19,8 +19,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: The header of RUN.csv, in words.
 HEADER = (
-    "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too; without tau: "
-    "qcmd1..qcmdn, the commanded positions)"
+    "t,q1..qn,dq1..dqn,tau1..taun (dq optional; temp1..tempn, degrees Celsius, too, and qmot1..qmotn, "
+    "motors' positions where q are the links'; without tau: qcmd1..qcmdn, the commanded positions)"
 )
 
 #: The groups of columns, in the order in which they are written.

@@ -75,10 +75,6 @@ class Basis:
         """The variables as they are written."""
         return tuple(a.variable.name for a in self.axes)
 
-    @property
-    def size(self) -> int:
-        return int(np.prod([a.count for a in self.axes]))
-
     def at(self, *values: Array) -> Array:
         """(N, size) at given values of the variables."""
         return _products([axis.columns(x) for axis, x in zip(self.axes, values, strict=True)])
@@ -89,35 +85,22 @@ class Basis:
         few = [replace(a, count=2 * _PAIR // 3) if a.count == _PAIR else a for a in self.axes]
         return Basis(tuple(few))
 
-    def of_motion(self, motion: Motion) -> Array:
-        """(N, size) along a motion."""
-        return self.at(*(a.variable.along(motion) for a in self.axes))
-
-    @property
-    def roughness(self) -> Array:
-        """(size, size) the sum of that along each variable, each of unit trace."""
-        return _roughness(tuple(a.count for a in self.axes), tuple(a.is_sign for a in self.axes))
-
-    @property
-    def grid(self) -> tuple[Array, ...]:
-        """The values at which the curve is written down, per variable."""
-        return tuple(a.points for a in self.axes)
-
     @property
     def points(self) -> Array:
-        """(P, variables) all of the grid."""
-        return np.array(list(product(*self.grid)))
+        """(P, variables) the grid on which the curve is written down."""
+        return np.array(list(product(*(a.points for a in self.axes))))
 
 
 @lru_cache
-def _roughness(counts: tuple[int, ...], signs: tuple[bool, ...]) -> Array:
-    """Of second differences of the coefficients (Eilers, Marx 1996). Where splines are many, also of
+def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
+    """(size, size) the sum of that along each variable, so many splines or a sign, of unit trace each:
+    of second differences of the coefficients (Eilers, Marx 1996). Where splines are many, also of
     first ones, as large as they are for a wave as long as the range: where few measurements lie, such a
     curve levels off instead of going on straight. None along a sign."""
-    size = int(np.prod(counts))
-    out = np.zeros((size, size))
-    for k, count in enumerate(counts):
-        if not signs[k]:
+    counts = [count for count, _ in axes]
+    out = np.zeros((int(np.prod(counts)),) * 2)
+    for k, (count, is_sign) in enumerate(axes):
+        if not is_sign:
             first, second = (np.diff(np.eye(count), d, axis=0) for d in (1, 2))
             level = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
             own = second.T @ second + level * first.T @ first
@@ -198,7 +181,7 @@ class Variables:
 
     def exact(self, basis: Basis) -> Array:
         """(M, size) filtered splines."""
-        return self._filtered(basis.of_motion)
+        return self.of_law(basis, lambda x: basis.at(*x.T))
 
     def of_law(self, basis: Basis, law: Callable[[Array], Array]) -> Array:
         """(M, m) filtered columns of a law, which says them at points (P, v)."""
@@ -211,7 +194,8 @@ class Variables:
     def met(self, basis: Basis, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Of all points of a basis's grid, those near which some of the rows (M,) lie."""
         near = [np.ones((int(which.sum()), 1))]
-        for axis, points in zip(basis.axes, basis.grid, strict=True):
+        for axis in basis.axes:
+            points = axis.points
             step = (points[-1] - points[0]) / (len(points) - 1)
             reach = 0.2 if axis.is_sign else 1.001 * step
             own = np.abs(self.on_rows(axis.variable)[which, None] - points) <= reach
@@ -225,13 +209,12 @@ _WEIGHTS = 10.0 ** np.arange(-5.0, 5.5, 1.0)
 
 @dataclass(frozen=True)
 class Columns:
-    """Weighted white columns z (M, k) of a joint beside a fit: C = Q'z (r, k), D (k, k), s (k,), raw =
-    z'z; count : rows of the joint, v : how many of them are worth one."""
+    """Weighted white columns z (M, k) of a joint beside a fit: D (k, k), s (k,), raw = z'z; count : rows
+    of the joint, v : how many of them are worth one."""
 
     fit: Fit
     joint: int
     z: Array
-    C: Array
     D: Array
     s: Array
     raw: Array
@@ -251,7 +234,7 @@ class Columns:
             c = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
             v = score.worth_of_one(T, fit.residual - T @ c, inverse, freedom)
-        return cls(fit, joint, z, C, D, s, raw, count, v + count / ALPHA)
+        return cls(fit, joint, z, D, s, raw, count, v + count / ALPHA)
 
     def score(self, drop: Array, freedom: Array, looked: int) -> Array:
         """The score of what takes ``drop`` (...) of the weighted squared error with so much freedom
@@ -325,7 +308,7 @@ class SplineFit:
 def smoothed(basis: Basis, raw: Array, columns: Columns, looked: int) -> SplineFit:
     """The curve with the roughness that scores most."""
     own = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(columns.raw) * np.eye(len(columns.s))
-    rough = np.trace(columns.raw) * basis.roughness
+    rough = _roughness(tuple((a.count, a.is_sign) for a in basis.axes)) * np.trace(columns.raw)
     # In a basis in which all but the data's part of D are diagonal, for any weight.
     values, V = scipy.linalg.eigh(rough, columns.D + own, check_finite=False)
     D, s = V.T @ columns.D @ V, V.T @ columns.s
