@@ -53,20 +53,11 @@ def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None 
     return Estimate(random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings)
 
 
-def emps() -> Robot:
-    """One prismatic axis, like the EMPS."""
-    axis = np.array([1.0, 0.0, 0.0])
-    joint = random_robots.Joint("axis", "prismatic", -1, np.eye(4), axis, np.eye(4), -0.3, 0.3)
-    return Robot("emps", (joint,))
-
-
 def robots(tmp_path: Path) -> dict[str, Robot]:
     tree = tmp_path / "tree.urdf"
     tree.write_bytes(TREE.encode())
     return {
-        "panda": load_problem("panda").robot,
-        "two_link": load_problem("two_link").robot,
-        "emps": emps(),
+        **{name: load_problem(name).robot for name in ("panda", "two_link", "emps")},
         "tree": load_urdf(tree)[0],
         "random": random_robots.tree(np.random.default_rng(5), 6, link_frames=True),
     }
@@ -364,7 +355,7 @@ def test_inconsistent_inertials_are_refused(suffix, tmp_path):
 
 
 def test_other_refusals(tmp_path):
-    estimate = estimate_of(emps(), "viscous_friction", 0)
+    estimate = estimate_of(load_problem("emps").robot, "viscous_friction", 0)
     with pytest.raises(InputError, match="suffix"):
         export(estimate, tmp_path / "out.stl")
     with pytest.raises(InputError, match="rigid_body"):

@@ -3,7 +3,6 @@
 import base64
 import gzip
 import re
-import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -163,16 +162,15 @@ def test_it_draws_in_chromium(made, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
 def test_joints_are_zoomed_together_and_far_figures_wait(made, tmp_path):
-    playwright = pytest.importorskip("playwright.sync_api")
+    from page_driver import browsing  # which skips without Chromium
+
     path = tmp_path / "report.html"
     path.write_text(made[2])
     script = re.findall(r'id="plotly">(.*?)</script>', made[2])[0]
     read = gzip.decompress(base64.b64decode(script))
     assert b"root.moduleName = factory" not in read  # the function that a browser would read twice
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=shutil.which("chromium"))
+    with browsing() as browser:
         page = browser.new_page(viewport={"width": 1000, "height": 1200})
         page.goto(path.as_uri())
         page.wait_for_function("document.querySelectorAll('#torques .js-line').length >= 8")
@@ -185,7 +183,6 @@ def test_joints_are_zoomed_together_and_far_figures_wait(made, tmp_path):
         page.wait_for_function(f"{second}.data[1].visible === 'legendonly'")
         page.evaluate("document.querySelector('#friction').scrollIntoView()")
         page.wait_for_selector("#friction .js-plotly-plot")
-        browser.close()
 
 
 def test_measured_curves_are_drawn_with_band_and_data(made):

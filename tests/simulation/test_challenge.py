@@ -2,7 +2,6 @@
 
 import ast
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,12 @@ import pytest
 from challenge import judge
 from challenge import worlds as challenged
 from challenge.cases import CLASSES, EFFECTS, USUAL, Case, run_case, wanted
-from challenge.worlds.conditions import NUISANCES, Conditions, draw_conditions, fair
-from challenge.worlds.motion import driven, plan
-from challenge.worlds.runs import draw_motion, draw_world, log_run
+from challenge.worlds.conditions import NUISANCES
 
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.hidden import FROZEN
-from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, bristles
+from sdp_vs_penalty.simulation.worlds.world import DryFriction, bristles
 
 RESULTS = Path(__file__).parents[2] / "results"
 
@@ -162,41 +159,3 @@ def test_lugre_slides_at_the_stribeck_level():
     for speed in (0.01, 0.05, -0.4):
         level = np.sign(speed) * (1.0 + 0.3 * np.exp(-((speed / 0.05) ** 2)))
         assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(level, rel=1e-4)
-
-
-def test_a_driven_joint_sticks_and_friction_holds_it_below_the_coulomb_torque():
-    """Between two moves; what moves follows the plan, and its rates are the derivatives."""
-    world = draw_world(Conditions("scara", law="sign", servo=True), np.random.default_rng(2))
-    t = np.arange(0.0, 6.0, 1e-3)
-    planned = TrueMotion(t, *plan(world.arm, "points", 8.0, np.random.default_rng(5))(t))
-    m = driven(world, planned)
-    stuck = np.abs(m.dq) < 2e-6
-    assert (stuck.mean(axis=0) > 0.02).all()
-    assert np.abs(m.share[stuck]).max() <= 1.0
-    assert (np.abs(m.share[stuck]) < 0.9).mean() > 0.1
-    assert (m.share == world.share(m)).all()
-    assert np.abs(m.q - planned.q).max() < 0.02
-    assert np.abs(np.gradient(m.q, t, axis=0) - m.dq)[1:-1].max() < 0.01
-    assert np.abs(np.diff(world.torque(m), axis=0)).max() < 0.1 * np.ptp(world.torque(m))
-
-
-@pytest.mark.parametrize("name", NUISANCES)
-def test_every_nuisance_makes_runs_that_its_seed_repeats(name):
-    runs = []
-    for _ in range(2):
-        rng = np.random.default_rng(17)
-        conditions = replace(draw_conditions(name, rng), duration=8.0)
-        world = draw_world(conditions, rng)
-        runs.append(log_run(world, draw_motion(world, 1, rng), rng))
-    (first, second), run = runs, runs[0].run
-    assert run.data_hash == second.run.data_hash
-    rate = conditions.channel.rate
-    assert run.samples == round(8.0 * rate)
-    assert np.diff(run.t) == pytest.approx(1.0 / rate)
-    assert np.isfinite(run.tau).all()
-    assert (run.dq is not None) == (conditions.channel.speed_noise is not None)
-    noise = (run.tau - first.ideal.tau).std(axis=0)
-    assert noise == pytest.approx(conditions.noise.level * world.arm.noise, rel=0.25)
-    effects, abstains = fair(conditions)
-    assert effects >= set(NUISANCES[name].fair)
-    assert name == "mixed" or abstains == NUISANCES[name].abstains
