@@ -74,20 +74,15 @@ def nameable(path: Path) -> bool:
     return True
 
 
-def _regular(path: Path, found: os.stat_result, largest: int) -> None:
+def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
     """InputError unless it is a file that may be read whole."""
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(mode):
         raise InputError("is a folder", "name a file", path)
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(mode):
         raise InputError("is no regular file (a device, a pipe or a socket)", "save it to a file", path)
-    if found.st_size > largest:
-        raise too_large(path, largest)
-
-
-def too_large(path: Path, largest: int) -> InputError:
-    """The error of a file of more bytes than its kind has."""
-    size = f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
-    return InputError(f"larger than {size}", "name a smaller file, or cut it", path)
+    if size > largest:
+        most = f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
+        raise InputError(f"larger than {most}", "name a smaller file, or cut it", path)
 
 
 @contextmanager
@@ -104,7 +99,7 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
     except (OSError, ValueError) as error:
         raise unreadable(error, path) from error
     for file, found in zip(files, states, strict=True):
-        _regular(file, found, largest)
+        _bounded(file, found.st_mode, found.st_size, largest)
     opened(path)
     room = _ROOM + _PER_BYTE * sum(found.st_size for found in states)
     try:
@@ -151,18 +146,15 @@ def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False)
     try:
         # Opened before it is looked at, so that it cannot change in between; a pipe does not wait.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-        try:
-            _regular(path, os.fstat(handle), largest)
-            with open(handle, "rb", closefd=False) as file:
-                content = file.read(largest + 1)  # some files of the system state no size
-        finally:
-            os.close(handle)
+        with open(handle, "rb") as file:
+            found = os.fstat(handle)
+            _bounded(path, found.st_mode, found.st_size, largest)
+            content = file.read(largest + 1)  # some files of the system state no size
+        _bounded(path, found.st_mode, len(content), largest)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise unreadable(error, path) from error
-    if len(content) > largest:
-        raise too_large(path, largest)
     if not own:
         opened(path)
     return content
@@ -220,15 +212,8 @@ def _built(
         raise error if isinstance(error.where, Path) else error.within(path) from error
     except KeyError as error:
         raise InputError(f"the field {error.args[0]!r} is missing", else_, path) from error
-    except (
-        AttributeError,
-        ArithmeticError,
-        LookupError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ) as error:
-        raise InputError(f"a field has the wrong content ({error})", else_, path) from error
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as why:
+        raise InputError(f"a field has the wrong content ({why})", else_, path) from why
 
 
 @contextmanager
@@ -279,14 +264,20 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 def _replacing(path: Path) -> Iterator[BinaryIO]:
     """The new file whole under a name of its own, on the disk, and only then under the old name."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    _remove_leftovers(path)
+    prefix, end = f".{path.name[:100]}.", ".part"
+    # What a writer that was killed has left: its name tells its process, which is no more.
+    for file in path.parent.glob(f"{glob.escape(prefix)}*{end}"):
+        number = file.name.removeprefix(prefix).split(".")[0]
+        if number.isdigit() and not lives(int(number)):
+            with suppress(OSError):
+                file.unlink()
     umask = os.umask(0)
     os.umask(umask)
-    handle, temporary = tempfile.mkstemp(_PART, f"{_prefix(path)}{os.getpid()}.", path.parent)
+    handle, temporary = tempfile.mkstemp(end, f"{prefix}{os.getpid()}.", path.parent)
     try:
         try:
-            with open(handle, "wb", closefd=False) as file:
-                yield file
+            with open(handle, "wb", closefd=False) as part:
+                yield part
             os.fchmod(handle, 0o666 & ~umask)
             os.fsync(handle)
         finally:
@@ -296,24 +287,12 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
         with suppress(OSError):
             os.unlink(temporary)
         raise
-    _sync_folder(path.parent)
-
-
-#: End of the names of files that are being written.
-_PART = ".part"
-
-
-def _prefix(path: Path) -> str:
-    return f".{path.name[:100]}."
-
-
-def _remove_leftovers(path: Path) -> None:
-    """What a writer that was killed has left: its name tells its process, which is no more."""
-    for file in path.parent.glob(f"{glob.escape(_prefix(path))}*{_PART}"):
-        number = file.name.removeprefix(_prefix(path)).split(".")[0]
-        if number.isdigit() and not lives(int(number)):
-            with suppress(OSError):
-                file.unlink()
+    with suppress(OSError):  # the new name on the disk as well; not every file system can
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def lives(process: int) -> bool:
@@ -325,16 +304,6 @@ def lives(process: int) -> bool:
     except OSError:
         return True  # somebody else's
     return True
-
-
-def _sync_folder(folder: Path) -> None:
-    """The new name on the disk as well; not every file system can."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 @contextmanager

@@ -12,12 +12,10 @@ Summary = tuple[str, Sequence[tuple[str, str]]]
 #: Headings, and rows of cells.
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
-#: Lines and characters of a line that a repr has at most.
-_LINES, _WIDTH = 5, 110
-
 
 class Shown:
-    """A result with a repr of at most five lines and an HTML form; subclasses define ``_summary``."""
+    """A result with a repr of at most five lines, which fit a terminal, and an HTML form; subclasses
+    define ``_summary``."""
 
     def _summary(self) -> Summary:
         raise NotImplementedError
@@ -28,8 +26,8 @@ class Shown:
 
     def __repr__(self) -> str:
         title, rows = self._summary()
-        lines = (f"  {name}: {text}" for name, text in rows[: _LINES - 1])
-        return "\n".join([title, *(x if len(x) <= _WIDTH else f"{x[: _WIDTH - 3]}..." for x in lines)])
+        lines = (f"  {name}: {text}" for name, text in rows[:4])
+        return "\n".join([title, *(x if len(x) <= 110 else f"{x[:107]}..." for x in lines)])
 
     def _repr_html_(self) -> str:
         title, rows = self._summary()

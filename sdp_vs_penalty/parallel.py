@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from multiprocessing import get_context
 from multiprocessing.connection import wait
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from sdp_vs_penalty.errors import InputError, missing_extra
 
@@ -57,7 +57,7 @@ def spread(
             shared.set(serialize_bytes(function))
             # A task that ran when its worker died is started again on another one.
             batches = _batches(list(items), sum(client.nthreads().values()))
-            futures = client.map(_Shared(shared.name), batches, pure=False, retries=_RETRIES)
+            futures = client.map(partial(_each, shared.name), batches, pure=False, retries=_RETRIES)
             for future in as_completed(futures):
                 yield from future.result()
         except (CancelledError, CommClosedError, KilledWorker) as error:
@@ -69,19 +69,14 @@ def spread(
             shared.delete()
 
 
-@dataclass(frozen=True)
-class _Shared:
+def _each(name: str, items: Sequence[Any]) -> list[Any]:
     """What a variable of the scheduler's holds, applied to each item of a batch.
 
     No worker holds it for others, as they hold scattered values: where such a holder is killed, Dask
     waits for ever.
     """
-
-    name: str
-
-    def __call__(self, items: Sequence[Any]) -> list[Any]:
-        function = _fetched(self.name)
-        return [function(item) for item in items]
+    function = _fetched(name)
+    return [function(item) for item in items]
 
 
 @lru_cache(maxsize=1)
@@ -161,15 +156,10 @@ def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
         line.send(answer)
 
 
-@dataclass(frozen=True)
-class Numbered(Generic[Item, Result]):
-    """A function whose items come with a number, which its results keep."""
-
-    function: Callable[[Item], Result]
-
-    def __call__(self, item: tuple[int, Item]) -> tuple[int, Result]:
-        number, own = item
-        return number, self.function(own)
+def _numbered(function: Callable[[Item], Result], item: tuple[int, Item]) -> tuple[int, Result]:
+    """The result of an item that comes with a number."""
+    number, own = item
+    return number, function(own)
 
 
 @dataclass(frozen=True)
@@ -185,7 +175,7 @@ class Workers:
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Results in the order of the items, however they come; errors as of :func:`spread`."""
-        todo, work = list(items), Numbered(function)
+        todo, work = list(items), partial(_numbered, function)
         found: dict[int, Result] = {}
         results: Iterable[tuple[int, Result]] = map(work, enumerate(todo))
         if self.scheduler is not None or min(self.jobs, len(todo)) > 1:

@@ -168,23 +168,22 @@ SIMULATED = ("qsim", "isim", "isum")
 #: [encoder counts], tau [mN m], temp [degrees].
 LARGEST_VALUE = dict.fromkeys(("q", "dq", "qcmd", "dqcmd", "current", "voltage", "qmot"), 1e9)
 LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {"t": 1e20, "temp": 1e4}
-#: Numbers below which a column holds zeros, whatever its unit: no sensor resolves them, filters that
-#: fade out leave them, and squares of far smaller ones are zero where they are not.
-SMALLEST_VALUE = 1e-30
 
 
 def without_traces(measured: Measurements) -> Measurements:
     """The same with zeros for numbers that are none but in the computer's arithmetic (5e-324): with
-    :data:`LARGEST_VALUE` the one place that keeps squares and quotients of samples within range."""
+    :data:`LARGEST_VALUE` the one place that keeps squares and quotients of samples within range.
 
-    def traces(x: Array) -> NDArray[np.bool_]:
-        return (np.abs(x) < SMALLEST_VALUE) & (x != 0.0)
-
-    found = {"t": measured.t, **measured.groups}
-    each = ((name, any(np.any(traces(x)) for _, x in parts(block))) for name, block in found.items())
-    odd = [name for name, some in each if some]
+    Whatever the unit, no sensor resolves 1e-30, and filters that fade out leave less.
+    """
+    found, least = {"t": measured.t, **measured.groups}, 1e-30
+    odd = [
+        name
+        for name, block in found.items()
+        if any(np.any((np.abs(x) < least) & (x != 0.0)) for _, x in parts(block))
+    ]
     for name in odd:
-        found[name] = joined(np.where(traces(x), 0.0, x) for _, x in parts(found[name]))
+        found[name] = joined(np.where(np.abs(x) < least, 0.0, x) for _, x in parts(found[name]))
     return Measurements.of(found.pop("t"), found, measured.names, measured.run) if odd else measured
 
 

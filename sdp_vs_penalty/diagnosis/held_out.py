@@ -26,7 +26,7 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
     with_plausible,
 )
-from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
+from sdp_vs_penalty.regression.regression import Factor, Regression, triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -134,8 +134,7 @@ class Judge:
             every = np.arange(len(parameters))
             pairs = zip(triangles, parts, strict=True)
             factors = tuple(Factor(j, 0, every, x, len(part)) for j, (x, part) in enumerate(pairs))
-            block = (TimeBlock(0, 0.0, 0.0),)
-            train = Regression(parameters, rows.n, block, factors, oversampling=1.0)
+            train = Regression(parameters, rows.n, ((0, 0.0, 0.0),), factors, oversampling=1.0)
             return Split(tuple(effects), train, there, counts)
 
         whole = table(rows, effects)

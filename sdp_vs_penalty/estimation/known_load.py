@@ -132,8 +132,8 @@ def _linearised(
     factors, blocks, run, size, n = list[Factor](), list[TimeBlock](), 0, len(x), len(log_gain)
     for k, (regression, mass) in enumerate(parts):
         first = len(blocks)
-        blocks += [replace(b, run=b.run + run) for b in regression.blocks]
-        run = 1 + max(b.run for b in blocks)
+        blocks += [(of + run, start, stop) for of, start, stop in regression.blocks]
+        run = 1 + max(k for k, *_ in blocks)
         for f in regression.factors:
             columns = np.exp(log_gain[f.joint]) * f.triangle[:, :-1]
             known = f.indices == p  # the load's mass comes first of its ten parameters

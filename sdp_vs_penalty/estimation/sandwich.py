@@ -177,8 +177,7 @@ def white_variance(data: LeastSquares, oversampling: float) -> float:
 
 def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
     """(B, B) the triangular window over the blocks of each run, at most half a run long."""
-    places = [(b.run, b.start, b.stop) for b in regression.blocks]
-    runs, starts, stops = np.array(places, float).reshape(-1, 3).T
+    runs, starts, stops = np.array(regression.blocks, float).reshape(-1, 3).T
     rows = max(int(regression.joint_rows().max(initial=0)), 1)
     # Scores of noise with the correlation time T have 2 T / interval times the variance of white rows.
     interval = float(np.sum(stops - starts)) * regression.oversampling / rows

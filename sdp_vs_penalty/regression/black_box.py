@@ -21,7 +21,7 @@ from sdp_vs_penalty.data.formats.npz import numeric_arrays
 from sdp_vs_penalty.data.store import digest
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
-from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, triangular
+from sdp_vs_penalty.regression.regression import Factor, Regression, triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -135,4 +135,4 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
             for rows, values in [(gravity, box.gravity[:, joint]), *sides]
         ]
         factors.append(Factor(joint, 0, columns, triangular(stack), sum(map(len, stack))))
-    return Regression(model.parameters, n, (TimeBlock(0, 0.0, 0.0),), tuple(factors), oversampling=1.0)
+    return Regression(model.parameters, n, ((0, 0.0, 0.0),), tuple(factors), oversampling=1.0)

@@ -32,13 +32,6 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 
-#: Directions of theta in which the instruments' columns, of unit norm, are shorter than this share of
-#: the longest are not told: noise of X alone would decide them.
-_RANK = 1e-6
-#: Passes in which joints are weighted by their residuals, and the model's own errors are worked out.
-_PASSES = 4
-
-
 #: One joint's rows in one block: the joint, the parameters (k,) of Z and X, and both with their torques,
 #: which differ where parameters are known: (r, k + 1) [Z, tau_Z] and [X, tau].
 Instrumented = tuple[int, NDArray[np.intp], Array, Array]
@@ -124,7 +117,7 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
 
     left = np.ones(model.robot.n) if theta is None else residuals(theta)
     known = np.array([q.name in model.known for q in model.parameters])
-    for _ in range(_PASSES):
+    for _ in range(4):  # in which joints' weights and the model's own errors settle
         Z = [instruments(f) for f in parts]
         weights = 1.0 / np.maximum(left, 1e-12 * (float(left.max()) or 1.0))
         zz, zx, right = np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
@@ -136,7 +129,8 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         size = np.sqrt(np.diag(zz))
         seen = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
         values, vectors = np.linalg.eigh(zz[np.ix_(seen, seen)] / np.outer(size[seen], size[seen]))
-        told = values > _RANK**2 * values.max(initial=0.0)
+        # Where the instruments' columns, of unit norm, are shorter noise of X alone would decide.
+        told = values > 1e-6**2 * values.max(initial=0.0)
         V = vectors[:, told] / size[seen, None]
         found = np.zeros(p)
         middle = V.T @ zx[np.ix_(seen, seen)] @ V

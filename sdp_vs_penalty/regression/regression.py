@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -43,13 +43,8 @@ class Factor:
     rows: int
 
 
-@dataclass(frozen=True)
-class TimeBlock:
-    """Where a block comes from: the run's index and its first and last instant [s]."""
-
-    run: int
-    start: float
-    stop: float
+#: Where a block comes from: the run's index and its first and last instant [s].
+TimeBlock: TypeAlias = tuple[int, float, float]
 
 
 @dataclass(frozen=True)
@@ -334,7 +329,7 @@ class _TimeBlocks:
         return cls(tuple(edges), tuple(np.cumsum([0, *counts[:-1]]).tolist()))
 
     @property
-    def places(self) -> list[tuple[int, float, float]]:
+    def places(self) -> list[TimeBlock]:
         return [(k, a, b) for k, own in enumerate(self.edges) for a, b in pairwise(own.tolist())]
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
@@ -346,7 +341,7 @@ class Cells(Protocol):
     or (M, n) of each joint's."""
 
     @property
-    def places(self) -> Sequence[tuple[int, float, float]]: ...
+    def places(self) -> Sequence[TimeBlock]: ...
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]: ...
 
@@ -360,7 +355,6 @@ def compress_cells(
     """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
     one = partial(_cells_of_run, model=model, folds=folds)
     found = workers.map(one, list(enumerate(runs.runs)))
-    blocks = [TimeBlock(*place) for place in folds.places]
     factors = [factor for own, _ in found for factor in own]
     rows = sum(f.rows for f in factors if f.joint == 0)
     own_errors = model.drives.any() and model.reference is not None
@@ -371,7 +365,7 @@ def compress_cells(
             for f, (own, whole) in zip(factors, made, strict=True)
         ]
     oversampling = rows / sum(samples for _, samples in found)
-    return Regression(model.parameters, model.robot.n, tuple(blocks), tuple(factors), oversampling)
+    return Regression(model.parameters, model.robot.n, tuple(folds.places), tuple(factors), oversampling)
 
 
 def _cells_of_run(

@@ -246,12 +246,13 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     continued below the motion's band through the low-pass H: floor^2 = mean over w of S |H|^2.
     None where the logs show nothing above the motion, only what a filter has left of it, or what comes
     and goes with the motion."""
-    found = torque_spectrum([s.stretch for s in runs.segments], runs.cutoff)
-    if found is None or found.smoothed or found.uneven:
+    stretches = [s.stretch for s in runs.segments]
+    found = torque_spectrum(stretches, runs.cutoff)
+    if found is None or any(found[2:]):
         return None
-    kernel = Kernel(runs.cutoff, found.part.dt)
-    frequency, size = found.frequency, max(2 * len(found.frequency) - 2, 4 * len(kernel.value))
-    response = np.abs(np.fft.rfft(kernel.value, size)) ** 2
-    passed = np.interp(frequency, np.fft.rfftfreq(size, found.part.dt), response)
-    weight = np.where((frequency > 0.0) & (frequency < 0.5 / found.part.dt), 2.0, 1.0)
-    return np.asarray(np.sqrt(found.density @ (weight * passed) / np.sum(weight)))
+    (frequency, density, *_), dt = found, stretches[0].dt
+    kernel = Kernel(runs.cutoff, dt).value
+    size = max(2 * len(frequency) - 2, 4 * len(kernel))
+    passed = np.interp(frequency, np.fft.rfftfreq(size, dt), np.abs(np.fft.rfft(kernel, size)) ** 2)
+    weight = np.where((frequency > 0.0) & (frequency < 0.5 / dt), 2.0, 1.0)
+    return np.asarray(np.sqrt(density @ (weight * passed) / np.sum(weight)))

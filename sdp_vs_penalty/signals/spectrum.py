@@ -2,7 +2,6 @@
 what is noise above the band of the motion, and whether it was smoothed before it was logged."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -108,28 +107,17 @@ def _gain(kernel: Kernel, length: int) -> Array:
     return np.asarray(np.fft.rfft(np.roll(padded, -kernel.half)).real)
 
 
-@dataclass(frozen=True)
-class TorqueSpectrum:
-    """The noise of a torque by its spectrum above the motion: a first-order autoregression
+def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> tuple[Array, Array, bool, bool] | None:
+    """The noise of the torque of some stretches above a low-pass [Hz]: a first-order autoregression
     S(w) = c / (1 + a^2 - 2 a cos(w)), fitted to the quantiles QUIET over windows of periodograms
     (friction that turns round, or a blow, spoils some windows).
 
-    part : whose rate is that of the frequencies (F,) [Hz]; density (n, F) : S, of unit mean for white
-    noise of unit variance. Unless half of some joint's amplitudes are within a factor NOISE_LIKE of it
-    the torque was ``smoothed``, as drives log currents, which says nothing of the noise below; where
-    loud windows are farther than that above quiet ones it is ``uneven``, and not noise alone.
+    Returns frequencies (F,) [Hz] at the first stretch's rate; S (n, F), of unit mean for white noise of
+    unit variance; whether it was smoothed, and whether it is uneven. Unless half of some joint's
+    amplitudes are within a factor NOISE_LIKE of S the torque was smoothed, as drives log currents, which
+    says nothing of the noise below; where loud windows are farther than that above quiet ones it is
+    uneven, and not noise alone. None where stretches are too short, or sampled too slowly, to show any.
     """
-
-    part: Stretch
-    frequency: Array
-    density: Array
-    smoothed: bool
-    uneven: bool
-
-
-def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum | None:
-    """The noise of the torque of some stretches above a low-pass [Hz]; None where they are too short, or
-    sampled too slowly, to show any."""
     if not parts:
         return None
     part = parts[0]
@@ -161,7 +149,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueSpectrum |
     away = np.median(np.abs(apart - level), axis=1).max()
     swings = np.sqrt(np.maximum(loud, powers) / powers)[band].mean(axis=0).max()
     smoothed, uneven = away > 2.0 * np.log(c.NOISE_LIKE), swings > c.NOISE_LIKE
-    return TorqueSpectrum(part, frequency, np.exp(level) * shapes[best], bool(smoothed), bool(uneven))
+    return frequency, np.exp(level) * shapes[best], bool(smoothed), bool(uneven)
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
@@ -171,7 +159,7 @@ def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
     last = 0.0
     for run in runs:
         found = torque_spectrum(parts := list(stretches(run)), cutoff)
-        if found is None or not found.smoothed:
+        if found is None or not found[2]:
             return cutoff
         longest = max(parts, key=lambda p: p.count)
         last = max(last, _last_harmonic(longest, longest.tau))

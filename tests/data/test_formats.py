@@ -259,13 +259,13 @@ def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
     values[:, 0] = np.arange(12.0)
     lines = [",".join(columns_), *(",".join(map(repr, row)) for row in values.tolist())]
     path.write_text("\n".join(lines) + "\n")
-    found = recognised(columns_, [f"{j}_joint" for j in UR])
-    assert "target" not in " ".join(found.rename.values())
-    assert found.scale.get("t") == (1e-3 if "ms" in name else None)
+    rename, scale = recognised(columns_, [f"{j}_joint" for j in UR])
+    assert "target" not in " ".join(rename.values())
+    assert scale.get("t") == (1e-3 if "ms" in name else None)
     run = load_measurements(path, joints=6, names=[f"{j}_joint" for j in UR])
     for block, ours in ((run.q, "q"), (run.tau, "tau")):
-        at = [columns_.index(found.rename[f"{ours}{j}"]) for j in range(1, 7)]
-        units = [found.scale.get(f"{ours}{j}", 1.0) for j in range(1, 7)]
+        at = [columns_.index(rename[f"{ours}{j}"]) for j in range(1, 7)]
+        units = [scale.get(f"{ours}{j}", 1.0) for j in range(1, 7)]
         np.testing.assert_allclose(block, values[:, at] * units)
 
 

@@ -14,7 +14,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.regression import BlackBox, LeastSquares, compress, load_answers
 from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows
 from sdp_vs_penalty.regression.black_box import compress_black_box
-from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock
+from sdp_vs_penalty.regression.regression import Factor, Regression
 from sdp_vs_penalty.signals import Preprocessing
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.simulation import experiment
@@ -91,9 +91,9 @@ def test_merging_blocks_equals_one_pass(seed):
     many = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=20)
     # Of 20 blocks of 0.6 s the first and the last lie in what the filters need.
     assert (len(whole.blocks), len(many.blocks)) == (1, 18)
-    assert whole.blocks == (TimeBlock(0, run.t[0], run.t[-1]),)
+    assert whole.blocks == ((0, run.t[0], run.t[-1]),)
     edges = np.linspace(run.t[0], run.t[-1], 21)
-    np.testing.assert_allclose([(b.start, b.stop) for b in many.blocks], np.c_[edges[1:-2], edges[2:-1]])
+    np.testing.assert_allclose([span for _, *span in many.blocks], np.c_[edges[1:-2], edges[2:-1]])
     assert_same_loss(whole.least_squares(), many.least_squares(), rng)
 
 
@@ -248,7 +248,7 @@ def test_a_block_that_several_runs_show_comes_once():
     rng = np.random.default_rng(0)
     parts, own = [rng.normal(size=(r, 3)) for r in (2, 3, 1)], np.arange(2)
     factors = [Factor(0, block, own, x, len(x)) for block, x in zip((0, 1, 0), parts, strict=True)]
-    blocks = (TimeBlock(0, 0.0, 1.0), TimeBlock(0, 1.0, 2.0))
+    blocks = ((0, 0.0, 1.0), (0, 1.0, 2.0))
     ((joint, indices, found, rows),) = Regression((), 1, blocks, tuple(factors)).by_joint()
     assert (joint, indices.tolist(), found.tolist()) == (0, [0, 1], [0, 1])
     both = parts[0].T @ parts[0] + parts[2].T @ parts[2]

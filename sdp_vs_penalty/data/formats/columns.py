@@ -88,7 +88,7 @@ class Header:
         """
         path, what, known = Path(path), what or str(path), ", ".join(sorted(names)) or "none"
         found = None if choice.rename else taken(path, names, choice.joints)
-        rename = expanded(choice.rename or {}, names) if found is None else found.rename
+        rename, scale = (expanded(choice.rename or {}, names), {}) if found is None else found
         for ours, theirs in rename.items():
             if theirs not in names:
                 lacking = f"no column {theirs!r} to take as {ours} (columns: {known})"
@@ -111,8 +111,7 @@ class Header:
             known_too = any(re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", name.lower()) for name in count)
             why = ". Accelerations are computed from q, with the same filter as the torque" * known_too
             warnings.warn(f"{path}: not used: {_listed(list(count))}{why}.", Remark, stacklevel=2)
-        factors = {} if found is None else {rename[ours]: x for ours, x in found.scale.items()}
-        return cls(path, groups, factors, what)
+        return cls(path, groups, {rename[ours]: x for ours, x in scale.items()}, what)
 
     def run(self, columns: Mapping[str, Array]) -> Measurements:
         """The run, or a piece of it, of columns (N,) or blocks (N, n) by the file's names.

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -54,13 +55,8 @@ UNITS: dict[str, float] = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Recognised:
-    """rename : our names (t, q1 ..., or q for a block) to the file's; scale : by our names, where it is
-    not 1."""
-
-    rename: Mapping[str, str]
-    scale: Mapping[str, float]
+#: Our names (t, q1 ..., or q for a block) to the file's; factors by our names, where they are not 1.
+Recognised: TypeAlias = tuple[dict[str, str], dict[str, float]]
 
 
 def taken(path: Path, names: Sequence[str], joints: Sequence[str] | None) -> Recognised | None:
@@ -70,8 +66,8 @@ def taken(path: Path, names: Sequence[str], joints: Sequence[str] | None) -> Rec
         return None
     found = recognised(names, joints)
     if found is not None:
-        pairs = ",".join(f"{a}={b}" for a, b in found.rename.items())
-        factors = ",".join(f"{a}={x:.6g}" for a, x in found.scale.items())
+        pairs = ",".join(f"{a}={b}" for a, b in found[0].items())
+        factors = ",".join(f"{a}={x:.6g}" for a, x in found[1].items())
         scale = f" --scale '{factors}'" if factors else ""
         said = f"{path}: columns recognised; the same by `convert {path} --rename '{pairs}'{scale}`"
         warnings.warn(said, Remark, stacklevel=2)
@@ -126,7 +122,7 @@ def recognised(names: Sequence[str], joints: Sequence[str] | None = None) -> Rec
             rename |= {f"{quantity}{'' if block else k}": n for k, n in enumerate(columns, start=1)}
     scale = {ours: read[n].factor for ours, n in rename.items() if read[n].factor != 1.0}
     torque = any(re.fullmatch("(tau|qcmd)[0-9]*", ours) for ours in rename)
-    return Recognised(rename, scale) if count and torque else None
+    return (rename, scale) if count and torque else None
 
 
 def _columns(quantity: str, read: Mapping[str, _Read], joints: Sequence[str] | None) -> list[str]:
