@@ -262,6 +262,7 @@ def test_identify_refuses_in_one_sentence(run, runs, tmp_path, arguments, words)
         (["identify", "two_link", "--out", "m.json"], ["--data"]),
         (["identify", "two_link", "--data", "nowhere.csv", "--out", "m.json"], ["nowhere.csv"]),
         (["tables", "--budget", "endless"], ["endless", "quick", "paper"]),
+        (["tables", "III", "--all"], ["--all makes every table"]),
         (["shootout", "--solvers", "gurobi"], ["solver 'gurobi' is unknown: there are: clarabel"]),
         (["shootout", "--problems", "pandas"], ["'pandas' is unknown"]),
         (["shootout", "--accuracy", "small"], ["--accuracy 'small'"]),

@@ -2,9 +2,11 @@
 
 import base64
 import gzip
+import json
 import re
 import tempfile
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +83,25 @@ def figures_of(html: str) -> list[str]:
     """What the figures hold, unpacked."""
     found = re.findall(r'<script type="application/gzip">(.*?)</script>', html)
     return [gzip.decompress(base64.b64decode(text)).decode() for text in found]
+
+
+def numbers(packed: Any) -> np.ndarray:
+    """An array of a figure, as plotly's script reads it."""
+    return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
+
+
+def test_curves_of_figures_are_whole_and_bands_lie_about_them(made):
+    bands = 0
+    for drawn in figures_of(made[2]):
+        flat = [trace for trace in json.loads(drawn)["data"] if trace["type"] == "scatter"]
+        for before, trace in pairwise(flat):
+            x, y = numbers(trace["x"]), numbers(trace["y"])
+            assert len(x) == len(y) > 1
+            assert np.all(np.isfinite(y))
+            if trace.get("fill") == "tonexty":
+                bands += 1
+                assert np.all(numbers(before["y"]) > y)
+    assert bands == 2 + 2  # errors and friction of each joint
 
 
 def test_nothing_of_the_user_becomes_markup(made):
