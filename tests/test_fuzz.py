@@ -30,12 +30,12 @@ from sdp_vs_penalty import (
     identify,
     load_estimate,
 )
-from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation import verify_proof_file
+from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.problem.load import load_problem, problems_folder
 from sdp_vs_penalty.regression import load_answers
 

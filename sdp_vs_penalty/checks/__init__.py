@@ -15,7 +15,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import residual, rules
 from sdp_vs_penalty.checks.constants import PARTS
-from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
@@ -147,14 +147,14 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     for number, issue in residual.compare([(*r.arm, r.run) for r in reports if r.arm]):
         report = out[k := whole[number]]
         if (issue.kind, issue.where) not in [(f.kind, f.where) for f in report.issues]:
-            out[k] = _gravest_first(replace(report, issues=(*report.issues, issue)))
+            out[k] = replace(report, issues=_gravest_first([*report.issues, issue]))
     return out
 
 
-def _gravest_first(report: Report) -> Report:
-    """Issues in the order of their severity, otherwise as they came."""
+def _gravest_first(issues: Sequence[Issue]) -> tuple[Issue, ...]:
+    """In the order of their severity, otherwise as they came."""
     grave = ("error", "warning", "note").index
-    return replace(report, issues=tuple(sorted(report.issues, key=lambda f: grave(f.severity))))
+    return tuple(sorted(issues, key=lambda f: grave(f.severity)))
 
 
 def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:
@@ -171,13 +171,12 @@ def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, tho
         except InputError as error:
             far, sure = far_outside(problem.robot, run.q), "certain: `identify` refuses it"
             issues.append(_stopped("position range", error, sure, far))
-    return _gravest_first(replace(report, issues=tuple(issues)))
+    return replace(report, issues=_gravest_first(issues))
 
 
 def _stopped(kind: str, error: InputError, sure: str, joints: Sequence[int] = ()) -> Issue:
-    where, what = joints_text(joints) if joints else "the run", f"{error.what.rstrip('.')}."
-    figures = {"joints": [j + 1 for j in joints]}
-    return Issue(kind, "error", where, what, sure, error.remedy, None, figures)
+    what, where = f"{error.what.rstrip('.')}.", "" if joints else "the run"
+    return Issue.of(kind, "error", joints, what, sure, error.remedy, where=where)
 
 
 def _channels(problem: Problem, report: Report, settings: Preprocessing, thorough: bool) -> Report:
@@ -188,15 +187,15 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
     if len(run.t) < 10:
         raise InputError("fewer than 10 usable rows", "record longer", run.names[0])
     glance = Glance(run, problem.robot, settings.standstill)
+    issues = [*rules.idle(glance)]
     if not glance.moving.any():
-        return replace(report, issues=tuple(rules.idle(glance)))
+        return replace(report, issues=tuple(issues))
     settings = settings.resolve(run)
-    told = [*rules.idle(glance), *rules.sample_rate(glance)]
     if not run.torque_logged:  # rows, clock and positions are all there is
         motion = joined(FilteredRun(run, settings).states())
-        told += [*rules.quantised(glance, motion, settings), *rules.beside(glance)]
-        return replace(report, issues=tuple(told))
-    first = [*rules.dead(glance), *rules.magnitude(glance)]
+        issues += [*rules.coarse(glance, motion, settings), *rules.beside(glance)]
+        return replace(report, issues=tuple(issues))
+    first = [*rules.torques(glance)]
     if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
         return replace(report, issues=tuple(first))
     log = Likelihood(problem, data := RegressionData.of(problem, run, settings))
@@ -205,12 +204,12 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
         net = replace(net, events=())
     stated, certain = search.told(net)
     left = [*residual.size(log, net), *residual.find(log, net), *apart]
-    issues = [*first, *stated, *told, *rules.quantised(glance, data.motion, settings), *left]
     if any(i.kind == "torque channel kind" for i in left):
         scales = "torque gain", "torque unit"
-        issues = [replace(i, severity="note") if i.kind in scales else i for i in issues]
+        stated = [replace(i, severity="note") if i.kind in scales else i for i in stated]
     bent = [i.figures["joints"] for i in stated if i.kind == "saturation"]
-    issues += [i for i in rules.clipped(glance) if i.figures["joints"] not in bent]
+    issues += [i for i in first if i.kind != "saturation" or i.figures["joints"] not in bent]
+    issues += [*stated, *rules.coarse(glance, data.motion, settings), *left]
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
         issues += rules.beside(glance)
     work, fixed = net.apply(run), certain.apply(report.fixed)
@@ -218,9 +217,8 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
         if issue.repair is not None:
             work, fixed = issue.repair(work), issue.repair(fixed) if issue.mends else fixed
     if thorough:
-        issues += residual.not_excited(
-            problem.with_gravity(net.gravity), FilteredRuns.of(work, settings)
-        )
+        moved = problem.with_gravity(net.gravity)
+        issues += residual.not_excited(moved, FilteredRuns.of(work, settings))
     # A report holds the rows, not what was worked out of them.
     arm = (Likelihood(problem, data), net) if log.spare > 0.0 else None
     return Report(report.run, tuple(issues), work, fixed, log.score(net).unexplained, arm)

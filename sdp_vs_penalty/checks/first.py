@@ -9,13 +9,17 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks import check as check_data
+from sdp_vs_penalty.data.files import as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.estimation.pose import readable
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis.findings import Diagnosis
-    from sdp_vs_penalty.estimation.estimate import Estimate
-    from sdp_vs_penalty.problem.problem import Problem
 
     identify: Callable[..., Estimate]
     diagnose: Callable[..., Diagnosis]
@@ -41,9 +45,7 @@ def refuse_meaningless(
     torque channels' gains, so that the check need not; warn : hears its warnings, a sentence each.
     Raises InputError where that work would be meaningless.
     """
-    from sdp_vs_penalty.checks import check
-
-    reports = check(problem, measurements, thorough=False)
+    reports = check_data(problem, measurements, thorough=False)
     found = [(r.run, f) for r in reports for f in r.problems if not (gains and f.kind == "torque gain")]
     errors = [(run, f) for run, f in found if f.severity == "error"]
     if errors:
@@ -54,31 +56,25 @@ def refuse_meaningless(
             f"fix the data (`check --fix`), or {otherwise} {verb} anyway",
             run,
         )
-    runs = list(measurements.runs())
-    said = {
-        run.data_hash: [f.to_dict() for f in r.issues] for run, r in zip(runs, reports, strict=False)
-    }
     for run, f in found:
         warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
-    return said if len(runs) == len(reports) else {}
+    hashes = [run.data_hash for run in measurements.runs()]
+    whole = reports if len(hashes) == len(reports) else []
+    return {h: [f.to_dict() for f in r.issues] for h, r in zip(hashes, whole, strict=False)}
 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:
     """Whether a model was identified from the same runs without the check."""
-    same = estimate.provenance["data_hash"] == measurements.data_hash
-    return same and estimate.provenance.get("checked") is False
+    made = estimate.provenance
+    return made["data_hash"] == measurements.data_hash and made.get("checked") is False
 
 
 def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
     """`identify` or `diagnose` with one more argument, ``check``."""
-    from sdp_vs_penalty.data.files import as_measurements
-    from sdp_vs_penalty.estimation.estimate import as_estimate
-    from sdp_vs_penalty.estimation.pose import readable
-    from sdp_vs_penalty.problem.load import as_problem
 
     @functools.wraps(verb)
     def checked(first: Any, measurements: Any, *more: Any, check: bool = True, **settings: Any) -> Any:
-        name = verb.__name__
+        name, said = verb.__name__, dict[str, Any]()
         if name == "identify":
             first = problem = as_problem(first, "identify(problem=...)")
             measurements = readable(problem, measurements, "identify(measurements=...)")
@@ -89,7 +85,6 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
             measurements = as_measurements(measurements, names=names, what="diagnose(measurements=...)")
             first.require_joints(measurements, "measurements")
             ask = check and not consented(first, measurements)
-        said: dict[str, Any] = {}
         if ask:
             gains = bool(settings.get("known_loads"))
             warn = functools.partial(warnings.warn, stacklevel=3)  # where the verb was called

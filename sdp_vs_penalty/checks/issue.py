@@ -29,6 +29,17 @@ class Issue:
     figures: Mapping[str, Any] = field(default_factory=dict)
     gravity: tuple[float, ...] | None = None
 
+    @classmethod
+    def of(
+        cls, kind: str, severity: str, joints: Any, what: str, certainty: str, remedy: str,
+        repair: Callable[[Measurements], Measurements] | None = None, where: str = "", **figures: Any,
+    ) -> "Issue":  # fmt: skip
+        """About some joints (from 0), whose names ``{where}`` is in ``what`` if it is not said."""
+        where = where or joints_text(joints)
+        numbers = {"joints": [int(j) + 1 for j in joints]} if len(joints) else {}
+        told = what.replace("{where}", where)
+        return cls(kind, severity, where, told, certainty, remedy, repair, {**numbers, **figures})
+
     @property
     def mends(self) -> bool:
         """Whether `check --fix` repairs it: there is a repair, and no doubt."""

@@ -35,16 +35,15 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, or_one
 
 #: Weighted normal equations (s, s), (s,); a repair by one number.
-Normal: TypeAlias = tuple[Array | float, Array | float]
+Normal: TypeAlias = tuple[Array, Array]
 At: TypeAlias = Callable[[float], Repair]
 
 
 @dataclass(frozen=True)
 class Equations:
-    """Normal equations of n joints' rows for K torques, of one log or of several (..., n): gram (..., n,
-    s, s), cross (..., n, s, K), energy (..., n, K) of the torque with own columns projected out, whole
-    (..., n, K) before; own (..., n, k, s + 1) what these columns take of the shared ones and of one
-    torque."""
+    """Normal equations of n joints' rows, of one log or of several (..., n): gram (..., n, s, s), cross
+    (..., n, s), energy (..., n) of the torque with own columns projected out, whole (..., n) before; own
+    (..., n, k, s + 1) what these columns take of the shared ones and of the torque."""
 
     gram: Array
     cross: Array
@@ -54,26 +53,20 @@ class Equations:
 
     @classmethod
     def of(cls, full: Array, k: int) -> Equations:
-        """full (..., n, w, w) : Gram matrices of k own columns, the shared ones and one torque."""
+        """full (..., n, w, w) : Gram matrices of k own columns, the shared ones and the torque."""
         size = np.trace(full[..., :k, :k], axis1=-2, axis2=-1)[..., None, None] / max(k, 1)
         # A joint that rests in these rows has nothing of its own there.
         mine = full[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
         own = np.linalg.solve(mine, full[..., :k, k:])
         rest = full[..., k:, k:] - full[..., k:, :k] @ own
-        energy = np.maximum(rest[..., -1, -1:], 0.0)
-        return cls(rest[..., :-1, :-1], rest[..., :-1, -1:], energy, _positive(full[..., -1, -1:]), own)
+        energy, whole = np.maximum(rest[..., -1, -1], 0.0), _positive(full[..., -1, -1])
+        return cls(rest[..., :-1, :-1], rest[..., :-1, -1], energy, whole, own)
 
     @classmethod
     def together(cls, logs: Sequence[Equations]) -> Equations:
         """The joints of several logs side by side, to fit one arm to them."""
         names = "gram", "cross", "energy", "whole"
-        gram, cross, energy, whole = (np.concatenate([getattr(x, n) for x in logs]) for n in names)
-        return cls(gram, cross, energy, whole)
-
-    def wider(self, more: int) -> Equations:
-        """With so many further parameters, which these joints do not depend on."""
-        gram, cross = (np.pad(x, ((0, 0), (0, more), (0, 0))) for x in (self.gram, self.cross))
-        return replace(self, gram=np.pad(gram, ((0, 0), (0, 0), (0, more))), cross=cross)
+        return cls(*(np.concatenate([getattr(x, name) for x in logs]) for name in names))
 
     def left_of(self, full: Array, theta: Array) -> Array:
         """(..., n) squared residuals that parameters (..., s), with the own ones they go with, leave of
@@ -84,21 +77,20 @@ class Equations:
         return np.asarray(np.sum(both * (full @ both), axis=(-2, -1)))
 
     def normal(self, weights: Array) -> tuple[Array, Array]:
-        """(..., K, s, s) and (..., K, s) : sums over joints, weighted (..., n, K), of each torque."""
+        """(..., s, s) and (..., s) : sums over joints of such weights (..., n)."""
         s = self.gram.shape[-1]
-        flat = np.swapaxes(weights, -1, -2) @ self.gram.reshape(*self.gram.shape[:-2], s * s)
-        cross = np.einsum("...jk,...jsk->...ks", weights, self.cross)
-        return flat.reshape(*flat.shape[:-1], s, s), cross
+        flat = weights[..., None, :] @ self.gram.reshape(*self.gram.shape[:-2], s * s)
+        return flat.reshape(*flat.shape[:-2], s, s), np.einsum("...j,...js->...s", weights, self.cross)
 
     def fitted(self, asked: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """(..., K, s) parameters at the maximum of L, by reweighting each joint, and (..., n, K) squared
+        """(..., s) parameters at the maximum of L, by reweighting each joint, and (..., n) squared
         residuals there, at least FLOOR of the whole; asked (n,) : which joints move."""
         left = self.whole
         for _ in range(ROUNDS):
-            gram, cross = self.normal(asked[:, None] / left)
+            gram, cross = self.normal(asked / left)
             theta = solve(gram, cross[..., None])[..., 0]
-            bent = self.gram @ np.swapaxes(theta, -1, -2)[..., None, :, :] - 2.0 * self.cross
-            left = self.energy + np.einsum("...jsk,...ks->...jk", bent, theta)
+            bent = (self.gram @ theta[..., None, :, None])[..., 0] - 2.0 * self.cross
+            left = self.energy + np.einsum("...js,...s->...j", bent, theta)
             left = np.maximum(left, FLOOR * self.whole)
         return theta, left
 
@@ -239,43 +231,46 @@ class Likelihood:
         return Equations.of(parts[0], k)
 
     def scores(self, repairs: Sequence[Repair]) -> list[Score]:
-        """One arm fitted to each; those of one motion side by side, and equations of one size by one
-        call."""
-        groups, out = dict[Repair, list[Repair]](), dict[Repair, Score]()
-        for r in repairs:
-            groups.setdefault(r.of_motion, []).append(r)
-        alike = dict[int, list[tuple[list[Repair], Rows, Array]]]()
-        for of_motion, some in groups.items():
-            y = np.stack([self.channels(r) for r in some], axis=2)
-            alike.setdefault(len(some), []).append((some, self.rows(of_motion), y))
-        for found in alike.values():
-            gram = np.stack([rows.gram for _, rows, _ in found])
-            cross = np.stack([np.swapaxes(rows.apart, 1, 2) @ y for _, rows, y in found])
-            energy = np.stack([np.sum(rows.rest(y) ** 2, axis=1) for _, rows, y in found])
-            whole = _positive(np.stack([np.sum(y**2, axis=1) for _, _, y in found]))
-            theta, left = Equations(gram, cross, energy, whole).fitted(self.moving)
-            for i, (some, rows, y) in enumerate(found):
-                for j, r in enumerate(some):
-                    out[r] = Score(self, rows, y[..., j], theta[i, j], left[i, :, j], whole[i, :, j])
-        return [out[r] for r in repairs]
+        """One arm fitted to each."""
+        rows, y = [self.rows(r) for r in repairs], [self.channels(r) for r in repairs]
+        gram = np.stack([x.gram for x in rows])
+        cross = np.stack([np.einsum("jms,jm->js", x.apart, z) for x, z in zip(rows, y, strict=True)])
+        rests = [x.rest(z[:, :, None])[:, :, 0] for x, z in zip(rows, y, strict=True)]
+        energy, whole = (np.sum(np.square(x), axis=2) for x in (rests, y))
+        theta, left = Equations(gram, cross, energy, whole := _positive(whole)).fitted(self.moving)
+        both = zip(rows, y, theta, left, whole, strict=True)
+        return [Score(self, *found) for found in both]
 
     def score(self, repair: Repair) -> Score:
         """One arm fitted to one repair."""
         return self.scores([repair])[0]
 
     def left_out(
-        self, repair: Repair, weights: Array, more: Array | None = None, others: Normal = (0.0, 0.0)
+        self, repair: Repair, weights: Array, more: Array | None = None, others: Normal | None = None
     ) -> tuple[Array, Array]:
         """By leaving out each part of the log in turn (a delete-a-group jackknife): (PARTS, s) the arms
-        of all other parts, whose joints weigh (n,), and of other logs' normal equations; (PARTS, n) what
-        they leave of the part, over the mean energy of a part."""
+        of all other parts, whose joints weigh (n,), and of other logs' normal equations, which further
+        columns (n, M, r) are no part of; (PARTS, n) what they leave of the part, over the mean energy of
+        a part."""
         parts, k = self.parts(repair, PARTS, more)
         rests = Equations.of(parts.sum(axis=0) - parts, k)
-        both = rests.normal(weights[:, None])
-        gram, cross = (a[:, 0] + b for a, b in zip(both, others, strict=True))
+        gram, cross = rests.normal(weights)
+        if others is not None:
+            s = len(others[1])
+            gram[:, :s, :s] += others[0]
+            cross[:, :s] += others[1]
         arms = solve(gram, cross[..., None])[..., 0]
         whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
         return arms, np.maximum(PARTS * rests.left_of(parts, arms) / whole, FLOOR)
+
+    def alone(self, repair: Repair) -> Array:
+        """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
+        parts, _ = self.parts(repair)
+        rests = parts.sum(axis=0) - parts
+        own = solve(rests[..., :-1, :-1], rests[..., :-1, -1:])
+        v = np.append(own, -np.ones((*own.shape[:2], 1, 1)), axis=2)
+        whole = _positive(parts[..., -1, -1].sum(axis=0))
+        return np.maximum(np.sum(v * (parts @ v), axis=(0, 2, 3)) / whole, FLOOR)
 
     def steps(self, now: Repair, ats: Sequence[At], values: Array, h: float) -> tuple[Array, Array]:
         """(r,) by how much each of some numbers of ``now`` would have to change alone, to first order,
@@ -290,9 +285,9 @@ class Likelihood:
             slopes[..., r] = (self.unexplained(at(values[r] + h), score.theta) - here) / h
         sizes = np.linalg.norm(slopes, axis=(0, 1))
         parts, k = self.parts(now, PARTS, -slopes / or_one(sizes))
-        gram, cross = Equations.of(parts.sum(axis=0) - parts, k).normal(score.weights[:, None])
+        gram, cross = Equations.of(parts.sum(axis=0) - parts, k).normal(score.weights)
         s = gram.shape[-1] - len(ats)
-        full = np.concatenate([gram[:, 0], cross[:, 0, :, None]], axis=2)
+        full = np.concatenate([gram, cross[:, :, None]], axis=2)
         arm = solve(full[:, :s, :s], full[:, :s, s:])
         beside = full[:, s:, s:] - full[:, s:, :s] @ arm
         own, whole = (np.einsum("pkk->pk", x[..., :-1]) for x in (beside, full[:, s:, s:]))
@@ -402,14 +397,6 @@ class Score:
         """(n,) of each joint's rows, 0 where it does not move."""
         return np.where(self.of.moving, 1.0 / self.left, 0.0)
 
-    def left_out_alone(self, repair: Repair) -> Array:
-        """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
-        parts = self.of.parts(repair)[0]
-        rests = parts.sum(axis=0) - parts
-        own = solve(rests[..., :-1, :-1], rests[..., :-1, -1:])[..., 0]
-        v = np.concatenate([own, -np.ones((*own.shape[:2], 1))], axis=2)
-        return np.maximum(np.einsum("pjw,pjwx,pjx->j", v, parts, v) / self.whole, FLOOR)
-
     def physics(self, repair: Repair, samples: float) -> float:
         """log-probability that inertia and masses are positive and friction takes power: the mean of
         dq_j times what the links leave of joint j's torque, of ddq^T times the inertial torque, and of
@@ -442,8 +429,8 @@ class Score:
 
 
 def _positive(whole: Array) -> Array:
-    """(..., n, K) energies of torques, none of them 0."""
-    return np.maximum(whole, 1e-12 * whole.max(axis=-2, keepdims=True, initial=0.0) + 1e-280)
+    """(..., n) energies of torques, none of them 0."""
+    return np.maximum(whole, 1e-12 * whole.max(axis=-1, keepdims=True, initial=0.0) + 1e-280)
 
 
 def jackknifed(found: Array) -> tuple[Array, Array]:

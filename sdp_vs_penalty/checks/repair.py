@@ -91,6 +91,10 @@ class Repair:
         swapped: dict[str, Any] = {x: tuple(getattr(self, x)[k] for k in places) for x in names}
         return replace(self, **swapped)
 
+    def with_event(self, event: Event) -> Repair:
+        """With one more event; itself where it has it."""
+        return self if event in self.events else replace(self, events=(*self.events, event))
+
     def without(self, event: Event) -> Repair:
         """But for an event."""
         return replace(self, events=tuple(e for e in self.events if e != event))

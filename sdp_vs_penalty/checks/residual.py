@@ -19,8 +19,7 @@ from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, Score, jackknifed
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import choices
-from sdp_vs_penalty.checks.transformations.torque import UNITS
+from sdp_vs_penalty.checks.transformations import UNITS
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
@@ -40,30 +39,29 @@ def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     score = log.score(repair)
     dark, percent, total = _dark(score), 100.0 * np.sqrt(score.shares), 100.0 * score.unexplained**0.5
     if dark > c.UNRELATED:
-        yield Issue(
-            "torque not explained", "error", "all torque channels",
+        yield Issue.of(
+            "torque not explained", "error", (),
             f"No inertia and friction of this arm explain {100.0 * dark:.0f} % of the torque energy.",
             _SURE, "check that this is the right robot, that the columns are joint torques, and that "
-            "positions and torques come from the same recording", None,
-            {"unexplained_percent": 100.0 * dark},
+            "positions and torques come from the same recording", where="all torque channels",
+            unexplained_percent=100.0 * dark,
         )  # fmt: skip
-    if dark > c.UNRELATED or log.spare <= 0.0:
-        return
-    where = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * score.left_out_alone(repair)))
-    what = "cannot belong to the same arm as the other joints' torques"
-    if not len(where) and total > 200.0 * c.TYPICAL[log.problem.torque_side]:
-        where = np.array([np.argmax(np.where(log.moving, score.left, 0.0))])
-        what = f"leaves more than such arms do ({total:.2g} % of all torques)"
-    if len(where):
-        left = ", ".join(f"{percent[j]:.2g} %" for j in where)
-        yield Issue(
-            "unexplained torque", "warning", joints_text(where),
-            f"the torque of {joints_text(where)} {what}: {left} of it stays unexplained.", _SURE,
-            "look at that channel: `diagnose` draws what is left; check its source, gain and zero, "
-            "and that robot, mounting and torque side are those of the problem", None,
-            {"percent": percent[where].round(2).tolist(), "joints": (where + 1).tolist()},
-        )  # fmt: skip
-    yield from _event(log, repair, score)
+    elif log.spare > 0.0:
+        joints = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * log.alone(repair)))
+        what = "cannot belong to the same arm as the other joints' torques"
+        if not len(joints) and total > 200.0 * c.TYPICAL[log.problem.torque_side]:
+            joints = np.array([np.argmax(np.where(log.moving, score.left, 0.0))])
+            what = f"leaves more than such arms do ({total:.2g} % of all torques)"
+        left = ", ".join(f"{percent[j]:.2g} %" for j in joints)
+        if left:
+            yield Issue.of(
+                "unexplained torque", "warning", joints,
+                f"the torque of {{where}} {what}: {left} of it stays unexplained.", _SURE,
+                "look at that channel: `diagnose` draws what is left; check its source, gain and zero, "
+                "and that robot, mounting and torque side are those of the problem",
+                percent=percent[joints].round(2).tolist(),
+            )  # fmt: skip
+        yield from _event(log, repair, score)
 
 
 def _dark(score: Score) -> float:
@@ -80,13 +78,14 @@ def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
         at, most = float(t[np.argmax(error)]), float(error.max())
         elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
         if np.min(np.abs(np.subtract(known, at))) > 3.0 * _WIDTH and most > c.TIMES * elsewhere > 0.0:
-            yield Issue(
-                "one-off event", "warning", f"t = {at:.3g} s, {joints_text([j])}",
+            yield Issue.of(
+                "one-off event", "warning", [j],
                 f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error is "
                 f"{most:.3g} {log.problem.robot.torque_units[j]} in joint {j + 1}, over {c.TIMES:g} "
                 "times that at any other moment.",
                 "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
-                lambda r: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH), {"t": at, "joints": [j + 1]},  # noqa: B023
+                lambda r: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH),  # noqa: B023
+                f"t = {at:.3g} s, {joints_text([j])}", t=at,
             )  # fmt: skip
             return
 
@@ -97,21 +96,18 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints'
     effort limits, and what an arm of the problem's masses needs on the same motion.
     """
-    problem, channels = log.problem, log.channels(repair).T
-    needed = float(np.linalg.norm(log.heard(repair).T * log.nominal(repair)))
-    ratio = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)  # of 1e-300 squares are 0
+    problem, channels, sure = log.problem, log.channels(repair).T, "likely: judged by size alone"
     effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
     each = np.abs(channels).max(axis=0) / effort
     over, odd = float(np.max(each, initial=-1.0, where=each > 0.0)), np.flatnonzero(each > c.EFFORT[1])
-    by_size = "likely: judged by size alone"
     convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
+    for j in odd.tolist() if len(odd) <= 0.3 * log.n else ():
+        what = (
+            f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made for: "
+            "its unit is not that of the others."
+        )
+        yield Issue.of("torque unit", "error", [j], what, sure, convert)
     if 0 < len(odd) <= 0.3 * log.n:
-        for j in odd.tolist():
-            yield Issue(
-                "torque unit", "error", joints_text([j]),
-                f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made "
-                "for: its unit is not that of the others.", by_size, convert, None, {"joints": [j + 1]},
-            )  # fmt: skip
         return
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
     known, weighs = masses > 0.0 and not np.all(problem.guessed_links), f"{low:g} to {high:g}"
@@ -119,36 +115,39 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
     least, most, measured = 1e-2, 1.0, over  # beside the effort limits where no mass is known
     if known:  # least and largest ratio of measured to nominal torque
+        needed = float(np.linalg.norm(log.heard(repair).T * log.nominal(repair)))
+        measured = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)
         least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
-        measured = ratio
-    large, small, far = known and ratio > most, known and ratio < least, over > c.EFFORT[1]
-    times = f"{ratio:.3g} times what" if large else f"{1.0 / ratio:.3g} times less than"
+    large, small, far = known and measured > most, known and measured < least, over > c.EFFORT[1]
+    times = f"{measured:.3g} times what" if large else f"{1.0 / measured:.3g} times less than"
     told, right = f"{times} an arm of {weighs} kg needs", "if right, correct the problem's masses"
-    figures = {"times_nominal": ratio if known else None, "joints": list(range(1, log.n + 1))}
+    where, mend = "all torque channels", None
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
-        yield Issue(
-            "masses of the problem", "error", "the problem",
+        kind, severity, where = "masses of the problem", "error", "the problem"
+        what = (
             f"the torques are {told}, yet they reach {100.0 * over:.0f} % of the joints' effort "
-            f"limits, as torques do: the problem's masses are wrong.", by_size,
-            "correct total_mass in problem.toml (the inertials of a URDF)", None, figures,
-        )  # fmt: skip
+            f"limits, as torques do: the problem's masses are wrong."
+        )
+        remedy = "correct total_mass in problem.toml (the inertials of a URDF)"
     elif large or (far and not known):
         factor = next((u for u in UNITS if far and u < 0.1 and least <= measured * u <= most), None)
         told = f"{over:.3g} times what the joints are made for" if far else told
-        how = f"they are in {UNITS[factor]}" if factor else "their unit is not N m"
-        yield Issue(
-            "torque unit", "error", "all torque channels", f"the torques are too large, {told}: {how}.",
-            by_size, f"multiply by {factor:g}" if factor else f"{convert}; {right}",
-            None if factor is None else lambda r: replace(r, tau=r.tau * factor), figures,
-        )  # fmt: skip
+        kind, severity, remedy = "torque unit", "error", f"{convert}; {right}"
+        what = f"the torques are too large, {told}: their unit is not N m."
+        if factor is not None:
+            what = f"the torques are too large, {told}: they are in {UNITS[factor]}."
+            remedy, mend = f"multiply by {factor:g}", lambda r: replace(r, tau=r.tau * factor)
     elif small:
-        yield Issue(
-            "torque channel kind", "warning", "all torque channels",
+        kind, severity = "torque channel kind", "warning"
+        what = (
             f"the torques are {told}: they are motor currents, or torques on the motor side of the "
-            "gear. A model of them is unscaled: its ratios are right, its kilograms are not.", by_size,
-            f"multiply each channel by its drive gain (N m per A, gear ratio included); {right}",
-            None, figures,
-        )  # fmt: skip
+            "gear. A model of them is unscaled: its ratios are right, its kilograms are not."
+        )
+        remedy = f"multiply each channel by its drive gain (N m per A, gear ratio included); {right}"
+    else:
+        return
+    ratio = measured if known else None
+    yield Issue.of(kind, severity, range(log.n), what, sure, remedy, mend, where, times_nominal=ratio)
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
@@ -157,18 +156,17 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     data = compress(rows, model)
     known = of_regression(make_task(problem, model, data), data, base_rows(problem, model), white=True)
     dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
-    if not dark:
-        return
-    total, joint_of = len(known.base), {p.name: p.joint for p in model.parameters}
-    joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
-    yield Issue(
-        "poor excitation", "warning" if len(dark) > c.UNRELATED * total else "note",
-        joints_text(joints) if joints else "the robot",
-        f"{len(dark)} of {total} base parameters are not identifiable from this motion: "
-        f"{', '.join(dark)}.", "likely: by least squares, were its error white noise",
-        "move these joints farther, faster and independently of each other, or add runs that do",
-        None, {"base_parameters": total, **counts(known.base), "names": dark},
-    )  # fmt: skip
+    if dark:
+        total, joint_of = len(known.base), {p.name: p.joint for p in model.parameters}
+        joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
+        severity = "warning" if len(dark) > c.UNRELATED * total else "note"
+        yield Issue(
+            "poor excitation", severity, joints_text(joints) if joints else "the robot",
+            f"{len(dark)} of {total} base parameters are not identifiable from this motion: "
+            f"{', '.join(dark)}.", "likely: by least squares, were its error white noise",
+            "move these joints farther, faster and independently of each other, or add runs that do",
+            None, {"base_parameters": total, **counts(known.base), "names": dark},
+        )  # fmt: skip
 
 
 #: What is different in a run, and what to do about it; x is the number, j the joint from 1.
@@ -186,8 +184,8 @@ _WORDS = {
         "divide tau{j} of this run by {x:.3g}, or multiply the others",
     ),
     "encoder offset": (
-        "the zero of joint {j} is {degrees:.2g} degrees away in {run}",
-        "add {x:+.3g} rad to q{j} of this run, or calibrate its zero",
+        "the zero of joint {j} is {away} away in {run}",
+        "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
 }  # fmt: skip
 
@@ -198,8 +196,8 @@ def compare(
     """(number, issue) where the arm of a log is not that of the others; none for a single one.
 
     logs : rows, net repair and name of each; worse : only where one arm for all explains them so many
-    times worse than one for each. What is said of a run predicts the parts of it that nothing
-    was fitted to, and its number is far from none."""
+    times worse than one for each. What is said of a run predicts the parts of it that nothing was fitted
+    to, best of all that may be different, and its number is far from none."""
     if len(logs) < 2:
         return
     fits, repairs, names = zip(*logs, strict=True)
@@ -209,53 +207,36 @@ def compare(
     samples = float(np.mean([s.score(r).samples for s, r in zip(fits, repairs, strict=True)]))
     runs = [s.equations(r) for s, r in zip(fits, repairs, strict=True)]
     asked = np.stack([s.moving for s in fits])
-    alone = np.stack([x.fitted(a)[1][:, 0] for x, a in zip(runs, asked, strict=True)])
-
-    def one_arm(runs: Sequence[Equations]) -> tuple[Array, Array]:
-        """(s,) one arm of all runs; (runs, n) what it leaves of each."""
-        theta, left = Equations.together(runs).fitted(asked.ravel())
-        return theta[0], left.reshape(asked.shape)
-
-    def gain(left: Array) -> float:
-        return 0.5 * samples * float(np.log(one / left)[asked].sum())
-
-    theta, one = one_arm(runs)
-    apart, least = gain(alone), 3.0 * c.ODDS  # friction is never quite the same again
-    times = float(np.exp(apart / samples / max(asked[0].sum(), 1)))
-    if apart < least or times < worse:
+    alone = np.stack([x.fitted(a)[1] for x, a in zip(runs, asked, strict=True)])
+    theta, left = Equations.together(runs).fitted(asked.ravel())
+    one = left.reshape(asked.shape)
+    lost = np.where(asked, np.log(one / alone), 0.0)
+    times = float(np.exp(0.5 * lost.sum() / max(asked[0].sum(), 1)))
+    # Friction is never quite the same again.
+    if 0.5 * samples * lost.sum() < 3.0 * c.ODDS or times < worse:
         return
-    causes = []
-    for odd in np.argsort(np.log(one / alone).sum(axis=1))[-2:].tolist():  # of two runs either
-        for kind, j, columns in _changes(fits[odd], repairs[odd], theta):
-            some = [x.wider(count := columns.shape[2]) for x in runs]
-            some[odd] = fits[odd].equations(repairs[odd], columns)
-            cost = choices(2 * (1 if count > 1 else fits[odd].n)) + 0.5 * count * np.log(samples)
-            left = one_arm(some)[1]
-            causes.append((gain(left) - cost, odd, kind, j, columns, left))
-    value, odd, kind, j, more, left = max(causes, key=lambda cause: cause[0])
-    # An arm of its own for each run costs as many parameters.
-    own = apart - 0.5 * len(theta) * np.log(samples * len(runs))
-    if max(value, own) < least:
+    usual = {"torque gain": c.CALIBRATED_GAIN, "encoder offset": c.CALIBRATED}
+    weights, causes = np.where(asked, 1.0 / one, 0.0), []
+    for odd in sorted(np.argsort(lost.sum(axis=1))[-2:].tolist()):  # of two runs either
+        log, repair = fits[odd], repairs[odd]
+        rest = [runs[k].normal(weights[k]) for k in range(len(runs)) if k != odd]
+        others = tuple(np.sum(x, axis=0) for x in zip(*rest, strict=True))
+        none = log.raw(repair)[:, :, :0]
+        before = log.left_out(repair, weights[odd], none, others)[1]
+        for kind, j, more in (("another arm", -1, none), *_changes(log, repair, theta)):
+            arms, after = log.left_out(repair, weights[odd], more, others if j >= 0 else None)
+            gain = float(np.log(before / after)[:, log.moving].sum()) * (1.0 if j >= 0 else 0.5)
+            x, spread = map(float, jackknifed(arms[:, -max(more.shape[2], 1)]))
+            if j < 0 or abs(x) > max(c.SIGMAS * spread, usual.get(kind, 0.0)):
+                causes.append((gain, odd, kind, j, x, log.predicts(before, after)))
+    _, odd, kind, j, x, sure = max(causes, key=lambda cause: cause[0])
+    # Of a number, whose interval tells as well, half as clear a prediction is enough.
+    if sure < c.SIGMAS * (1.0 if j < 0 else 0.5):
         return
-    log, others = fits[odd], [k for k in range(len(runs)) if k != odd]
-
-    def left_out(left: Array, more: Array, others: Sequence[int]) -> tuple[Array, Array]:
-        weights = np.where(asked, 1.0 / left, 0.0)
-        both = [runs[k].wider(more.shape[2]).normal(weights[k][:, None]) for k in others]
-        gram, cross = (np.sum([x[i][0] for x in both], axis=0) for i in (0, 1))
-        return log.left_out(repairs[odd], weights[odd], more, (gram, cross))
-
-    none = more[:, :, :0]
-    _, before = left_out(one, none, others)
-    if value < 0.5 * own:
-        kind, j, others, more, left = "another arm", -1, [], none, alone
-    arms, after = left_out(left, more, others)
-    x, spread = map(float, jackknifed(arms[:, -more.shape[2]]))
-    known = j < 0 or abs(x) > c.SIGMAS * spread
-    if not known or log.predicts(before, after) < c.SIGMAS:
-        return
+    unit = fits[odd].problem.robot.position_units[j]
+    away = f"{np.degrees(-x):.2g} degrees" if unit == "rad" else f"{-x:.2g} {unit}"
     figures = {"run": names[odd], "j": j + 1, "x": 1.0 + x if kind == "torque gain" else x}
-    what, remedy = (text.format(**figures, degrees=np.degrees(-x)) for text in _WORDS[kind])
+    what, remedy = (text.format(**figures, away=away, unit=unit) for text in _WORDS[kind])
     joints = [] if j < 0 else [j]
     yield odd, Issue(
         kind, "warning", joints_text(joints) if joints else "the run", f"{what}, beside the others.",
@@ -274,7 +255,7 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     parts, k = log.parts(repair, 2 * c.PARTS)
     cuts = range(3, len(parts) - 2)  # neither may be short
     both = [[x.sum(axis=0) for x in (parts[:cut], parts[cut:])] for cut in cuts]
-    left = Equations.of(np.array(both), k).fitted(log.moving)[1][..., 0].sum(axis=1)
+    left = Equations.of(np.array(both), k).fitted(log.moving)[1].sum(axis=1)
     cut = cuts[int(np.argmin(np.log(left[:, log.moving]).sum(axis=1)))]
     row = cut * log.data.count // len(parts)
     t, sides = float(log.data.motion.t[row]), (slice(row), slice(row, None))
@@ -295,9 +276,8 @@ def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[st
     torque, here = log.raw(repair) @ theta, log.unexplained(repair, theta)
     for j in log.joints:
         yield "torque gain", j, (torque * np.eye(log.n)[j][:, None])[:, :, None]
-        if j in log.revolute:
-            shifted = repair.with_entries("zero", (j,), repair.zero[j] + 0.01)
-            yield "encoder offset", j, (here - log.unexplained(shifted, theta))[:, :, None] / 0.01
+        shifted = repair.with_entries("zero", (j,), repair.zero[j] + 0.01)
+        yield "encoder offset", j, (here - log.unexplained(shifted, theta))[:, :, None] / 0.01
     if log.data.shared is not None:
         last = log.columns(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]
         yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last

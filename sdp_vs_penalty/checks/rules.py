@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.constants import RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
-from sdp_vs_penalty.checks.issue import Issue, joints_text, rows_text
+from sdp_vs_penalty.checks.issue import Issue, rows_text
 from sdp_vs_penalty.data.formats.recognition import UNITS
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
@@ -24,12 +24,11 @@ from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 Rows = NDArray[np.bool_]
-#: Units of time that loggers write.
-_UNITS = {"seconds": "s", "milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 #: Time steps [s] of a log that somebody would identify from.
 _STEPS = (2e-5, 0.5)
-_READ, _DELETE = "certain: read from the file", "delete these rows"
-_CONTINUE = "continue the time at the usual step there"
+#: Units of time that loggers write.
+_UNITS = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
+_READ, _CONTINUE = "certain: read from the file", "continue the time at the usual step there"
 
 
 @dataclass(frozen=True)
@@ -66,16 +65,30 @@ class Glance:
         packed = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
         return np.unique(packed, return_inverse=True)[1].ravel()
 
-    @cached_property
-    def held(self) -> Rows:
-        """(N,) rows that are copies of the one before."""
-        return np.concatenate([[False], np.diff(self.row_numbers) == 0])
-
     @property
     def channels(self) -> list[tuple[str, int, Array]]:
         """Name, joint and values of each position and torque."""
         pairs = (("q", self.run.q), *([("tau", self.run.tau)] if self.run.torque_logged else []))
         return [(f"{name}{j + 1}", j, x[:, j]) for name, x in pairs for j in range(self.run.n)]
+
+    def deleted(
+        self, kind: str, bad: Mapping[str, Rows] | Rows, what: str, sure: str = _READ,
+        brief: float = 0.0, remedy: str = "delete these rows", **figures: Any,
+    ) -> Iterator[Issue]:  # fmt: skip
+        """Rows that are no measurements (of these channels): they go. A warning where the longest lasts
+        less than ``brief`` [s]."""
+        channels = bad if isinstance(bad, Mapping) else {"": bad}
+        channels = {name: rows for name, rows in channels.items() if rows.any()}
+        if not channels:
+            return
+        gone, t = np.any([*channels.values()], axis=0), self.run.t
+        places, named = spans(gone), ", ".join(filter(None, channels))
+        seconds = float(max(t[min(b, len(t)) - 1] - t[max(a - 1, 0)] for a, b in places))
+        figures |= {"seconds": seconds, "parts": len(places), "rows": int(gone.sum()), "named": named}
+        figures |= {"joints": sorted({int(name.lstrip("qtau")) for name in channels if name})}
+        where = ", ".join(filter(None, (named, rows_text(np.flatnonzero(gone) + 2))))
+        severity, what = "warning" if seconds < brief else "error", what.format(**figures)
+        yield Issue(kind, severity, where, what, sure, remedy, lambda r: r.rows(~gone), figures)
 
 
 def lattice_step(values: Array) -> float:
@@ -99,47 +112,27 @@ def _mask(count: int, parts: Any) -> Rows:
     return out
 
 
-def _deleted(
-    g: Glance, kind: str, bad: Mapping[str, Rows], what: str, sure: str = _READ, remedy: str = _DELETE,
-    brief: float = 0.0, **figures: Any,
-) -> Iterator[Issue]:  # fmt: skip
-    """Rows that are no measurements of these channels ("": of any): they go. A warning where the longest
-    lasts less than ``brief`` [s]."""
-    bad = {name: rows for name, rows in bad.items() if rows.any()}
-    if not bad:
-        return
-    gone, t = np.any([*bad.values()], axis=0), g.run.t
-    places, named = spans(gone), ", ".join(filter(None, bad))
-    seconds = float(max(t[min(b, len(t)) - 1] - t[max(a - 1, 0)] for a, b in places))
-    figures |= {"seconds": seconds, "parts": len(places), "rows": int(gone.sum()), "named": named}
-    figures |= {"joints": sorted({int(name.lstrip("qtau")) for name in bad if name})}
-    where = ", ".join(filter(None, (named, rows_text(np.flatnonzero(gone) + 2))))
-    severity, what = "warning" if seconds < brief else "error", what.format(**figures)
-    yield Issue(kind, severity, where, what, sure, remedy, lambda r: r.rows(~gone), figures)
-
-
 def missing(g: Glance) -> Iterator[Issue]:
     parts = {"t": g.run.t[:, None], **g.run.groups}.items()  # nan compares false
     finite = np.all([np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0)
     what = "{rows} rows with values that are not finite numbers, or that no robot measures."
-    yield from _deleted(g, "missing numbers", {"": ~finite}, what)
+    yield from g.deleted("missing numbers", ~finite, what)
 
 
 def time_unit(g: Glance) -> Iterator[Issue]:
     """A clock that does not count seconds, and in another unit is that of a robot's motion."""
-    q = g.run.q[:, g.moving]
-    if g.step <= 0.0 or not q.size or len(q) <= RUN:
+    q, (least, most) = g.run.q[:, g.moving], _STEPS
+    fits = {name: UNITS[u] for name, u in _UNITS.items() if least <= g.step * UNITS[u] <= most}
+    if least <= g.step <= most or not fits or not q.size or len(q) <= RUN:
         return
     speed = float(np.median(np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0))) / (10.0 * g.step)
-    fits = {name: UNITS[u] for name, u in _UNITS.items() if _STEPS[0] <= g.step * UNITS[u] <= _STEPS[1]}
-    if fits and "seconds" not in fits:
-        unit, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
-        yield Issue(
-            "time unit", "error", "column t",
-            f"time is in {unit}, not in seconds (it advances by {g.step:.4g} from row to row).",
-            f"likely: in seconds it were one row in {g.step:.3g} s of a motion at {speed:.2g} rad/s",
-            f"multiply t by {factor:g}", lambda r: replace(r, t=r.t * factor), {"factor": factor},
-        )  # fmt: skip
+    unit, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
+    yield Issue(
+        "time unit", "error", "column t",
+        f"time is in {unit}, not in seconds (it advances by {g.step:.4g} from row to row).",
+        f"likely: in seconds it were one row in {g.step:.3g} s of a motion at {speed:.2g} rad/s",
+        f"multiply t by {factor:g}", lambda r: replace(r, t=r.t * factor), {"factor": factor},
+    )  # fmt: skip
 
 
 def _goes_on(g: Glance, rows: NDArray[np.intp]) -> Rows:
@@ -168,11 +161,9 @@ def backwards(g: Glance) -> Iterator[Issue]:
         return with_steps(r, np.where(np.diff(r.t) < 0.0, step, np.diff(r.t)))
 
     seconds = float(-g.steps[bad].min())
-    yield Issue(
-        "time runs backwards", "error", rows_text(bad + 3),
-        f"the clock is set back {len(bad)} times, by up to {seconds:.3g} s: {how}.", _READ, remedy,
-        repair, {"rows": (bad + 3)[:100].tolist(), "seconds": seconds},
-    )  # fmt: skip
+    what = f"the clock is set back {len(bad)} times, by up to {seconds:.3g} s: {how}."
+    figures = {"rows": (bad + 3)[:100].tolist(), "seconds": seconds}
+    yield Issue("time runs backwards", "error", rows_text(bad + 3), what, _READ, remedy, repair, figures)
 
 
 def repeated_time(g: Glance) -> Iterator[Issue]:
@@ -180,7 +171,7 @@ def repeated_time(g: Glance) -> Iterator[Issue]:
     same = bool(np.all(np.diff(g.run.q, axis=0)[bad[1:]] == 0.0))
     how = "are copies of the row before" if same else "differ from the row before"
     what = f"{{rows}} rows with a repeated time; the values {how}."
-    yield from _deleted(g, "repeated time", {"": bad}, what, remedy="keep the first of each")
+    yield from g.deleted("repeated time", bad, what, remedy="keep the first of each")
 
 
 def uneven(g: Glance) -> Iterator[Issue]:
@@ -199,21 +190,21 @@ def uneven(g: Glance) -> Iterator[Issue]:
         np.sqrt(np.mean((q[1:-1] - (q[:-2] * (1.0 - s) + q[2:] * s))[even] ** 2, axis=0))
         for s in (share, 0.5)
     )
-    ratio = float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))
+    if (ratio := float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))) < TIMES:
+        return
 
     def evened(r: Measurements) -> Measurements:
         parts = np.split(r.t, np.flatnonzero(np.diff(r.t) > pause) + 1)
         return replace(r, t=np.concatenate([np.linspace(x[0], x[-1], len(x)) for x in parts]))
 
-    if ratio >= TIMES:
-        yield Issue(
-            "jittered time stamps", "error" if spread > 1.0 else "warning", "column t",
-            f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly spaced: they are "
-            f"{ratio:.0f} times smoother over the row number than over these times.",
-            "likely: if the sampling itself jittered, q would be smoother over the recorded times",
-            "space the time stamps evenly (and log the samples' own time)",
-            evened, {"percent": 100.0 * spread, "ratio": ratio},
-        )  # fmt: skip
+    yield Issue(
+        "jittered time stamps", "error" if spread > 1.0 else "warning", "column t",
+        f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly spaced: they are "
+        f"{ratio:.0f} times smoother over the row number than over these times.",
+        "likely: if the sampling itself jittered, q would be smoother over the recorded times",
+        "space the time stamps evenly (and log the samples' own time)",
+        evened, {"percent": 100.0 * spread, "ratio": ratio},
+    )  # fmt: skip
 
 
 def jumps(g: Glance) -> Iterator[Issue]:
@@ -221,27 +212,29 @@ def jumps(g: Glance) -> Iterator[Issue]:
     long = np.flatnonzero(g.steps > max(TIMES * g.step, 0.02))
     moves = [g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long]
     is_set = np.array(moves, bool) & (g.steps[long] > 2.0 * TIMES * g.step) & _goes_on(g, long)
-    for rows, kind in ((long[is_set], "clock step"), (long[~is_set], "gap in time")):
-        if not len(rows):
-            continue
-        steps = g.steps[rows]
-        what = (
-            f"{len(rows)} gaps of up to {steps.max():.3g} s (the usual step is {g.step:.3g} s); in all "
-            f"{steps.sum():.3g} s are missing."
-        )
-        sure, repair = _READ, None
-        remedy = "no action needed: the run is split there, and the filters lose a second on either side"
-        if kind == "clock step":
-            what = (
-                f"the clock jumps ahead by up to {steps.max():.3g} s while the moving arm does not: the "
-                "clock was set, and no sample is missing."
-            )
-            sure, remedy = "likely: the distance travelled is that of one usual step", _CONTINUE
-            wrong = np.isin(np.arange(len(g.steps)), rows)
-            repair = lambda r, k=wrong: with_steps(r, np.where(k, g.step, np.diff(r.t)))  # noqa: E731
-        where = f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
-        figures = {"rows": (rows + 3)[:100].tolist(), "seconds": float(steps.max())}
-        yield Issue(kind, "warning", where, what, sure, remedy, repair, figures)
+    words = {
+        "clock step": (
+            "the clock jumps ahead by up to {most:.3g} s while the moving arm does not: the clock was "
+            "set, and no sample is missing.",
+            "likely: the distance travelled is that of one usual step", _CONTINUE,
+        ),
+        "gap in time": (
+            "{count} gaps of up to {most:.3g} s (the usual step is {step:.3g} s); in all {total:.3g} s "
+            "are missing.", _READ,
+            "no action needed: the run is split there, and the filters lose a second on either side",
+        ),
+    }  # fmt: skip
+    for rows, (kind, (text, sure, remedy)) in zip(
+        (long[is_set], long[~is_set]), words.items(), strict=True
+    ):
+        if len(rows):
+            wrong, most = np.isin(np.arange(len(g.steps)), rows), float(g.steps[rows].max())
+            what = text.format(count=len(rows), most=most, step=g.step, total=g.steps[rows].sum())
+            mend = lambda r, k=wrong: with_steps(r, np.where(k, g.step, np.diff(r.t)))  # noqa: E731
+            where = f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
+            figures = {"rows": (rows + 3)[:100].tolist(), "seconds": most}
+            repair = mend if remedy == _CONTINUE else None
+            yield Issue(kind, "warning", where, what, sure, remedy, repair, figures)
 
 
 def wrapped(g: Glance) -> Iterator[Issue]:
@@ -249,14 +242,11 @@ def wrapped(g: Glance) -> Iterator[Issue]:
     steps = np.abs(np.diff(g.run.q, axis=0))
     turns = np.any(np.abs(steps - 2.0 * np.pi) < 0.3, axis=0) & (np.median(steps, axis=0) < 0.3)
     turns &= [joint.kind == "revolute" for joint in g.robot.joints]
-    if len(joints := np.flatnonzero(turns)):
-        yield Issue(
-            "wrapped angle", "error", joints_text(joints),
-            f"the position of {joints_text(joints)} jumps by a full turn between two rows: the angle is "
-            "wrapped.", _READ, "unwrap the angle",
-            lambda r: replace(r, q=np.where(turns, np.unwrap(r.q, axis=0), r.q)),
-            {"joints": (joints + 1).tolist()},
-        )  # fmt: skip
+    if turns.any():
+        what = "the position of {where} jumps by a full turn between two rows: the angle is wrapped."
+        unwrap = lambda r: replace(r, q=np.where(turns, np.unwrap(r.q, axis=0), r.q))  # noqa: E731
+        joints = np.flatnonzero(turns)
+        yield Issue.of("wrapped angle", "error", joints, what, _READ, "unwrap the angle", unwrap)
 
 
 def repeated_run(g: Glance) -> Iterator[Issue]:
@@ -277,36 +267,30 @@ def repeated_run(g: Glance) -> Iterator[Issue]:
             "{rows} rows are copies, bit by bit, of rows {lag} earlier: a part of the run is in the "
             "file twice, and would count as a repetition without noise."
         )
-        yield from _deleted(g, "repeated run", {"": again}, what, lag=most)
+        yield from g.deleted("repeated run", again, what, lag=most)
 
 
-def frozen_packets(g: Glance) -> Iterator[Issue]:
-    """Stretches in which every channel repeats one row, and a joint has then come farther than in its
-    usual step and by more than its encoder's."""
-    parts = spans(g.held)
-    lengths = np.diff(parts)[:, 0]
+def held_rows(g: Glance) -> Iterator[Issue]:
+    """Rows that are copies of the one before. Frozen packets: for long, and a joint has then come
+    farther than in its usual step. Doubled rows: single ones while the arm moves, under an even clock;
+    the motion goes on behind them, or skips ahead."""
+    held = np.concatenate([[False], np.diff(g.row_numbers) == 0])
+    parts, q = spans(held), g.run.q
+    lengths, steps = np.diff(parts)[:, 0], np.abs(np.diff(q, axis=0))
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
-    if not len(long := parts[lengths >= max(STUCK, TIMES * usual)]):
-        return
-    steps = np.abs(np.diff(g.run.q, axis=0))
     least = 4.0 * np.median(steps, axis=0)
-    found = [p for p in long if p[1] < len(g.run.t) and np.any(steps[p[1] - 1] > least)]
+    long = [(a, b) for a, b in parts[lengths >= max(STUCK, TIMES * usual)].tolist() if b < len(q)]
+    frozen = _mask(len(q), [(a, b) for a, b in long if np.any(steps[b - 1] > least)])
     what = "all channels repeat one row for up to {seconds:.3g} s, {parts} times: no packets came."
-    bad = {"": _mask(len(g.run.t), found)}
-    yield from _deleted(g, "frozen packets", bad, what, brief=STUCK_SECONDS)
-
-
-def doubled(g: Glance) -> Iterator[Issue]:
-    """Rows that are copies of the one before while the arm moves, under an even clock: with the motion
-    going on behind them, or skipping ahead."""
-    if not g.step or np.ptp(g.steps) > 1e-3 * g.step:
+    yield from g.deleted("frozen packets", frozen, what, brief=STUCK_SECONDS)
+    if frozen.any() or not g.step or np.ptp(g.steps) > 1e-3 * g.step:
         return  # own stamps: a logger a little faster than its source holds samples, too
-    same, span = g.held & g.movement.moves, 2 * STUCK
+    same, span = held & g.movement.moves, 2 * STUCK
     at = np.flatnonzero(same[span:-span]) + span
     at = at[~same[at - 1] & ~same[at + 1]]
     if not 0.1 * 1 / RUN <= same.mean() <= 0.8 or not len(at):
         return
-    near, far = (np.linalg.norm(g.run.q[at + k] - g.run.q[at - k], axis=1) / k for k in (1, span))
+    near, far = (np.linalg.norm(q[at + k] - q[at - k], axis=1) / k for k in (1, span))
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
     if skips and not 1 / RUN < same.mean() < 0.5:  # from half of the rows on the source is slower
         return
@@ -334,7 +318,7 @@ def end_stops(g: Glance) -> Iterator[Issue]:
         rows &= _mask(len(rows), held)
     what = "{named} stays in its range for up to {seconds:.3g} s while the command goes beyond it: the "
     what, sure = f"{what}joint lies against its end stop.", "certain: the drive pushes against its stop"
-    yield from _deleted(g, "end stop", {f"q{j + 1}": x for j, x in enumerate(bad)}, what, sure)
+    yield from g.deleted("end stop", {f"q{j + 1}": x for j, x in enumerate(bad)}, what, sure)
 
 
 def interpolated_rows(g: Glance) -> Iterator[Issue]:
@@ -356,7 +340,7 @@ def interpolated_rows(g: Glance) -> Iterator[Issue]:
     least = max(STUCK, TIMES * float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0)
     parts = [p for p in edges if p[1] - p[0] >= least and moves[p[0] : p[1]].mean() > 0.5]
     what = "{rows} rows lie on straight lines in every channel: a gap was filled by interpolation."
-    yield from _deleted(g, "interpolated rows", {"": _mask(len(inside), parts)}, what)
+    yield from g.deleted("interpolated rows", _mask(len(inside), parts), what)
 
 
 def zeros(g: Glance) -> Iterator[Issue]:
@@ -375,7 +359,7 @@ def zeros(g: Glance) -> Iterator[Issue]:
             bad[name] = _mask(len(x), far)
     what = "{rows} rows of {named} are exactly zero, and jump there and back: nothing was measured."
     sure = "certain: the channel hardly ever takes any other value near zero"
-    yield from _deleted(g, "zeros", bad, what, sure)
+    yield from g.deleted("zeros", bad, what, sure)
 
 
 def _around(x: Array, width: int) -> Array:
@@ -397,7 +381,7 @@ def spikes(g: Glance) -> Iterator[Issue]:
             far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
             bad[name] = far & (far.mean() <= 1 / RUN)
     what = "{rows} samples of {named} lie far from the samples on both sides."
-    yield from _deleted(g, "spikes", bad, what, "certain: no joint moves like that")
+    yield from g.deleted("spikes", bad, what, "certain: no joint moves like that")
 
 
 def lost_rows(g: Glance) -> Iterator[Issue]:
@@ -442,7 +426,7 @@ def frozen(g: Glance, word: str, name: str) -> Iterator[Issue]:
     bad = {channel: _stuck(g, j, x, name == "q") for channel, j, x in asked if np.ptp(x) > 0.0}
     what = "{named} repeats one value for {seconds:.3g} s, {parts} times, while the arm moves: "
     sure = "certain: elsewhere it never repeats for nearly as long"
-    yield from _deleted(g, f"frozen {word}", bad, what + "the channel was frozen.", sure)
+    yield from g.deleted(f"frozen {word}", bad, what + "the channel was frozen.", sure)
 
 
 def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
@@ -470,113 +454,96 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
 
 def idle(g: Glance) -> Iterator[Issue]:
     """Joints that never move, or all of them."""
-    joints = np.flatnonzero(~g.moving)
-    if not len(joints):
-        return
-    kind, severity, where, remedy = "no motion", "error", "all joints", "record a motion of all joints"
-    what = "no joint moves: these data contain only static friction and the weight in one pose."
-    if g.moving.any():
-        kind, severity, where = "idle joints", "warning", joints_text(joints)
+    sure, joints = "certain: the positions change by noise only", np.flatnonzero(~g.moving)
+    if not g.moving.any():
+        what = "no joint moves: these data contain only static friction and the weight in one pose."
+        remedy = "record a motion of all joints"
+        yield Issue.of("no motion", "error", joints, what, sure, remedy, where="all joints")
+    elif len(joints):
         what = (
-            f"{where} never moves: friction and inertia about that axis are not identifiable, and the "
+            "{where} never moves: friction and inertia about that axis are not identifiable, and the "
             "torque there is stiction."
         )
         remedy = "move every joint, or add a run that does"
-    sure, figures = "certain: the positions change by noise only", {"joints": (joints + 1).tolist()}
-    yield Issue(kind, severity, where, what, sure, remedy, None, figures)
+        yield Issue.of("idle joints", "warning", joints, what, sure, remedy)
 
 
 def beside(g: Glance) -> Iterator[Issue]:
     if joints := beside_range(g.robot, g.run.q):
-        where, figures = joints_text(joints), {"joints": [j + 1 for j in joints]}
-        yield Issue(
-            "encoder offset", "warning", where,
-            f"{where}: positions outside the range all or part of the time.",
+        yield Issue.of(
+            "encoder offset", "warning", joints,
+            "{where}: positions outside the range all or part of the time.",
             "certain: outside what the joint can reach",
-            "correct the zeros of these joints: the travel fits the range", None, figures,
+            "correct the zeros of these joints: the travel fits the range",
         )  # fmt: skip
 
 
-def dead(g: Glance) -> Iterator[Issue]:
-    """Torque channels that never change."""
-    for j in np.flatnonzero(np.ptp(g.run.tau, axis=0) == 0.0).tolist():
-        yield Issue(
-            "dead channel", "error", f"tau{j + 1}",
-            f"tau{j + 1} is {g.run.tau[0, j]:g} {g.robot.torque_units[j]} in every row.", _READ,
-            "find out why the logger wrote a constant", None, {"joints": [j + 1]},
-        )  # fmt: skip
-
-
-def magnitude(g: Glance) -> Iterator[Issue]:
-    """Torques that are never negative because their sign is lost: whenever they come near zero, by
-    a fifth of the largest, they come within a usual step of it: by chance with odds of step to fifth."""
-    joints = []
+def torques(g: Glance) -> Iterator[Issue]:
+    """Channels that never change, that stay exactly at their largest value while they are never constant
+    elsewhere, or that lost their sign: whenever these come near zero, by a fifth of the largest, they
+    come within a usual step of it: by chance with odds of step to fifth."""
+    unsigned = []
     for j, x in enumerate(g.run.tau.T):
-        if not (g.moving[j] and 0.0 <= x.min() <= 0.01 * x.max() and x.max() > x.min()):
+        name, unit, parts = f"tau{j + 1}", g.robot.torque_units[j], spans(np.diff(x) == 0.0)
+        if not np.ptp(x):
+            what = f"{name} is {x[0]:g} {unit} in every row."
+            remedy = "find out why the logger wrote a constant"
+            yield Issue.of("dead channel", "error", [j], what, _READ, remedy, where=name)
             continue
-        steps, near = np.abs(np.diff(x)), 0.2 * x.max()
-        step = min(float(np.median(steps[steps > 0.0])), near)
-        lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
-        joints += [j] * bool(np.sum((lowest > 0.0) & (lowest < step)) * np.log(near / step) > c.ODDS)
-    if joints:
-        where = ", ".join(f"tau{j + 1}" for j in joints)
-        yield Issue(
-            "torque magnitude", "error", where,
-            f"{where} never changes sign: the logger wrote magnitudes.",
-            "likely: a torque that is as near to zero as often is below it, too",
-            "log the torque with its sign", None, {"joints": [j + 1 for j in joints]},
-        )  # fmt: skip
-
-
-def clipped(g: Glance) -> Iterator[Issue]:
-    """A torque that stays exactly at its largest value while it is never constant elsewhere."""
-    for j, x in enumerate(g.run.tau.T):
-        parts = spans(np.diff(x) == 0.0)
         lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]
-        ends = np.isin(values, (x.min(), x.max())) & (np.ptp(x) > 0.0)
+        ends = np.isin(values, (x.min(), x.max()))
         elsewhere, longest = (int(lengths[k].max(initial=1)) for k in (~ends, ends))
         if longest >= max(TIMES * elsewhere, STUCK):
             value = values[np.argmax(lengths * ends)]
-            yield Issue(
-                "saturation", "warning", f"tau{j + 1}",
-                f"tau{j + 1} is stuck at {value:.6g} {g.robot.torque_units[j]} for up to {longest} "
-                f"consecutive samples ({np.sum(x == value)} in total): the channel is clipped.",
+            yield Issue.of(
+                "saturation", "warning", [j],
+                f"{name} is stuck at {value:.6g} {unit} for up to {longest} consecutive samples "
+                f"({np.sum(x == value)} in total): the channel is clipped.",
                 f"likely: elsewhere it is never constant for more than {elsewhere} samples",
-                "record again with a larger range, or slower; delete those rows until then", None,
-                {"joints": [j + 1], "limit": float(value)},
+                "record again with a larger range, or slower; delete those rows until then",
+                where=name, limit=float(value),
             )  # fmt: skip
+        if g.moving[j] and 0.0 <= x.min() <= 0.01 * x.max():
+            steps, near = np.abs(np.diff(x)), 0.2 * x.max()
+            step = min(float(np.median(steps[steps > 0.0])), near)
+            lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
+            chance = np.sum((lowest > 0.0) & (lowest < step)) * np.log(near / step)
+            unsigned += [j] * bool(chance > c.ODDS)
+    if unsigned:
+        yield Issue.of(
+            "torque magnitude", "error", unsigned,
+            "{where} never changes sign: the logger wrote magnitudes.",
+            "likely: a torque that is as near to zero as often is below it, too",
+            "log the torque with its sign", where=", ".join(f"tau{j + 1}" for j in unsigned),
+        )  # fmt: skip
 
 
-def quantised(g: Glance, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
-    """Rounding errors of positions, beside the acceleration in the band that identification uses: of a
-    motion behind the filter of these settings. They renew themselves when the level changes; the part
-    below the cut-off stays. A second derivative weighs its power with (2 pi f)^4."""
-    cutoff = settings.state_cutoff
+def coarse(g: Glance, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
+    """Whether the motion's fastest part is sampled often enough to be differentiated twice, in positions
+    fine enough for the accelerations of a motion behind the filter of these settings. Rounding errors
+    renew themselves when the level changes; the part below the cut-off stays, and a second derivative
+    weighs its power with (2 pi f)^4."""
+    rate, highest, cutoff = 1.0 / g.step, highest_harmonic(g.run), settings.state_cutoff
+    if rate < (needed := c.SAMPLES_A_PERIOD * highest):
+        yield Issue.of(
+            "low sample rate", "warning", (),
+            f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second are too few to "
+            f"differentiate it twice: {needed:.0f} Hz are needed.",
+            "certain: from the spectrum of the positions", "log faster, or move slower",
+            where="column t", rate_hz=rate, needed=needed,
+        )  # fmt: skip
     assert cutoff is not None
     for j, (x, size) in enumerate(zip(g.run.q.T, motion.ddq.std(axis=0), strict=True)):
         step, lasts = lattice_step(x), g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
         noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * max(1.0, 0.5 / (cutoff * lasts)))
         if g.moving[j] and noise > c.TYPICAL["link"] * size > 0.0:
-            yield Issue(
-                "quantisation", "warning", f"q{j + 1}",
+            yield Issue.of(
+                "quantisation", "warning", [j],
                 f"q{j + 1} is quantised in steps of {step:.3g} {g.robot.position_units[j]}: noise of "
                 f"about {100.0 * noise / size:.0f} % of the acceleration below {cutoff:.3g} Hz.",
                 "likely: the steps are read from the file, the noise is estimated",
-                "log more digits, or move faster", None, {"joints": [j + 1], "step": step},
+                "log more digits, or move faster", where=f"q{j + 1}", step=step,
             )  # fmt: skip
-
-
-def sample_rate(g: Glance) -> Iterator[Issue]:
-    """Whether the motion's fastest part is sampled often enough to be differentiated twice."""
-    rate, highest = 1.0 / g.step, highest_harmonic(g.run)
-    if rate < (needed := c.SAMPLES_A_PERIOD * highest):
-        yield Issue(
-            "low sample rate", "warning", "column t",
-            f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second are too few to "
-            f"differentiate it twice: {needed:.0f} Hz are needed.",
-            "certain: from the spectrum of the positions", "log faster, or move slower", None,
-            {"rate_hz": rate, "needed": needed},
-        )  # fmt: skip
 
 
 #: In the order of mending; those of MOTION are about a motion.
@@ -584,7 +551,7 @@ CLOCK: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
     missing, time_unit, backwards, repeated_time, uneven, jumps,
 )  # fmt: skip
 MOTION: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
-    wrapped, repeated_run, frozen_packets, doubled, end_stops, interpolated_rows, zeros, spikes,
+    wrapped, repeated_run, held_rows, end_stops, interpolated_rows, zeros, spikes,
     lost_rows, partial(frozen, word="position", name="q"), partial(frozen, word="torque", name="t"),
 )  # fmt: skip
 

@@ -15,15 +15,7 @@ from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.transformation import Element, Number, Transformation
-from sdp_vs_penalty.checks.transformations import motion, torque
-
-#: What is tried, in the order of the words; of what explains alike the first.
-TRANSFORMATIONS: tuple[Transformation, ...] = (
-    motion.Degrees(), motion.Clock(), motion.Sign(), motion.Exchange(), motion.Mounting(),
-    torque.Weight(), torque.Law(), torque.Gain(), torque.Delay(), torque.Change(), motion.Length(),
-    motion.Zero(), torque.Saturation(),
-)  # fmt: skip
+from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Element, Number
 
 
 class Search:

@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from sdp_vs_penalty import Estimate, InputError, load_problem
-from sdp_vs_penalty.checks.urdf import check_urdf, massless_links
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
 from sdp_vs_penalty.exporters.export import export, formats
+from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
@@ -215,8 +215,8 @@ def test_a_users_urdf_is_edited_byte_for_byte(tmp_path):
     reloaded, _ = load_urdf(out)
     assert reloaded.n == 3
     by_link = {check.link: check for check in check_urdf(out)}
-    assert by_link["plate"].mass == by_link["tip"].mass == 0.0
-    assert by_link["bare"].mass == pytest.approx(estimate.links[1, 0], abs=0)
+    assert by_link["plate"].given.mass == by_link["tip"].given.mass == 0.0
+    assert by_link["bare"].given.mass == pytest.approx(estimate.links[1, 0], abs=0)
     # A second export over the result changes nothing at all.
     again = tmp_path / "again.urdf"
     export(estimate, again, urdf=out)

@@ -10,15 +10,16 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     urdf robot.urdf: File to check.
     --fix fixed.urdf: Copy to write, with the nearest consistent inertials.
     """
-    from sdp_vs_penalty.checks import urdf as inertials
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.exporters import inertials
 
     checks, massless = inertials.check_urdf(urdf), inertials.massless_links(urdf)
     verdict, *remarks = inertials.sentences(checks, massless)
     console.say(verdict, style="bold")
     if checks:
         title = "Inertials: mass and margins (negative: violated)"
-        console.table(title, inertials.HEADS, inertials.table(checks), words=2)
+        heads = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
+        console.table(title, heads, inertials.table(checks), words=2)
     for c in checks:
         if c.nearest is not None:
             console.explain(

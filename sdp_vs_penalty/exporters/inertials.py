@@ -26,34 +26,60 @@ class LinkCheck:
     triangle_margin : smallest of D1 + D2 - D3 over the principal moments about the centre of mass
         [kg m^2], >= 0 for a possible body; pseudo_inertia_margin : smallest eigenvalue of the 4x4
         pseudo-inertia about the link's origin (kg, kg m, kg m^2 mixed: its sign is what counts);
-    reach : of its body [m], from geometry or the joints around it (3: nothing moves it); gyration :
-        sqrt(tr I / (2 m)) about the centre of mass [m]; nearest : the nearest consistent Inertial of an
-        inconsistent link with mass; distance : |I - I_nearest| in the Frobenius norm [kg m^2].
+    reach : of its body [m], from geometry or the joints around it (3: nothing moves it); gyration : of a
+        consistent link, sqrt(tr I / (2 m)) about the centre of mass [m]; nearest : the nearest possible
+        Inertial of an inconsistent link with mass.
     """
 
     link: str
-    mass: float
+    given: Inertial
     triangle_margin: float
     pseudo_inertia_margin: float
     verdict: str
     reach: float
-    gyration: float = 0.0
-    nearest: Inertial | None = None
-    distance: float = 0.0
+    gyration: float
+    nearest: Inertial | None
+
+    @classmethod
+    def of(cls, link: str, theta: Array, reach: float) -> "LinkCheck":
+        """Of standard parameters (10,)."""
+        given, verdict, nearest = Inertial.of(theta), "consistent", None
+        moments = np.linalg.eigvalsh(given.about_com)
+        triangle = float(moments[0] + moments[1] - moments[2])
+        # What rounding leaves of a moment is relative to the moments about the link's origin.
+        size = abs(float(moments.sum())) + 2.0 * given.mass * float(np.sum(given.com**2))
+        least = -ROUNDING * size
+        if theta.any() and given.mass <= 0.0:
+            verdict = "negative mass" if given.mass < 0.0 else "moment of inertia without mass"
+            triangle = np.nan
+        elif min(moments[0], triangle) < least:
+            nearest = replace(given, about_com=nearest_inertia(given.about_com))
+            verdict = "triangle inequality violated"
+            verdict = "negative moment of inertia" if moments[0] < least else verdict
+        gyration = float(inertia.gyration(theta)) if verdict == "consistent" else 0.0
+        margin = float(inertia.consistency_margin(theta))
+        return cls(link, given, triangle, margin, verdict, reach, gyration, nearest)
 
     @property
-    def unlikely(self) -> bool:
-        """A body that can exist, but not in this arm: its mass lies farther out than it reaches."""
-        return self.consistent and self.gyration > self.reach
+    def distance(self) -> float:
+        """|I - I_nearest| in the Frobenius norm [kg m^2]."""
+        nearest = self.nearest or self.given
+        return float(np.linalg.norm(self.given.about_com - nearest.about_com))
 
     @property
     def consistent(self) -> bool:
         return self.verdict == "consistent"
 
+    @property
+    def unlikely(self) -> bool:
+        """A body that can exist, but not in this arm: its mass lies farther out than it reaches."""
+        return self.gyration > self.reach
+
     def to_dict(self) -> dict[str, Any]:
-        names = ("link", "mass", "pseudo_inertia_margin", "consistent", "verdict")
+        """Plain JSON."""
+        names = ("link", "pseudo_inertia_margin", "consistent", "verdict")
         out = {name: getattr(self, name) for name in names} | {"radius_of_gyration": self.gyration}
-        out["triangle_margin"] = formatting.finite(self.triangle_margin)
+        out |= {"mass": self.given.mass, "triangle_margin": formatting.finite(self.triangle_margin)}
         out["plausible"] = self.consistent and not self.unlikely
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
@@ -75,19 +101,14 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     names = [str(link.get("name")) for link in links]
     with named(path):
         own = zip(names, map(read_inertial, links), strict=True)
-        return [_check(name, given, reach.get(name, 3.0)) for name, given in own]
-
-
-#: What :func:`table` writes of each link; margins that are negative are violated.
-HEADS = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
+        return [LinkCheck.of(name, given, reach.get(name, 3.0)) for name, given in own]
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
-    """A row a link, in the order of HEADS."""
-    return [
-        (c.link, c.verdict, *(f"{x:.3g}" for x in (c.mass, c.triangle_margin, c.pseudo_inertia_margin)))
-        for c in checks
-    ]
+    """A row a link: its name, verdict, mass [kg] and margins, negative where they are violated."""
+    margins = [(c.given.mass, c.triangle_margin, c.pseudo_inertia_margin) for c in checks]
+    both = zip(checks, margins, strict=True)
+    return [(c.link, c.verdict, *(f"{x:.3g}" for x in values)) for c, values in both]
 
 
 def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]:
@@ -99,9 +120,9 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
     said = [f"{formatting.count(len(checks), 'inertial')} checked: {how}"]
     said += [
         f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m for "
-        f"{c.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques of a link that hardly "
-        "moves do not determine its mass and inertia separately; the default method of `identify` "
-        "keeps every link in its body."
+        f"{c.given.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques of a link that "
+        "hardly moves do not determine its mass and inertia separately; the default method of "
+        "`identify` keeps every link in its body."
         for c in checks
         if c.unlikely
     ]
@@ -123,26 +144,6 @@ def massless_links(path: str | Path) -> list[str]:
     child = {joint.get("name"): str(joint.find("child").get("link")) for joint in joints}
     carriers = [robot.tree[k].name for k in robot.link_joints]
     return [child[j] for j, theta in zip(carriers, nominal, strict=True) if not theta.any()]
-
-
-def _check(name: str, theta: Array, reach: float) -> LinkCheck:
-    given, margin, verdict = Inertial.of(theta), float(inertia.consistency_margin(theta)), "consistent"
-    if not theta.any():
-        return LinkCheck(name, 0.0, 0.0, margin, verdict, reach)
-    if given.mass <= 0.0:
-        verdict = "negative mass" if given.mass < 0.0 else "moment of inertia without mass"
-        return LinkCheck(name, given.mass, np.nan, margin, verdict, reach)
-    triangle, least = float(inertia.triangle_margin(theta)), np.linalg.eigvalsh(given.about_com)[0]
-    trace = float(np.trace(given.about_com))
-    # What rounding leaves of a moment is relative to the moments about the link's origin.
-    zero = -ROUNDING * (abs(trace) + 2.0 * given.mass * float(np.sum(given.com**2)))
-    if triangle >= zero and least >= zero:
-        gyration = float(np.sqrt(max(trace, 0.0) / (2.0 * given.mass)))
-        return LinkCheck(name, given.mass, triangle, margin, verdict, reach, gyration)
-    nearest = replace(given, about_com=nearest_inertia(given.about_com))
-    verdict = "negative moment of inertia" if least < zero else "triangle inequality violated"
-    distance = float(np.linalg.norm(given.about_com - nearest.about_com))
-    return LinkCheck(name, given.mass, triangle, margin, verdict, reach, 0.0, nearest, distance)
 
 
 def nearest_inertia(about_com: Array) -> Array:
@@ -172,6 +173,6 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
         if check.nearest is not None:
             document.put(links[check.link], "inertial", {}, inertial_tags(check.nearest))
         elif not check.consistent:
-            what = f"link {check.link!r} has a mass of {check.mass:g} kg ({check.verdict})"
+            what = f"link {check.link!r} has a mass of {check.given.mass:g} kg ({check.verdict})"
             raise InputError(what, "correct it in the file, because no inertia is nearest to it", path)
     write_bytes(out, document.edited())

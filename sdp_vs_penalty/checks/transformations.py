@@ -1,0 +1,546 @@
+"""What may be wrong with a log, a class for each kind: the repairs that it proposes, what these cost
+beforehand, and what is said of them."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.issue import joints_text
+from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.regression_data import LAWS
+from sdp_vs_penalty.checks.repair import Event, Repair
+from sdp_vs_penalty.data.formats.recognition import UNITS as NAMED
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
+
+#: Factors of units, and what a channel is in whose torque has to be multiplied by one.
+UNITS = {NAMED["mnm"]: "mN m", NAMED["ncm"]: "N cm", NAMED["kgfm"]: "kgf m", NAMED["lbfin"]: "lbf in"}
+#: Factors that are tried: units, and a grid whose steps the refinement bridges.
+_GAINS = (*UNITS, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 100, 1e3)
+#: True time over the file's that is tried; the ends are round.
+_RATES = (0.5, 0.75, 1.4, 2.0)
+#: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
+_LATE = {"lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12), "lag": (0.01, 0.04, 0.1, 0.2)}
+#: Below this bend, the largest logged torque over the limit, a channel is as straight as sensors are.
+_STRAIGHT = 0.2
+#: Share of the time on either side of a step that the joint has to move each way: else it is friction's.
+_WAYS = 0.15
+#: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
+_EARTH = max(map(abs, STANDARD_GRAVITY))
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
+
+    tolerance : what arms and loggers differ by themselves, in the number's own unit; reach : how far to
+    either side the best value is looked for; text : with unit; snaps : round values, tried beside it.
+    """
+
+    value: float
+    at: Callable[[float], Repair]
+    tolerance: float
+    reach: float
+    text: Callable[[float], str]
+    snaps: tuple[float, ...] = ()
+
+    @classmethod
+    def factor(cls, x: float, at: Callable[[float], Repair], snaps: tuple[float, ...]) -> "Number":
+        """The natural logarithm of a factor x, which ``at`` and snaps count in."""
+        logs = tuple(float(np.log(s)) for s in snaps)
+        text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
+        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), c.CALIBRATED_GAIN, 0.5, text, logs)
+
+
+def choices(count: int) -> float:
+    """Natural logarithm of the odds against one of so many alike, none of them likelier than another."""
+    return c.ODDS + float(np.log(max(count, 1)))
+
+
+@dataclass(frozen=True)
+class Element:
+    """One thing that a repair does, and what is said of it; ``of`` : the repair without it, or its
+    number.
+
+    cost : natural logarithm of the odds against it; place : default: the joints; mends : whether a
+    repaired log can be written.
+    """
+
+    kind: str
+    severity: str
+    joints: tuple[int, ...]
+    what: str
+    remedy: str
+    of: Repair | Number
+    cost: float = c.ODDS
+    place: str = ""
+    mends: bool = True
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def number(self) -> Number | None:
+        return self.of if isinstance(self.of, Number) else None
+
+    @property
+    def odd(self) -> bool:
+        """Whether it is a number that is not round."""
+        return isinstance(self.of, Number) and not np.isclose(self.of.value, self.of.snaps).any()
+
+    @property
+    def without(self) -> Repair:
+        return self.of.at(0.0) if isinstance(self.of, Number) else self.of
+
+    @property
+    def name(self) -> tuple[str, tuple[int, ...]]:
+        return self.kind, self.joints
+
+
+class Transformation(ABC):
+    """One kind of change of a log."""
+
+    @abstractmethod
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        """Repairs that differ from ``now``, whose score is given, by one more thing of this kind."""
+
+    @abstractmethod
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        """What a repair does of this kind."""
+
+
+class Degrees(Transformation):
+    """Positions in degrees: of all revolute joints, or of one of them."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
+        far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]
+        for joints in [log.revolute, *([j] for j in far if log.n > 1)] if far else ():
+            yield now.times("scale", joints, float(np.radians(1.0)))
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        if not (joints := tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())):
+            return
+        without = repair.times("scale", joints, float(np.degrees(1.0)))
+        reach = float(np.abs(without.positions(log.data.motion.q)[:, joints]).max())
+        every, named = joints == tuple(log.revolute), ", ".join(f"q{j + 1}" for j in joints)
+        kind, cost = "positions in degrees", c.ODDS
+        if not every:
+            kind, cost = "position unit", len(joints) * choices(log.n)
+        what = f"the position of {joints_text(joints)} is in degrees, not in radians"
+        what = f"{what} (reaching {reach:.4g})."
+        remedy = f"multiply {named} (and dq) by pi / 180"
+        yield Element(kind, "error", joints, what, remedy, without, cost, named)
+
+
+class Clock(Transformation):
+    """A clock at another rate, or rows in reverse order: inertia beside the weight tells the rate,
+    friction the direction."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        yield replace(now, reversed=not now.reversed)
+        for factor in _RATES if any(now.gravity) else ():
+            yield replace(now, rate=now.rate * factor)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        if repair.reversed:
+            what = "the rows are in reverse order: friction would drive the motion."
+            remedy, without = "reverse q and tau in time", replace(repair, reversed=False)
+            yield Element("time reversed", "error", (), what, remedy, without, place="all rows")
+        if (x := repair.rate) != 1.0:
+            word, at = "fast" if x < 1.0 else "slow", lambda v: replace(repair, rate=v)
+            what = (
+                f"time runs {max(x, 1.0 / x):.3g} times too {word}: the inertia in the torques does not"
+            )
+            remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
+            number = Number.factor(x, at, (min(_RATES), max(_RATES)))
+            what = f"{what} fit the weight."
+            yield Element("clock rate", "error", (), what, remedy, number, place="column t")
+
+
+class Sign(Transformation):
+    """Joints and torques that count the other way: the torque's sign, the position's, or both."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        for turned in (range(log.n), *((j,) for j in range(log.n))):
+            yield now.times("gain", turned, -1.0)
+        for j in np.flatnonzero(score.poor).tolist():
+            yield now.times("scale", (j,), -1.0)
+            yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
+        for j in np.flatnonzero(q).tolist():
+            without, k = repair.times("scale", (j,), -1.0), j + 1
+            kind, what = "position sign", f"the position of joint {k} has the wrong sign."
+            remedy = f"flip the sign of q{k} (and dq{k})"
+            if tau[j]:
+                without = without.times("gain", (j,), -1.0)
+                kind, what = "joint sign", f"joint {k} counts the other way, position and torque alike."
+                remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
+            yield Element(kind, "error", (j,), what, remedy, without, choices(log.n))
+        if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
+            every = len(alone) == log.n
+            cost = c.ODDS if every else len(alone) * choices(log.n)
+            what = f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign."
+            remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
+            without = repair.times("gain", alone, -1.0)
+            yield Element("torque sign", "error", alone, what, remedy, without, cost)
+
+
+class Exchange(Transformation):
+    """Channels of other joints: positions, torques, or both exchanged."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        for a, b in combinations(log.joints, 2):
+            yield now.with_swap(a, b, "tau_order")
+            if score.poor[a] or score.poor[b]:
+                yield now.with_swap(a, b, "order")
+                yield now.with_swap(a, b, "order", "tau_order")
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        told: list[tuple[str, str, str, tuple[str, ...]]] = [
+            ("position order", "the positions", "q and dq", ("order",)),
+            ("torque order", "the torques", "tau", ("tau_order",)),
+        ]
+        if repair.order == repair.tau_order:
+            told = [("joint order", "positions and torques", "q, dq and tau", ("order", "tau_order"))]
+        for kind, word, columns, names in told:
+            order, none = getattr(repair, names[0]), tuple(range(log.n))
+            if changed := tuple(j for j, k in enumerate(order) if j != k):
+                how = ", ".join(f"column {order[j] + 1} is joint {j + 1}'s" for j in changed)
+                how = "" if len(changed) == 2 else f": {how}"
+                what = f"{word} of {joints_text(changed)} are swapped{how}."
+                of_none: dict[str, Any] = dict.fromkeys(names, none)
+                cost = (len(changed) - 1) * choices(log.n * (log.n - 1) // 2)
+                remedy = f"rename the columns of {columns}"
+                without = replace(repair, **of_none)
+                yield Element(kind, "error", changed, what, remedy, without, cost)
+
+
+class Mounting(Transformation):
+    """Gravity along another direction of the base: its six axes first, then around the assumed one."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        given = np.array(now.gravity)
+        size = float(np.linalg.norm(given))
+        known = _earthly(size)
+        if any(now.lacks):
+            return
+        for axis in (*np.eye(3), *-np.eye(3)):
+            yield _under(now, (size if known else _EARTH) * axis)
+        if known:
+            across = np.linalg.svd(given[None, :])[2][1:]
+            ats = [_turned(now, given, given + size * x) for x in across]
+            steps, _ = log.screen.steps(now, ats, np.zeros(2), 0.02)
+            turned = given + size * np.clip(steps, -0.5, 0.5) @ across
+            yield _under(now, size * turned / np.linalg.norm(turned))
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        assumed, g = np.array(log.problem.robot.gravity), np.array(repair.gravity)
+        if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
+            return
+        given = float(np.linalg.norm(assumed))
+        cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
+        angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        x, y, z = (float(round(v, 2)) + 0.0 for v in g)
+        kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
+        of: Repair | Number = _under(repair, assumed)
+        if not _earthly(given):
+            kind, remedy = "gravity of the problem", f"{remedy}, or correct the problem's gravity"
+        elif np.count_nonzero(np.abs(g) > 1e-9) > 1:
+            of = Number(angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees)
+        seen, told = (", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) for g in (g, assumed))
+        what = (
+            f"the weight in the torques points along ({seen}) m/s^2, {np.degrees(angle):.0f} degrees "
+            f"away from the assumed ({told})."
+        )
+        severity = "warning" if _earthly(given) and angle < c.GROSS else "error"
+        figures = {"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]}
+        yield Element(kind, severity, (), what, remedy, of, c.ODDS, "the base", False, figures)
+
+
+def _earthly(size: float) -> bool:
+    return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
+
+
+def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:
+    """The repair with gravity turned by an angle from the assumed vector towards g."""
+    size = float(np.linalg.norm(assumed))
+    a = assumed / size
+    across = g - (g @ a) * a
+    across = across / np.linalg.norm(across)
+    return lambda v: _under(repair, size * (np.cos(v) * a + np.sin(v) * across))
+
+
+def _under(repair: Repair, g: Array) -> Repair:
+    x, y, z = g.tolist()
+    return replace(repair, gravity=(x, y, z))
+
+
+class Weight(Transformation):
+    """The arm's weight taken out of one channel, or of all, by the controller."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        # The weight that a wrist's last link holds is within the error of its friction's law: of one
+        # channel alone it has to be half (8 s of the real Panda, tests/test_docs.py::test_the_tutorial).
+        held = np.sqrt(np.mean(log.nominal(now, 0.0) ** 2, axis=0))
+        logged = np.sqrt(np.mean(log.data.torque(log.data.motion.t) ** 2, axis=0))
+        each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
+        every = range(log.n)
+        # A little weight that is left makes the rest look like inertia under another clock.
+        for joints, lacks in ((every, 1.0), (every, 0.8), *((one, 1.0) for one in each)):
+            if any(now.gravity):
+                yield now.with_entries("lacks", joints, lacks)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        for joints, x in repair.changed("lacks"):
+            of, how = f"the torque of {joints_text(joints)}", ""
+            if len(joints) == log.n:
+                left = ",".join(f"{float(round((1.0 - x) * v, 3)) + 0.0:g}" for v in repair.gravity)
+                of, how = "the torques", f", or identify with --gravity {left}"
+            what = f"{_percent(x)} of the weight is missing from {of}."
+            remedy = f"log the torques before gravity compensation{how}"
+            at = _entry(repair, "lacks", joints)
+            number = Number(x, at, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,))
+            cost = choices(log.n // len(joints))
+            yield Element("gravity removed", "error", joints, what, remedy, number, cost, mends=False)
+
+
+class Law(Transformation):
+    """Laws that the arm has and the model lacks: they contend with all that may be wrong with a log, and
+    what they explain is said in a note."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        heard, order = log.heard(now)[:, :, None], list(now.order)
+        laws = log.data.laws
+        gains = [score.gained(score.rows.rest(heard * x[order])).max(axis=1) for x in laws.values()]
+        for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
+            yield now.with_event(Event(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        for event in repair.events:
+            if isinstance(law := event.at, str):
+                what = (
+                    f"the torque of {joints_text([event.joint])} holds a law of its own motion that the "
+                    f"model lacks, most like {law}."
+                )
+                yield Element(
+                    f"law: {law}", "note", (event.joint,), what, "identify, and let `diagnose` name it",
+                    repair.without(event), choices(log.n * len(LAWS)), mends=False,
+                )  # fmt: skip
+
+
+class Gain(Transformation):
+    """Channels too large or too small beside their neighbours'. A factor that all have in common is not
+    seen by what joints share: see residual.py."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        for j in log.joints if len(log.joints) > 1 else ():
+            yield from (now.times("gain", (j,), factor) for factor in _GAINS)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        gross = c.GROSS / c.CALIBRATED * c.CALIBRATED_GAIN
+        for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
+            x = abs(repair.gain[j])
+            unit = next((name for u, name in UNITS.items() if abs(x / u - 1.0) < 1e-9), None)
+            kind, how = ("torque unit", f": it is in {unit}") if unit else ("torque gain", "")
+            size = f"{1.0 / x:.3g} times too large" if x < 1.0 else f"{x:.3g} times too small"
+            what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours{how}."
+            at = lambda v, j=j, x=x: repair.times("gain", (j,), v / x)  # noqa: E731
+            yield Element(
+                kind, "error" if abs(np.log(x)) > gross else "warning", (j,), what,
+                f"multiply tau{j + 1} by {x:.3g}", Number.factor(x, at, tuple(UNITS)), choices(log.n),
+                figures={"factor": x},
+            )  # fmt: skip
+
+
+class Delay(Transformation):
+    """Torque later than the motion, or through a causal filter: one channel, or all. Nothing brings one
+    channel ahead of the others: what looks like that is a law of its joint."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        each = [(j,) for j in log.joints] if len(log.joints) > 1 else []
+        for name, tried in _LATE.items():
+            yield from (now.with_entries(name, range(log.n), x) for x in tried)
+            yield from (now.with_entries(name, one, x) for one in each for x in tried if x > 0.0)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        for name, joints, x in ((k, *found) for k in _LATE for found in repair.changed(k)):
+            place, channel, beside = "", f"tau{joints[0] + 1}", "the other torques have not"
+            kind, whole = f"channel {'delay' if name == 'lead' else 'filter'}", len(joints) == log.n
+            if whole:
+                kind = "delay" if name == "lead" else "torque filter"
+                place, channel = "all torque channels" if log.n > 1 else "", "the torques"
+                beside = "the positions have not"
+            low = f"{1.0 / (2.0 * np.pi * max(x, 1e-6)):.2g} Hz ({1e3 * x:.0f} ms)"
+            what = f"a causal low-pass of {low} on {channel}; {beside} one."
+            remedy = f"log {channel} unfiltered, or filter every channel alike and without lag"
+            if name == "lead":
+                later = "later" if x > 0.0 else "earlier"
+                what = f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel}; {beside} moved."
+                remedy = f"shift {channel} in time (and log all channels from one source)"
+            text, at = lambda v: f"{1e3 * v:.0f} ms", _entry(repair, name, joints)
+            number, cost = Number(x, at, c.USUAL_DELAY, 0.06, text), choices(log.n // len(joints))
+            yield Element(
+                kind, "warning", joints, what, remedy, number, cost, place, mends=name == "lead"
+            )
+
+
+class Change(Transformation):
+    """A channel that drifts with time, or that steps once: a contact, a load, a zero set anew. Proposed
+    by a score test: of each shape the part that the arm leaves, against the residual."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        motion = log.data.motion
+        t, span = motion.t, float(np.ptp(motion.t))
+        steps = np.linspace(0.12, 0.88, c.ROWS // 2)  # two rows each: the wrong moment explains nothing
+        events = [None, *(float(t[0] + s * span) for s in steps)]
+        shapes = np.hstack([Event(0, at).shape(t) for at in events])
+        found = score.gained(score.rows.rest(log.heard(now)[:, :, None] * shapes))
+        forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
+        for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
+            share = forth @ side / np.maximum(side.sum(axis=0), 1)
+            found[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
+        found[~log.moving] = 0.0
+        for some, at in ((found[:, :1], events[:1]), (found[:, 1:], events[1:])):
+            j, k = divmod(int(np.argmax(some)), len(at))
+            if some[j, k] > 0.0:
+                yield now.with_event(Event(j, at[k]))
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        for event in repair.events:
+            if isinstance(t := event.at, str):
+                continue
+            j, without = event.joint, repair.without(event)
+            name, unit = joints_text([j]), log.problem.robot.torque_units[j]
+            # As far as the fit of its joint needs it.
+            score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion.t)
+            x = lacking.rest(log.heard(repair)[:, :, None] * shape)[j, :, 0]
+            away = score.channels[j] - lacking.apart[j] @ score.theta
+            size = float(x @ away / max(x @ x, 1e-300))
+            kind, many, place, figures = "torque drift", log.n, "", {"size": size}
+            how = f"drifts by {size:+.3g} {unit} from the first row to the last"
+            remedy = "let the sensor warm up and set its zero before the run"
+            if t is not None:
+                # Moments that a low-passed torque tells apart.
+                kind, many, place = "torque step", log.n * c.ROWS // c.PARTS, f"{name}, t = {t:.4g} s"
+                how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
+                remedy, figures = (
+                    "cut the run there, or find out what touched the arm",
+                    figures | {"t": t},
+                )
+            what, cost = f"the torque of {name} {how}.", choices(many) + 2.0 * c.ODDS
+            yield Element(kind, "warning", (j,), what, remedy, without, cost, place, False, figures)
+
+
+class Length(Transformation):
+    """Joints farther apart or nearer than the problem says, along the line between them [m]."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        most, joints = 0.7 * _length(log), log.problem.robot.joints
+        apart = [j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()]
+        ats = [_entry(now, "longer", (j,)) for j in apart]
+        steps, _ = log.screen.steps(now, ats, np.array(now.longer)[apart], most / 70.0)
+        for j, at, step in zip(apart, ats, np.clip(steps, -most, most).tolist(), strict=True):
+            yield at(now.longer[j] + step)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        for j in np.flatnonzero(repair.longer).tolist():
+            x, unit, text = repair.longer[j], _length(log), "{:.4g} m".format
+            how = f"{text(abs(x))} {'farther from' if x > 0.0 else 'nearer to'} joint {j}"
+            what = f"joint {j + 1} is {how} than in the robot's kinematics."
+            remedy = "correct the kinematics, or choose the problem of the robot that was logged"
+            at = _entry(repair, "longer", (j,))
+            number, cost = Number(x, at, 0.25 * c.CALIBRATED * unit, 0.35 * unit, text), choices(log.n)
+            yield Element("link length", "warning", (j,), what, remedy, number, cost, mends=False)
+
+
+class Zero(Transformation):
+    """Encoders that count from another zero than the robot's kinematics: what is to be added to one
+    joint's position [rad]; of prismatic joints in lengths of the arm."""
+
+    quarters = -np.pi / 2, np.pi / 2, np.pi
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        ats = [partial(_shifted, log, now, j) for j in log.joints]
+        steps, spreads = log.screen.steps(now, ats, np.array(now.zero)[log.joints], 0.01)
+        for j, at, step, spread in zip(log.joints, ats, steps.tolist(), spreads.tolist(), strict=True):
+            if not np.isfinite(spread):
+                continue  # nothing of it is seen, however large
+            unit = 1.0 if j in log.revolute else _length(log)
+            quarters = self.quarters if j in log.revolute and score.poor.any() else ()
+            for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):
+                if x:
+                    yield at(now.zero[j] + x)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        for j in np.flatnonzero(repair.zero).tolist():
+            x, at = repair.zero[j], partial(_shifted, log, repair, j)
+            number, gross = Number(x, at, c.CALIBRATED, 0.35, _degrees, self.quarters), c.GROSS
+            if j not in log.revolute:
+                unit, text = _length(log), "{:.4g} m".format
+                number = Number(x, at, 0.25 * unit * c.CALIBRATED, 0.35 * unit, text)
+                gross *= 0.25 * unit
+            severity = "error" if abs(x) > gross else "warning"
+            what = f"the zero of joint {j + 1} is {number.text(-x)} away from the robot's kinematics."
+            remedy = f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}"
+            cost, shift = choices(log.n), {"shifts": [x]}
+            yield Element("encoder offset", severity, (j,), what, remedy, number, cost, figures=shift)
+
+
+class Saturation(Transformation):
+    """A channel that bends towards a limit: tau_log = s tanh(tau / s), an amplifier near its end."""
+
+    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+        for j in log.joints:
+            for x in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
+                yield now.with_entries("bend", (j,), 1.0 - x)
+
+    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        for j in np.flatnonzero(repair.bend).tolist():
+            x, k = repair.bend[j], repair.tau_order[j]
+            limit = f"{log.data.largest[k] / x:.3g} {log.problem.robot.torque_units[j]}"
+            what = f"the torque of {joints_text([j])} bends towards a limit of {limit}"
+            what = f"{what}: its sensor or amplifier is near its end."
+            remedy = "record again with a larger range, or slower"
+            at = lambda v, j=j: repair.with_entries("bend", (j,), float(np.clip(v, 0.0, 0.995)))  # noqa: E731
+            number = Number(x, at, _STRAIGHT, 0.25, lambda v: f"{_percent(v)} of the limit is reached")
+            yield Element(
+                "saturation", "warning", (j,), what, remedy, number, choices(log.n), mends=False
+            )
+
+
+def _entry(repair: Repair, name: str, joints: tuple[int, ...]) -> Callable[[float], Repair]:
+    """The repair by the value of some joints' entry."""
+    return partial(repair.with_entries, name, joints)
+
+
+def _length(log: Likelihood) -> float:
+    """What a radian is to an angle: a length of this arm's size [m]."""
+    return 0.3 * float(log.problem.robot.link_reach().sum())
+
+
+def _shifted(log: Likelihood, now: Repair, j: int, x: float) -> Repair:
+    """An angle in (-pi, pi]; a length as it is."""
+    wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in log.revolute else x
+    return now.with_entries("zero", (j,), wrapped)
+
+
+def _degrees(angle: float) -> str:
+    return f"{np.degrees(angle):.4g} degrees"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
+
+
+#: What is tried, in the order of the words; of what explains alike the first.
+TRANSFORMATIONS: tuple[Transformation, ...] = (
+    Degrees(), Clock(), Sign(), Exchange(), Mounting(), Weight(), Law(), Gain(), Delay(), Change(),
+    Length(), Zero(), Saturation(),
+)  # fmt: skip

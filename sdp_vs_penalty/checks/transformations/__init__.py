@@ -1,1 +1,0 @@
-"""Transformations of a log, one class each; `search.py` lists those that are tried."""
