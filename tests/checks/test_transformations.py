@@ -73,6 +73,17 @@ def test_a_position_with_the_wrong_sign_is_named_by_its_joint():
     np.testing.assert_array_equal(report.mended.q, run.q)
 
 
+def test_a_torque_without_its_weight_is_named_with_the_share_that_it_lacks():
+    problem = load_problem("panda")
+    run = replace(small_run(problem, seconds=8.0), dq=None)
+    weight = problem.robot.inverse_dynamics(problem.nominal_links, run.q, 0.0 * run.q, 0.0 * run.q)
+    lacks = np.where(np.arange(7) == 1, 0.9, 0.0)
+    (report,) = check(problem, replace(run, tau=run.tau - lacks * weight), thorough=False)
+    (issue,) = [f for f in report.problems if f.kind == "gravity removed"]
+    assert issue.where == "joint 2"
+    assert issue.figures["interval"] == pytest.approx([0.9, 0.9], abs=0.02)
+
+
 #: Torque by position and velocity, of unit size; hysteresis was called a filter of the channel.
 STRONG = {
     "a spring": lambda q, dq: q,

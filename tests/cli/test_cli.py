@@ -285,6 +285,7 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
         "sdpa-program",
     ):
         assert name in said
+    assert re.search(r"clarabel +here", said)
     choice = ("--solvers", "clarabel,lmi-sdp", "--problems", "two_link simulated one-step plain")
     code, said, _ = run("shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", tmp_path)
     assert code == 0

@@ -1,5 +1,6 @@
 """Every verb, its help and its example are of one piece; the documentation runs the verbs."""
 
+import inspect
 import re
 import shlex
 from pathlib import Path
@@ -50,6 +51,18 @@ def test_there_is_one_example_and_it_parses(verb):
     program, called, *words = shlex.split(example)
     assert (program, called) == ("sdp-vs-penalty", verb)
     PARSERS[verb].given(words)
+
+
+def test_values_that_a_verb_begins_with_are_those_of_its_function():
+    told = 0
+    for verb in EXAMPLES:
+        function = getattr(sdp_vs_penalty, verb.replace("-", "_"), None)
+        theirs = inspect.signature(function).parameters if inspect.isroutine(function) else {}
+        for name, own in inspect.signature(named(verb)).parameters.items():
+            if name in theirs and own.default not in (None, own.empty):
+                told += 1
+                assert own.default == pytest.approx(theirs[name].default), (verb, name)
+    assert told > 15
 
 
 def test_a_flag_is_given_by_its_name_and_taken_back_where_it_holds_by_itself():
