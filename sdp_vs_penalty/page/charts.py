@@ -16,7 +16,7 @@ from sdp_vs_penalty.page.session import ModelStep
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.reports import plots
 from sdp_vs_penalty.reports.markup import shades
-from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, Curves, Figure, trace
+from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, POINTS, Curves, Figure, trace
 
 
 def torque_chart(
@@ -91,6 +91,16 @@ def missing_chart(curve: Curve, units: Sequence[str], read: Mapping[str, Any]) -
     return ready(plots.missing_figure(curve, units, [] if warm else [motion]), 260)
 
 
+#: Signals that an error is drawn against, and their names.
+SIGNALS = {
+    "q": "position",
+    "dq": "velocity",
+    "ddq": "acceleration",
+    "torque": "measured torque",
+    "t": "time",
+}
+
+
 def residual_chart(
     reads: Sequence[Mapping[str, Any]],
     joint: int,
@@ -100,15 +110,31 @@ def residual_chart(
     span: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     """What one or two models leave of a joint's torque against one of SIGNALS, the last one's reversals
-    ringed; span : only these seconds of the run."""
+    ringed; span : only these seconds of the run; the band is 1.96 noise floors wide to either side."""
     read, t = reads[-1], reads[-1]["t"] - reads[-1]["t"][0]
     cut = slice(None) if span is None else slice(*np.searchsorted(t, span))
     if len(t[cut]) < 2:
         cut = slice(None)
     x = np.asarray(t if signal == "t" else read[signal][:, joint])[cut]
     *first, last = ((r["torque"][:, joint] - r["modelled"][:, joint])[cut] for r in reads)
-    plot = plots.residual_figure(x, last, read["dq"][cut, joint], floor, *first)
-    plot.update_axes("x", title=plots.signal_title(signal, unit))
+    dq = read["dq"][cut, joint]
+    keep = np.unique(np.linspace(0, len(dq) - 1, POINTS).astype(int))
+    turns = np.flatnonzero(np.sign(dq[1:]) != np.sign(dq[:-1]))[:POINTS]
+    looks = [  # in the colours of the torque's figure
+        *((keep, y, "error of the first model", {"size": 3, "color": COLOURS[0]}) for y in first),
+        (keep, last, "error", {"size": 3, "color": COLOURS[len(first)]}),
+        (turns, last, "reversals", {"size": 8, "symbol": "circle-open", "color": COLOURS[2]}),
+    ]
+    plot = Figure()
+    for rows, y, name, marker in looks:
+        plot.add(trace("scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))
+    if floor is not None:
+        place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": "y"}
+        look = {"layer": "below", "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}
+        plot.update_layout(shapes=[{**place, **look, "y0": -1.96 * floor, "y1": 1.96 * floor}])
+    way = "m" if unit == "N" else "rad"
+    units = {"q": way, "dq": f"{way}/s", "ddq": f"{way}/s^2", "torque": unit, "t": "s"}
+    plot.update_axes("x", title=f"{SIGNALS[signal]} [{units[signal]}]")
     plot.update_axes("y", title=f"error of joint {joint + 1} [{unit}]")
     return ready(plot, 320)
 

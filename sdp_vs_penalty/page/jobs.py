@@ -390,12 +390,9 @@ def forward(asked: Asked) -> Answer:
     return {
         "arrays": files,
         "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
-        "verdict": made.verdict,
-        "explained": made.explained,
-        "units": list(made.units),
+        **{name: getattr(made, name) for name in ("verdict", "explained", "units", "left_out")},
         "heads": heads,
         "rows": rows,
-        "left_out": list(made.left_out),
     }
 
 

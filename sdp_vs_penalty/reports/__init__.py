@@ -1,7 +1,6 @@
 """One self-contained HTML file about one or several models: :func:`report` is the verb."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.reports import sections
 from sdp_vs_penalty.reports.markup import Material, page
-from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
 #: Steps of the free runs together, a fifth of a second of processor time.
@@ -73,9 +72,8 @@ def report(
     if (plotly := find_spec("plotly")) is None:  # its script alone is needed: no import of it
         raise missing_extra("The report needs", "report")
     script = Path(str(plotly.origin)).parent / "package_data" / "plotly.min.js"
-    material = _material(named, runs, whole, forward, progress)
+    material = _material(named, runs, whole, forward, progress, commands, said)
     progress("drawing")
-    material = replace(material, commands=commands, diagnosis=said)
     made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]
     title = f"{material.last.robot.name}: identified dynamics"
     write_text(out, page(title, made, script.read_text("utf-8")))
@@ -88,31 +86,32 @@ def _material(
     noise_from: Measurements | None,
     forward: bool,
     progress: Progress,
+    commands: Sequence[str],
+    said: Diagnosis | None,
 ) -> Material:
     """What is computed for the sections."""
     progress("comparing")
-    comparisons = compare(models, runs, noise_from=noise_from)
-    last = list(models.values())[-1]
+    names, judged = list(models), {}
+    first, last = names[0], names[-1]
+    filtered = FilteredRuns.of(driven(models[first], runs)[1], models[first].preprocessing)
+    comparisons = compare(models, filtered, noise_from=noise_from)
     drive: Drive = "torque" if runs.torque_logged else "servo"
-    moved = {name: driven(model, runs) for name, model in models.items()}
-    settings = next(iter(models.values())).preprocessing.resolve(runs)
-    judged = {}
-    for name, (plant, driving) in moved.items():
-        rows = (FilteredRun(run, settings).all_rows(plant.model) for run in driving.runs())
-        judged[name] = [(row, predicted(row, plant.theta)) for row in rows]
+    for c in comparisons:
+        rows = (run.all_rows(c.estimate.model) for run in filtered.runs)
+        judged[c.name] = [(row, predicted(row, c.estimate.theta)) for row in rows]
     try:
         ahead: Following | str = follow(
-            last, runs, drive=drive, steps=None if forward else _STEPS, progress=progress
+            models[last], runs, drive=drive, steps=None if forward else _STEPS, progress=progress
         )
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")
     failures = {
-        name: where_it_fails(models[name], runs, settings, noise=comparisons[0].noise)
-        for name in dict.fromkeys((next(iter(models)), list(models)[-1]))
+        name: where_it_fails(models[name], runs, filtered.settings, noise=comparisons[0].noise)
+        for name in dict.fromkeys((first, last))
     }
-    plant = moved[list(models)[-1]][0]
-    return Material(models, plant, runs, comparisons, judged, failures, _checks(models, runs), (), ahead)
+    checks = _checks(models, runs)
+    return Material(models, runs, comparisons, judged, failures, checks, ahead, commands, said)
 
 
 def _checks(models: Mapping[str, Estimate], runs: Measurements) -> dict[str, list[dict[str, Any]]]:

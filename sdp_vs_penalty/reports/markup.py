@@ -177,22 +177,20 @@ class Material:
     """Everything that the sections show, computed once.
 
     models : by name, in the order in which effects were added; the last one is looked at closely;
-    plant : that one without its drives, whose torque a log without torque is given; judged : of each
-    model the filtered rows of each run, and their modelled torque (M, n); failures : of the first model
-    and of the last; checks : of each run, what Issue.to_dict() says; commands : that made this report;
-    forward : the last model run forward, or the sentence why it cannot; diagnosis : of one of the
-    models, where there is one.
+    judged : of each model the filtered rows of each run, and their modelled torque (M, n); failures : of
+    the first model and of the last; checks : of each run, what Issue.to_dict() says; forward : the last
+    model run forward, or the sentence why it cannot; commands : that made this report; diagnosis : of
+    one of the models, where there is one.
     """
 
     models: Mapping[str, Estimate]
-    plant: Estimate
     measurements: Measurements
     comparisons: Sequence[Comparison]
     judged: Mapping[str, Sequence[tuple[Rows, Array]]]
     failures: Mapping[str, Sequence[JointFailure]]
     checks: Mapping[str, Sequence[Mapping[str, Any]]]
-    commands: Sequence[str]
     forward: Following | str
+    commands: Sequence[str]
     diagnosis: Diagnosis | None = None
 
     @property

@@ -161,51 +161,6 @@ def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = 
     return plot.update_axes("y", 1, title=f"left [{plain_unit(unit)}]")
 
 
-#: Signals that an error is drawn against, and their names.
-SIGNALS = {
-    "q": "position",
-    "dq": "velocity",
-    "ddq": "acceleration",
-    "torque": "measured torque",
-    "t": "time",
-}
-
-
-def signal_title(signal: str, unit: str) -> str:
-    """One of SIGNALS with its unit; unit : of the joint's torque.
-
-    >>> signal_title("dq", "N m")
-    'velocity [rad/s]'
-    """
-    way = "m" if unit == "N" else "rad"
-    units = {"q": way, "dq": f"{way}/s", "ddq": f"{way}/s^2", "torque": unit, "t": "s"}
-    return f"{SIGNALS[signal]} [{units[signal]}]"
-
-
-def residual_figure(
-    x: Array, left: Array, dq: Array, floor: float | None, first: Array | None = None
-) -> Figure:
-    """What is left of a joint's torque (N,) against a signal x (N,), its reversals (of dq) ringed; the
-    band is 1.96 noise floors wide to either side. first (N,) : what the first model left."""
-    keep = np.unique(np.linspace(0, len(dq) - 1, POINTS).astype(int))
-    turns = np.flatnonzero(np.sign(dq[1:]) != np.sign(dq[:-1]))[:POINTS]
-    own = COLOURS[0 if first is None else 1]  # as in the torque's figure
-    looks = [
-        (keep, left, "error", {"size": 3, "color": own}),
-        (turns, left, "reversals", {"size": 8, "symbol": "circle-open", "color": COLOURS[2]}),
-    ]
-    if first is not None:
-        looks.insert(0, (keep, first, "error of the first model", {"size": 3, "color": COLOURS[0]}))
-    plot = Figure()
-    for rows, y, name, marker in looks:
-        plot.add(trace("scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))
-    if floor is not None:
-        place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": "y"}
-        look = {"layer": "below", "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}
-        plot.update_layout(shapes=[{**place, **look, "y0": -1.96 * floor, "y1": 1.96 * floor}])
-    return plot
-
-
 def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
     """A curve (k,) with a band from low to high (k,)."""
     edge: dict[str, Any] = {"mode": "lines", "line": {"width": 0}, "showlegend": False}

@@ -102,7 +102,8 @@ def torques(material: Material) -> str:
 
 def _bands(material: Material, moved: Sequence[float]) -> list[tuple[Array, Array]]:
     """Of each run instants (m,) on the figures' axis and half the last model's band (m, n) there."""
-    theta, known = material.plant.theta, material.plant.uncertainty
+    plant = material.comparisons[-1].estimate  # without its drives
+    theta, known = plant.theta, plant.uncertainty
     bands = []
     for (rows, _), shift in zip(material.judged[material.last_name], moved, strict=True):
         t = rows.motion.t + shift

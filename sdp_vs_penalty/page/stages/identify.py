@@ -20,7 +20,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.session import ModelStep, Session
 from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, spoken
 from sdp_vs_penalty.reports import markup
-from sdp_vs_penalty.reports.plots import SIGNALS, Curves, friction_figure
+from sdp_vs_penalty.reports.plots import Curves, friction_figure
 from sdp_vs_penalty.reports.sections import CERTIFICATE, HEADS
 
 _USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
@@ -136,7 +136,7 @@ def fit(view: View) -> None:
         _heat(view, model.failures, found)
     with draw.tag("div", style="pick"):
         look = lambda name: view.look(signal=name)  # noqa: E731
-        draw.choice("Error against", SIGNALS.items(), view.signal, look, "signal")
+        draw.choice("Error against", charts.SIGNALS.items(), view.signal, look, "signal")
     against = draw.chart({}, "Error of the joint against a signal")
 
     def zoom(event: Any) -> None:
@@ -223,7 +223,7 @@ def _show(view: View, event: Any) -> None:
     """The joint that was clicked, and the signal that shows the cause."""
     joint, signal = event.args
     at = {"joint": min(max(int(joint), 1), view.session.robot["n"]) - 1}
-    view.look(**at, **({"signal": signal} if signal in SIGNALS else {}))
+    view.look(**at, **({"signal": signal} if signal in charts.SIGNALS else {}))
 
 
 #: What a click on a button of a joint sends.
