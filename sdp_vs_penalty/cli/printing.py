@@ -131,10 +131,7 @@ def determined(result: Estimate) -> list[tuple[str, str]]:
 
 
 def comparison(
-    results: Sequence[Comparison],
-    units: Sequence[str],
-    title: str = "RMSE",
-    names: Sequence[str] = (),
+    results: Sequence[Comparison], units: Sequence[str], title: str = "RMSE", names: Sequence[str] = ()
 ) -> None:
     """One row a joint: RMSE beside the noise floor, and R^2 of a single model, of several how the first
     became the last.

@@ -17,7 +17,8 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.reports import sections
-from sdp_vs_penalty.reports.markup import Material, page
+from sdp_vs_penalty.reports.markup import page
+from sdp_vs_penalty.reports.sections import Material
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 

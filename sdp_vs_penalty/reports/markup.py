@@ -1,43 +1,27 @@
-"""What a section of the report is, and the markup that sections and the page are made of: tables, error
-over noise as bars, causes as a heat map."""
+"""The markup that the report's sections and the page are made of: tables, error over noise as bars,
+causes as a heat map."""
 
 import base64
 import gzip
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, JointFailure
+from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
 from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.formatting import change_of, plain_unit
 from sdp_vs_penalty.reports.plots import Figure, styled
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.filtered import Rows
-from sdp_vs_penalty.simulation.follow import Following
 
 #: How bars and legends look.
 LOOK = (Path(__file__).parent / "pictures.css").read_text()
+_COLOURS = "#D55E00 #56B4E9 #E69F00 #CC79A7 #009E73 #0072B2 #8A6FDF #7A5C2E #5B8C5A #A0522D #888888"
 #: Of each cause the colour of its stretches; the last is for those without one.
-SHADES = dict(
-    zip(
-        (*CAUSES, "no cause seen"),
-        (
-            "#D55E00", "#56B4E9", "#E69F00", "#CC79A7", "#009E73", "#0072B2", "#8A6FDF", "#7A5C2E",
-            "#5B8C5A", "#A0522D", "#888888",
-        ),
-        strict=True,
-    )
-)  # fmt: skip
+SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
 
 
 def bars(
@@ -170,47 +154,6 @@ def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]
         for panel in ("", "2")
         for a, b, cause in stretches
     ]  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Material:
-    """Everything that the sections show, computed once.
-
-    models : by name, in the order in which effects were added; the last one is looked at closely;
-    judged : of each model the filtered rows of each run, and their modelled torque (M, n); failures : of
-    the first model and of the last; checks : of each run, what Issue.to_dict() says; forward : the last
-    model run forward, or the sentence why it cannot; commands : that made this report; diagnosis : of
-    one of the models, where there is one.
-    """
-
-    models: Mapping[str, Estimate]
-    measurements: Measurements
-    comparisons: Sequence[Comparison]
-    judged: Mapping[str, Sequence[tuple[Rows, Array]]]
-    failures: Mapping[str, Sequence[JointFailure]]
-    checks: Mapping[str, Sequence[Mapping[str, Any]]]
-    forward: Following | str
-    commands: Sequence[str]
-    diagnosis: Diagnosis | None = None
-
-    @property
-    def last(self) -> Estimate:
-        return list(self.models.values())[-1]
-
-    @property
-    def verdict(self) -> Verdict:
-        """That of the last model."""
-        ahead = "" if isinstance(self.forward, str) else self.forward.verdict
-        missing = "" if self.diagnosis is None else still_missing(self.diagnosis, self.last)
-        return self.comparisons[-1].verdict_with(missing, ahead)
-
-    @property
-    def first_name(self) -> str:
-        return next(iter(self.models))
-
-    @property
-    def last_name(self) -> str:
-        return list(self.models)[-1]
 
 
 def text(sentence: str) -> str:

@@ -1,28 +1,71 @@
-"""The sections of the report."""
+"""The sections of the report, and what they are made of."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
-from sdp_vs_penalty.diagnosis.where_it_fails import sentences
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, sentences
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows, seen
 from sdp_vs_penalty.estimation.uncertainty import Interval, counts
-from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.formatting import number, plain_unit
 from sdp_vs_penalty.reports import markup, plots
-from sdp_vs_penalty.reports.markup import Material, figure, table, text
+from sdp_vs_penalty.reports.markup import figure, table, text
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.filtered import Rows
+from sdp_vs_penalty.simulation.follow import Following
+
+
+@dataclass(frozen=True)
+class Material:
+    """Everything that the sections show, computed once.
+
+    models : by name, in the order in which effects were added; the last one is looked at closely;
+    judged : of each model the filtered rows of each run, and their modelled torque (M, n); failures : of
+    the first model and of the last; checks : of each run, what Issue.to_dict() says; forward : the last
+    model run forward, or the sentence why it cannot; commands : that made this report; diagnosis : of
+    one of the models, where there is one.
+    """
+
+    models: Mapping[str, Estimate]
+    measurements: Measurements
+    comparisons: Sequence[Comparison]
+    judged: Mapping[str, Sequence[tuple[Rows, Array]]]
+    failures: Mapping[str, Sequence[JointFailure]]
+    checks: Mapping[str, Sequence[Mapping[str, Any]]]
+    forward: Following | str
+    commands: Sequence[str]
+    diagnosis: Diagnosis | None = None
+
+    @property
+    def last(self) -> Estimate:
+        return list(self.models.values())[-1]
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of the last model."""
+        ahead = "" if isinstance(self.forward, str) else self.forward.verdict
+        missing = "" if self.diagnosis is None else still_missing(self.diagnosis, self.last)
+        return self.comparisons[-1].verdict_with(missing, ahead)
+
+    @property
+    def name(self) -> str:
+        """Of the last model."""
+        return self.comparisons[-1].name
+
 
 #: What :func:`judged_row` says after the model's name; possible : its links can exist, within bounds.
 JUDGED_HEADS = ("verdict", "error %", "worst/noise", "possible", "thinnest mm", "gap")
@@ -66,18 +109,18 @@ def verdict(material: Material) -> str:
 def torques(material: Material) -> str:
     """Measured and modelled torque of each joint, and what is left."""
     shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
-    units, first = material.last.robot.torque_units, material.judged[material.first_name]
+    units, first = material.last.robot.torque_units, material.judged[material.comparisons[0].name]
     moved = plots.shifts([run.motion.t for run, _ in first])
     modelled = [{name: each[k][1] for name, each in material.judged.items()} for k in range(len(first))]
     runs = [
         plots.Curves(run.motion.t + shift, run.torque, of)
         for (run, _), shift, of in zip(first, moved, modelled, strict=True)
     ]
-    failing = material.failures[material.first_name]
+    failing = material.failures[material.comparisons[0].name]
     causes = [c for c in markup.SHADES if any(s.cause == c for f in failing for s in f.stretches)]
     body = text(
         "Left: measured and modelled torque. Right: the errors on the same time axis. Click a name to "
-        f"hide it, drag to look closer. Grey band: where 95 % of the errors of {material.last_name} "
+        f"hide it, drag to look closer. Grey band: where 95 % of the errors of {material.name} "
         "should lie, given its parameters' uncertainty and what it left of its own training runs."
     )
     body += markup.legend(causes)
@@ -105,7 +148,7 @@ def _bands(material: Material, moved: Sequence[float]) -> list[tuple[Array, Arra
     plant = material.comparisons[-1].estimate  # without its drives
     theta, known = plant.theta, plant.uncertainty
     bands = []
-    for (rows, _), shift in zip(material.judged[material.last_name], moved, strict=True):
+    for (rows, _), shift in zip(material.judged[material.name], moved, strict=True):
         t = rows.motion.t + shift
         keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), plots.POINTS)).astype(int))
         few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
@@ -134,13 +177,13 @@ def forward(material: Material) -> str:
     """The last model run forward: after one step, 0.1 s ahead, and freely from the first state."""
     made = material.forward
     if isinstance(made, str):
-        return text(f"{material.last_name} cannot be simulated: {made}")
+        return text(f"{material.name} cannot be simulated: {made}")
     body = text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
     if any(f.cut for f in made.free):
         return body + text("`report --forward` goes on to the run's end, and shows the positions.")
     body += text("Left: measured and simulated position of the free run. Right: its error.")
     runs = [
-        plots.Curves(f.simulated.t + shift, f.measured, {material.last_name: f.simulated.q})
+        plots.Curves(f.simulated.t + shift, f.measured, {material.name: f.simulated.q})
         for f, shift in zip(made.free, plots.shifts([f.simulated.t for f in made.free]), strict=True)
     ]
     for j, unit in enumerate(made.units):
@@ -160,13 +203,13 @@ def failures(material: Material) -> str:
         rows = markup.heat_rows([f.to_dict() for f in failing], {} if maps else found)
         maps += markup.heat_map(name, rows, len(failing))
     body += f'<div class="maps wide" tabindex="0">{maps}</div>'
-    last = material.failures[material.last_name]
+    last = material.failures[material.name]
     units = material.last.robot.torque_units
     said = [
         (f.joint, " ".join(sentences(f, unit)), number(f.rmse, 4), number(f.noise_floor, 4))
         for f, unit in zip(last, units, strict=True)
     ]
-    heads = ("joint", f"where {material.last_name} errs", "RMS error", "noise floor")
+    heads = ("joint", f"where {material.name} errs", "RMS error", "noise floor")
     return body + table(heads, said, numbers_from=2)
 
 
@@ -186,7 +229,7 @@ def findings(material: Material) -> str:
     heads = ("effect", "joint", "confidence", "size", "not told from", "held-out RMSE", "with it")
     told = f": {found.headline}" if found.effects else ""
     body = text(f"In the model that was diagnosed{told}" if told else found.headline)
-    body += text(f"In {material.last_name}: {still_missing(found, material.last)}") if told else ""
+    body += text(f"In {material.name}: {still_missing(found, material.last)}") if told else ""
     if rows:
         first, last = found.effects[0].held_out_rmse_before, found.effects[-1].held_out_rmse_after
         floor = found.noise_floor.tolist() if found.noise_known else None
@@ -194,7 +237,7 @@ def findings(material: Material) -> str:
         body += markup.bars(list(first), list(last), floor, units)
         body += table((*heads, "noise floor"), rows, numbers_from=5)
     body += "".join(text(remark) for remark in found.remarks)
-    judged = material.judged[material.last_name]
+    judged = material.judged[material.name]
     motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]
     for curve in found.curves:
         said = curve.sentence(units)
@@ -209,7 +252,7 @@ def parameters(material: Material) -> str:
     base, standard = counts(known.base), counts(known.standard)
     runs = ", ".join(map(str, material.last.provenance.get("runs", []))) or "unknown runs"
     body = text(
-        f"Values and 95 % intervals are those of {material.last_name}, from the runs that it was "
+        f"Values and 95 % intervals are those of {material.name}, from the runs that it was "
         f"identified from ({runs}). They hold the noise, the model's own errors as far as these runs "
         "show them and the errors of estimated shape constants; where the estimate satisfies "
         f"constraints, so do they. Of {len(known.base)} base "

@@ -48,7 +48,7 @@ def figure_1(study: Study) -> Any:
     errors = ", ".join(f"{method} {error:.2f} %" for method, error in found.items())
     figure.suptitle(
         f"Exciting trajectory, {data.label}: relative error {errors} (the paper: 1.41 %, CLS), "
-        f"below {data.preprocessing.torque_cutoff:g} Hz",
+        f"below {data.preprocessing.torque_cutoff:g} Hz"
     )
     return figure
 

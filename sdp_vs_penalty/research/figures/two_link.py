@@ -39,7 +39,7 @@ def figure_8(study: Study) -> Any:
     legend_below(figure, axes[0, 1])
     figure.suptitle(
         "The 2R from its parameters. Sections: link shapes, and where a centre of mass can be (grey);\n"
-        "centres of mass, and uniform ellipsoids with the same mass and inertia (cut off at the frame)",
+        "centres of mass, and uniform ellipsoids with the same mass and inertia (cut off at the frame)"
     )
     return figure
 
@@ -125,7 +125,7 @@ def figure_9(study: Study) -> Any:
     legend_below(figure, axes[0, 0])
     figure.suptitle(
         f"2R, identified from one noisy simulated run: largest torque errors {', '.join(worst)};\n"
-        f"certified gaps {', '.join(gaps)} of the loss",
+        f"certified gaps {', '.join(gaps)} of the loss"
     )
     return figure
 
@@ -165,6 +165,6 @@ def figure_10(study: Study) -> Any:
     worst = max((float(np.abs(v).max()) for v in unfeasible), default=0.0)
     figure.suptitle(
         "Internal wrenches of the 2R in the joint frames; unfeasible parameters make the same torques "
-        f"and leave the\npanels (worst here {worst:.1e}; without bounds there is no largest)",
+        f"and leave the\npanels (worst here {worst:.1e}; without bounds there is no largest)"
     )
     return figure

@@ -68,12 +68,7 @@ def sinusoids(robot: Robot) -> Course:
 
 
 def play(
-    kind: type[Engine],
-    robot: Robot,
-    links: Array,
-    motion: Course,
-    duration: float,
-    step: float = 1e-3,
+    kind: type[Engine], robot: Robot, links: Array, motion: Course, duration: float, step: float = 1e-3
 ) -> EngineRun:
     """Let an engine that is present follow a motion. Raises InputError where it rejects a link.
 
