@@ -146,10 +146,6 @@ def ready(plot: Figure, height: int) -> dict[str, Any]:
     return {**data, "config": {"displayModeBar": False, "responsive": True}}
 
 
-#: The camera's angle of view [deg].
-_ANGLE = 14.0
-
-
 def chart_and_arm(
     view: View, label: str, about: Mapping[str, Any], said: str, arms: int = 1
 ) -> tuple[Any, Callable[..., None]]:
@@ -169,13 +165,14 @@ def chart_and_arm(
                 view.look(joint=min(int(link), len(view.session.robot["joints"]) - 1))
                 return
 
+    angle, there = 14.0, [""]  # of the camera's view [deg]; which recording is loaded
     with tag("div", style="pair"):
         drawn = chart({}, label).classes("timed")
         if not about["bodies"]:
             return drawn, lambda *_: None
         with tag("div", style="arm") as frame:
             look = {"width": 360, "height": 330, "grid": False, "background_color": "#f8f9fb"}
-            camera = ui.scene.perspective_camera(fov=_ANGLE)
+            camera = ui.scene.perspective_camera(fov=angle)
             with ui.scene(**look, on_click=clicked, camera=camera) as scene:  # type: ignore[arg-type]
                 # The measured one beside the simulated one, in the colours of their curves.
                 drawn_arms = [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)][-arms:]
@@ -191,8 +188,6 @@ def chart_and_arm(
                 tag("span", "0.0 s", "soft", data_clock="")
             note(f"Ellipsoids of uniform density; {said}. Click a link to see its joint.")
 
-    there = [""]
-
     def load(name: str, read: Mapping[str, Any], errors: Any = None) -> None:
         if there == [name]:
             return
@@ -206,7 +201,7 @@ def chart_and_arm(
             "poses": np.round(placed, 4).tolist(),
             "errors": [[0.0]] * len(read["tf"]) if errors is None else errors.tolist(),
         }
-        scene.move_camera(**_camera(poses[:, : len(about["joints"])], about), duration=0.0)
+        scene.move_camera(**_camera(poses[:, : len(about["joints"])], about, angle), duration=0.0)
         ui.run_javascript(f"(arms[{scene.id}] ??= new Arm({scene.id})).load({json.dumps(moves)})")
 
     return drawn, load
@@ -236,9 +231,9 @@ def _reach(about: Mapping[str, Any]) -> float:
     return sum(float(np.linalg.norm(j["at"])) for j in about["joints"]) or 0.5
 
 
-def _camera(poses: Any, about: Mapping[str, Any]) -> dict[str, float]:
+def _camera(poses: Any, about: Mapping[str, Any], angle: float) -> dict[str, float]:
     """Where a camera stands and what it looks at, so that base, joints and links of all poses
-    (F, k, 4, 4) fill its picture: the arguments of NiceGUI's ``move_camera``.
+    (F, k, 4, 4) fill its picture, ``angle`` degrees high: the arguments of NiceGUI's ``move_camera``.
 
     A half axis above half the arm's reach is of a link that the data hardly determine, and may leave it.
     """
@@ -254,7 +249,7 @@ def _camera(poses: Any, about: Mapping[str, Any]) -> dict[str, float]:
     seen = np.concatenate(places) @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     centre, half = 0.5 * (low + high) @ axes, 0.5 * (high - low)
-    eye = centre + (half[2] + max(half[:2]) / np.tan(0.5 * np.deg2rad(_ANGLE))) * towards
+    eye = centre + (half[2] + max(half[:2]) / np.tan(0.5 * np.deg2rad(angle))) * towards
     names = "x", "y", "z", "look_at_x", "look_at_y", "look_at_z"
     return dict(zip(names, [*eye.tolist(), *centre.tolist()], strict=True))
 

@@ -22,8 +22,6 @@ from sdp_vs_penalty.reports.sections import Material
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
-#: Steps of the free runs together, a fifth of a second of processor time.
-_STEPS = 100
 _SECTIONS = {
     "Verdict": sections.verdict,
     "Where and when: measured against modelled": sections.torques,
@@ -100,10 +98,9 @@ def _material(
     for c in comparisons:
         rows = (run.all_rows(c.estimate.model) for run in filtered.runs)
         judged[c.name] = [(row, predicted(row, c.estimate.theta)) for row in rows]
+    steps = None if forward else 100  # of the free runs together: a fifth of a second
     try:
-        ahead: Following | str = follow(
-            models[last], runs, drive=drive, steps=None if forward else _STEPS, progress=progress
-        )
+        ahead: Following | str = follow(models[last], runs, drive=drive, steps=steps, progress=progress)
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")

@@ -71,13 +71,13 @@ class Sensor:
         ones = np.ones((len(self.torque_std), 1))
         return ones if self.torque_ar is None else np.hstack([ones, -np.asarray(self.torque_ar, float)])
 
-    def noise(self, count: int, rng: np.random.Generator, burn_in: int = 500) -> Array:
-        """(count, n) samples of the torque noise at ``rate``, stationary from the first on: as many as
-        ``burn_in`` before them are thrown away."""
-        white, out = rng.normal(size=(count + burn_in, len(self.torque_std))), []
+    def noise(self, count: int, rng: np.random.Generator) -> Array:
+        """(count, n) samples of the torque noise at ``rate``, stationary from the first on: 500 before
+        them are thrown away."""
+        white, out = rng.normal(size=(count + 500, len(self.torque_std))), []
         for x, std, row in zip(white.T, self.torque_std, self.poles, strict=True):
             innovation = std * np.sqrt(innovation_share(row))
-            out.append(signal.lfilter([innovation], row, x)[burn_in:])
+            out.append(signal.lfilter([innovation], row, x)[500:])
         return np.column_stack(out)
 
     def log_times(self, duration: float, rng: np.random.Generator) -> Array:

@@ -31,9 +31,9 @@ from sdp_vs_penalty.simulation.worlds.world import PAUSE, Arm, DryFriction, True
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.
 _BLEND = 0.7
+_EVERY = {**makers.FRICTION, **makers.MACHINE, **makers.FROZEN, **makers.NUISANCE}
 #: Whatever can be hidden, by the name of the library's effect.
-_TABLES = (makers.FRICTION, makers.MACHINE, makers.FROZEN, makers.NUISANCE)
-MAKERS: Mapping[str, Maker] = dict(sorted(pair for table in _TABLES for pair in table.items()))
+MAKERS: Mapping[str, Maker] = dict(sorted(_EVERY.items()))
 #: The files of a folder of simulated runs; the last run is meant as the test run.
 RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
@@ -80,10 +80,9 @@ class HiddenRuns(formatting.Shown):
 
 def refuse_foreign(folder: Path) -> None:
     """InputError where a folder holds runs that :meth:`HiddenRuns.save` did not write."""
-    if not (folder / "truth.json").exists():  # else the folder is one that was written here
-        for name in RUN_FILES:
-            if (folder / name).exists():
-                raise InputError(f"{name} exists already", "name another folder", folder)
+    there = [name for name in RUN_FILES if (folder / name).exists()]
+    if there and not (folder / "truth.json").exists():  # else the folder is one that was written here
+        raise InputError(f"{there[0]} exists already", "name another folder", folder)
 
 
 def simulate(

@@ -28,29 +28,23 @@ def take_away(view: View) -> None:
     session = view.session
     flange = {"flange": ""}
 
-    def tiles(files: dict[str, str]) -> None:
-        for name, use in files.items():
-            take = partial(session.start, session.take, name, view.download, flange)
-            draw.tile(name, use, take, f"take-{name}")
+    def tiles(label: str, files: dict[str, str]) -> None:
+        with draw.tiles(label):
+            for name, use in files.items():
+                take = partial(session.start, session.take, name, view.download, flange)
+                draw.tile(name, use, take, f"take-{name}")
 
-    with draw.tiles("Files to download"):
-        tiles(FILES)
-        if session.findings is not None:
-            tiles({"findings.json": "the diagnosis"})
+    found = {} if session.findings is None else {"findings.json": "the diagnosis"}
+    tiles("Files to download", FILES | found)
     if "payload" in session.history[-1].effects:
         said = "Flange in the last joint's frame [m]: x,y,z"
         draw.text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
-        with draw.tiles("The payload's files"):
-            tiles(LOAD)
-    more = draw.details("For other simulators and controllers", "more-files")
-    with more, draw.tiles("More files to download"):
-        tiles(MORE)
-    runs = draw.details("Runs as they were used, repaired where that was asked", "runs-files")
-    with runs, draw.tiles("Runs to download"):
-        for k, run in enumerate(session.runs):
-            name = f"run-{k + 1}.csv"
-            take = partial(session.start, session.take, name, view.download)
-            draw.tile(name, f"from {run['name']}", take, f"take-{name}")
+        tiles("The payload's files", LOAD)
+    with draw.details("For other simulators and controllers", "more-files"):
+        tiles("More files to download", MORE)
+    runs = {f"run-{k}.csv": f"from {run['name']}" for k, run in enumerate(session.runs, start=1)}
+    with draw.details("Runs as they were used, repaired where that was asked", "runs-files"):
+        tiles("Runs to download", runs)
     with draw.details("The same on the command line", "commands"):
         draw.tag("pre", "\n".join(session.commands()), tabindex="0")
 
