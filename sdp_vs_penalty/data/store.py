@@ -9,10 +9,10 @@ of a mapped array stays in memory until something else needs the memory.
 import hashlib
 import mmap
 import os
-import pickle
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -86,13 +86,31 @@ class Shelf:
             self._file = _unnamed_file()
 
     def put(self, value: Any) -> Callable[[], Any]:
-        """How to read a value again."""
+        """How to read a value again: arrays from the file, also those within lists and dataclasses;
+        everything else is kept as it is."""
+        if isinstance(value, list):
+            each = [self.put(x) for x in value]
+            return lambda: [read() for read in each]
+        if is_dataclass(value) and not isinstance(value, type):
+            known = {f.name: self.put(getattr(value, f.name)) for f in fields(value) if f.init}
+            kind = type(value)
+            return lambda: kind(**{name: read() for name, read in known.items()})
+        return self._put_array(value) if isinstance(value, np.ndarray) else lambda: value
+
+    def _put_array(self, array: NDArray[Any]) -> Callable[[], NDArray[Any]]:
+        turned = array.flags.f_contiguous and not array.flags.c_contiguous
+        rows = np.ascontiguousarray(array.T if turned else array)
         with _room():
             start = self._file.seek(0, os.SEEK_END)
-            pickle.dump(value, self._file, pickle.HIGHEST_PROTOCOL)
+            self._file.write(rows.data)
             self._file.flush()
-            size = self._file.tell() - start
-        return lambda: pickle.loads(os.pread(self._file.fileno(), size, start))
+        shape, dtype, size = rows.shape, rows.dtype, rows.nbytes
+
+        def read() -> NDArray[Any]:
+            found = np.frombuffer(os.pread(self._file.fileno(), size, start), dtype).reshape(shape)
+            return found.T if turned else found
+
+        return read
 
 
 def _unnamed_file() -> BinaryIO:
