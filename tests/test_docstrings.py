@@ -47,8 +47,11 @@ def test_public_verbs_explain_every_argument_and_what_they_raise(name):
     text = inspect.getdoc(verb)
     assert text is not None
     assert "InputError" in text, f"{name} does not say where it raises InputError"
-    for parameter in inspect.signature(verb).parameters:
+    parameters = inspect.signature(verb).parameters
+    for parameter in parameters:
         assert parameter in text, f"{name} does not say what {parameter} is"
+    by_place = [p for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+    assert len(by_place) <= 4, "options are given by name"
 
 
 def test_everything_that_users_hold_says_what_it_is():

@@ -26,7 +26,6 @@ from sdp_vs_penalty.research.tables.study import METHODS, Study
 from sdp_vs_penalty.research.tables.table import Table
 from sdp_vs_penalty.research.tables.table_i import exact_rows, fit_sigmoid, residual_rms
 from sdp_vs_penalty.research.tables.wrenches import (
-    WrenchIntervals,
     unfeasible_retrievals,
     wrench_intervals,
     wrench_regressor,
@@ -246,18 +245,8 @@ def real(two_link: Problem) -> np.ndarray:
     return published_links(two_link, "p_real")
 
 
-@pytest.fixture(scope="module")
-def feasible(two_link: Problem, real: np.ndarray) -> Slice:
-    return links_slice(two_link, real)
-
-
-@pytest.fixture(scope="module")
-def intervals(two_link: Problem, feasible: Slice) -> WrenchIntervals:
-    return wrench_intervals(feasible, wrench_regressor(two_link.robot, *states(two_link, 3)))
-
-
 @pytest.mark.parametrize(("name", "column"), [("two_link", "p_real"), ("panda", "p_hat")])
-def test_wrenches_are_those_of_recursive_newton_euler(name: str, column: str) -> None:
+def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     problem = load_problem(name)
     robot, links = problem.robot, published_links(problem, column)
     q, dq, ddq = states(problem, 5)
@@ -270,9 +259,7 @@ def test_wrenches_are_those_of_recursive_newton_euler(name: str, column: str) ->
         assert np.abs(wrenches[k] - reference).max() < 1e-10
 
 
-def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(
-    two_link: Problem, real: np.ndarray
-) -> None:
+def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(two_link, real):
     base, _ = base_parameters(two_link.model("rigid_body"), two_link.independent)
     q, dq, ddq = states(two_link, 50)
     torque = two_link.robot.inverse_dynamics(real.ravel(), q, dq, ddq)
@@ -290,10 +277,9 @@ def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(
             assert np.abs(Y @ links.ravel() - true).max() > far * 0.1 * np.abs(true).max()
 
 
-def test_interval_contains_the_truth_and_is_certified(
-    two_link: Problem, real: np.ndarray, intervals: WrenchIntervals
-) -> None:
-    true = wrench_regressor(two_link.robot, *states(two_link, 3)) @ real.ravel()
+def test_interval_contains_the_truth_and_is_certified(two_link, real):
+    Y = wrench_regressor(two_link.robot, *states(two_link, 3))
+    intervals, true = wrench_intervals(links_slice(two_link, real), Y), Y @ real.ravel()
     assert np.all(intervals.lower_bound <= true)
     assert np.all(true <= intervals.upper_bound)
     assert np.all(intervals.lower_bound <= intervals.lower)
@@ -301,7 +287,7 @@ def test_interval_contains_the_truth_and_is_certified(
     assert intervals.slack < 1e-6
 
 
-def test_a_slice_without_interior_is_refused(two_link: Problem, real: np.ndarray) -> None:
+def test_a_slice_without_interior_is_refused(two_link, real):
     impossible = real.copy()
     impossible[1, 9] = -5.0  # Izz2 is identifiable: no feasible parameters have these torques
     with pytest.raises(InputError, match="strictly inside all constraints"):
@@ -331,9 +317,7 @@ LONG = {n: pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5, 6, 10)}
 
 
 @pytest.mark.parametrize("number", [LONG.get(n, n) for n in sorted(FIGURES)])
-def test_axes_have_units_and_lines_are_finite(
-    number: int, studies: dict[str, Study], tmp_path: Path
-) -> None:
+def test_axes_have_units_and_lines_are_finite(number, studies, tmp_path):
     problem, draw = FIGURES[number]
     figure = draw(studies[problem])
     shown = [axis for axis in figure.axes if axis.get_visible() and axis.axison]
@@ -352,7 +336,7 @@ def test_axes_have_units_and_lines_are_finite(
     assert png.stat().st_size > 20_000
 
 
-def test_errors_are_drawn_beside_the_torques_that_make_them(studies: dict[str, Study]) -> None:
+def test_errors_are_drawn_beside_the_torques_that_make_them(studies):
     axes = FIGURES[9][1](studies["two_link"]).axes
     for torques, errors in zip(axes[::2], axes[1::2], strict=True):
         true, *methods = (np.asarray(line.get_ydata(), float) for line in torques.get_lines())
@@ -361,7 +345,7 @@ def test_errors_are_drawn_beside_the_torques_that_make_them(studies: dict[str, S
             np.testing.assert_allclose(error.get_ydata(), 1e3 * (torque - true), atol=1e-9)
 
 
-def test_ellipsoids_lie_about_the_links_centres_of_mass(studies: dict[str, Study]) -> None:
+def test_ellipsoids_lie_about_the_links_centres_of_mass(studies):
     study = studies["two_link"]
     sections = [a for a in FIGURES[8][1](study).axes if "section" in a.get_title()]
     for axis, link in zip(sections, study.experiment.links, strict=True):
@@ -373,17 +357,13 @@ def test_ellipsoids_lie_about_the_links_centres_of_mass(studies: dict[str, Study
 
 
 @pytest.mark.parametrize(("number", "match"), [(4, "photograph"), (11, "choose from 1, 2, 3, 5")])
-def test_other_numbers_are_refused_before_anything_is_made(
-    number: int, match: str, tmp_path: Path
-) -> None:
+def test_other_numbers_are_refused_before_anything_is_made(number, match, tmp_path):
     with pytest.raises(InputError, match=match):
         make_figures([8, number], out=tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def test_files_are_written_where_asked(
-    studies: dict[str, Study], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_are_written_where_asked(studies, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "Study", lambda problem, *_: studies[problem.name])
     paths = make_figures([9], out=tmp_path)
     assert [p.name for p in paths] == ["figure_9.png", "figure_9.pdf"]
