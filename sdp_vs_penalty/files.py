@@ -369,10 +369,8 @@ class Plain:
         return cls(**{name: _restored(kinds[name], data[name]) for name in there})
 
 
-@cache
-def _kinds(cls: type) -> dict[str, Any]:
-    """The types of a class's fields, which cost more to look up than a field to read."""
-    return get_type_hints(cls)
+#: The types of a class's fields, which cost more to look up than a field to read.
+_kinds = cache(get_type_hints)
 
 
 def _plain(value: Any) -> Any:

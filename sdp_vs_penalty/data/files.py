@@ -80,28 +80,24 @@ def as_measurements(
 def _one(
     part: Any, joints: int | None, names: Sequence[str] | None, what: str, number: int, usable: bool
 ) -> Measurements:
+    counted, label = ("sample", 1), None
     if isinstance(part, Measurements):
-        part = without_traces(part)
-        for run in part.runs() if usable else ():
-            check_usable(run.names[0], run)
-        return part
-    if isinstance(part, str | Path):
-        run = read_run(part, joints, names)
-        if usable:
-            counted = getattr(format_of(Path(part)) or csv, "SAMPLE", ("sample", 1))
-            check_usable(part, run, *counted)
-        return run
-    columns = _columns(part)
-    if columns is None:
-        remedy = "give a path, a mapping of arrays, a DataFrame, Measurements, or a list of these"
-        raise InputError("no measurements", remedy, what.replace("...", given(part)))
-    header = Header.of(f"run{number}", list(columns), what=what, remedy=_REMEDY)
-    run = without_traces(header.run(columns))
-    if joints is not None and run.n != joints:
-        raise other_robot(run.n, joints, what)
-    if usable:
-        check_usable(run.names[0], run)
-    return run
+        found = without_traces(part)
+    elif isinstance(part, str | Path):
+        found, label = read_run(part, joints, names), part
+        counted = getattr(format_of(Path(part)) or csv, "SAMPLE", counted)
+    else:
+        columns = _columns(part)
+        if columns is None:
+            remedy = "give a path, a mapping of arrays, a DataFrame, Measurements, or a list of these"
+            raise InputError("no measurements", remedy, what.replace("...", given(part)))
+        header = Header.of(f"run{number}", list(columns), what=what, remedy=_REMEDY)
+        found = without_traces(header.run(columns))
+        if joints is not None and found.n != joints:
+            raise other_robot(found.n, joints, what)
+    for run in found.runs() if usable else ():
+        check_usable(label or run.names[0], run, *counted)
+    return found
 
 
 def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:

@@ -19,9 +19,6 @@ from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Ratios of two positions or velocities that mean degrees against radians: 57.3 within a third.
-_DEGREES = (38.0, 86.0)
-
 #: How far outside its range an encoder's zero may put a joint [rad, m].
 _ZERO = 0.2
 #: What else large angles may be.
@@ -134,6 +131,6 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
             continue  # noise, or a coarse encoder: nothing to conclude from
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
-            if _DEGREES[0] < value < _DEGREES[1]:
+            if 2.0 / 3.0 < math.radians(value) < 1.5:
                 what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
                 raise InputError(what, f"convert {name} from degrees to radians", run.names[0])

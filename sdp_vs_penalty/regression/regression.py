@@ -22,7 +22,6 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
@@ -309,7 +308,10 @@ def compress(
     blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5 s each);
     workers : who does it, a run each; the factors come back and are merged in the order of the runs.
     """
-    blocks = _TimeBlocks.of(runs.measurements.runs(), blocks_per_run)
+    spans = [(float(run.t[0]), float(run.t[-1])) for run in runs.measurements.runs()]
+    counts = [max(1, min(blocks_per_run, int((b - a) / 0.5))) for a, b in spans]
+    edges = tuple(np.linspace(a, b, n + 1) for (a, b), n in zip(spans, counts, strict=True))
+    blocks = _TimeBlocks(edges, tuple(np.cumsum([0, *counts[:-1]]).tolist()))
     found = compress_cells(runs, model, blocks, workers)
     return found.select(sorted({f.block for f in found.factors}))
 
@@ -320,13 +322,6 @@ class _TimeBlocks:
 
     edges: tuple[Array, ...]
     first: tuple[int, ...]
-
-    @classmethod
-    def of(cls, runs: Sequence[Measurements], per_run: int) -> _TimeBlocks:
-        spans = [(float(run.t[0]), float(run.t[-1])) for run in runs]
-        counts = [max(1, min(per_run, int((b - a) / 0.5))) for a, b in spans]
-        edges = (np.linspace(a, b, n + 1) for (a, b), n in zip(spans, counts, strict=True))
-        return cls(tuple(edges), tuple(np.cumsum([0, *counts[:-1]]).tolist()))
 
     @property
     def places(self) -> list[TimeBlock]:

@@ -98,8 +98,12 @@ def local_excess(white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, d
             if length > len(piece):
                 continue
             windows = energy[length:] - energy[:-length]
-            if length > 1:  # the logarithm of their energy is nearly normal
-                limit = max(limit, _outlying(windows))
+            if length > 1 and windows.any():
+                # The logarithm of their energy is nearly normal: noise that swells and fades by itself
+                # makes no event.
+                logs = np.log(windows[windows > 0.0])
+                middle = np.median(logs)
+                limit = max(limit, float(np.exp(middle + _FAR * robust_scale(logs - middle))))
             for first in np.flatnonzero(windows > limit):
                 mask[piece[first : first + length]] = True
     return mask
@@ -152,16 +156,6 @@ def _tail_limit(values: Array, tests: int) -> float:
         if values[out - 1] > limit:
             return limit
     return np.inf
-
-
-def _outlying(windows: Array) -> float:
-    """The energy that stands _FAR robust deviations out of the windows' own, in logarithms: noise
-    that swells and fades by itself makes no event."""
-    logs = np.log(windows[windows > 0.0])
-    if not len(logs):
-        return np.inf
-    middle = float(np.median(logs))
-    return float(np.exp(middle + _FAR * robust_scale(logs - middle)))
 
 
 def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:

@@ -152,9 +152,9 @@ class FilteredRun:
         return (kept.read().rows for kept in self._pieces(False))
 
     @property
-    def interval(self) -> float:
-        """From row to row [s]."""
-        return self.filters.step(OVERSAMPLING) * self.filters.dt
+    def step(self) -> int:
+        """Samples of the log from row to row."""
+        return self.filters.step(OVERSAMPLING)
 
     @property
     def rows_per_sample(self) -> float:
@@ -165,7 +165,7 @@ class FilteredRun:
         independent rows of variance sigma^2 / step.
         """
         kernel = self.filters.column.value
-        return float(1.0 / (self.filters.step(OVERSAMPLING) * (kernel @ kernel)))
+        return float(1.0 / (self.step * (kernel @ kernel)))
 
     def _pieces(self, whole: bool) -> list[_Kept]:
         """The run cut into pieces; ``whole``: where effects remember, each stretch sample by sample."""
@@ -177,14 +177,12 @@ class FilteredRun:
 
     def _cut(self, whole: bool) -> Iterator[Piece]:
         filters = self.filters.every_sample if whole else self.filters
-        step = filters.step(OVERSAMPLING)
-        margin = filters.state.half + filters.column.half
-        found = False
+        margin, found = filters.state.half + filters.column.half, False
         for part in stretches(self.run):
-            outputs = np.arange(margin, part.count - margin, step)
-            per_chunk = len(outputs) if whole or self.run.q.size <= SAMPLES else max(1, PART // step)
-            for number in range(0, len(outputs), max(per_chunk, 1)):
-                at = outputs[number : number + per_chunk]
+            outputs = np.arange(margin, part.count - margin, self.step)
+            at_once = len(outputs) if whole or self.run.q.size <= SAMPLES else PART // self.step
+            for start in range(0, len(outputs), max(at_once, 1)):
+                at = outputs[start : start + max(at_once, 1)]
                 keep = self.moving.at(part.clock(at))
                 if not keep.any():
                     continue

@@ -97,7 +97,7 @@ def _paths(runs: FilteredRuns) -> Iterator[Array]:
     for run in runs.runs:
         with suppress(InputError):  # no rows
             for motion in run.states():
-                gaps = np.flatnonzero(np.diff(motion.t) > 1.5 * run.interval) + 1
+                gaps = np.flatnonzero(np.diff(motion.t) > 1.5 * run.step * run.filters.dt) + 1
                 yield from np.split(np.hstack([motion.q, motion.dq]), gaps)
 
 

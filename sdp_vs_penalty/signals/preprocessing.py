@@ -173,8 +173,9 @@ class RunFilter:
         return fine, Motion(clock, q, dq, ddq)
 
     def _states(
-        self, part: Stretch, q: Array, first: int, last: int, step: int
+        self, part: Stretch, q: Array, first: int, last: int, step: int = 1
     ) -> tuple[Array, Array, Array]:
+        """Positions of a log and their rates, low-passed, from sample ``first`` to ``last``."""
         around = part.resampled(q, first - self.state.half, last + 1 + self.state.half)
         return self.state.states(around, step)
 
@@ -182,7 +183,7 @@ class RunFilter:
         self, part: Stretch, first: int, last: int, states: Sequence[Array] | None = None
     ) -> Motion:
         """On the column grid from the log's sample ``first`` to ``last``; states : there, if known."""
-        q, dq, ddq = states or [x[:: self.stride] for x in self._states(part, part.q, first, last, 1)]
+        q, dq, ddq = states or [x[:: self.stride] for x in self._states(part, part.q, first, last)]
         clock = part.clock(np.arange(first, last + 1, self.stride))
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
@@ -191,7 +192,7 @@ class RunFilter:
         if part.qcmd is not None:
             command, path = self._command(part, first, last)
         if part.qmot is not None:
-            motors = self._states(part, part.qmot, first, last, 1)[2][:: self.stride]
+            motors = self._states(part, part.qmot, first, last)[2][:: self.stride]
         motion = Motion(clock, q, dq, ddq, temperature=warm, command=command, sum=path, motors=motors)
         return replace(motion, within=Sampling(self.stride, self.dt))
 
@@ -199,18 +200,14 @@ class RunFilter:
         """What the drives were told, from a longest delay before sample ``first`` on, and the integral
         of the positions from there to ``last``: filtered as the positions are."""
         assert part.qcmd is not None
-        half, stride = self.state.half, self.stride
-        early = stride * -(-int(1.2 * LATEST / self.dt) // stride)  # profiles look a little beyond
-
-        def around(values: Array, begin: int) -> tuple[Array, ...]:
-            long = part.resampled(values, begin - half, last + 1 + half)
-            return tuple(x[::stride] for x in self.state.states(long))
-
+        every = slice(None, None, self.stride)
+        # Profiles look a little beyond the latest.
+        begin = first - self.stride * -(-int(1.2 * LATEST / self.dt) // self.stride)
         of_command, of_motion = part.integrals
-        told, since = around(part.qcmd, first - early), around(of_command, first - early)
-        clock = part.clock(np.arange(first - early, last + 1, stride))
-        path, *_ = around(of_motion, first)
-        return Command(clock, told[0], told[1], told[2], since[0]), path
+        told, since = (self._states(part, x, begin, last) for x in (part.qcmd, of_command))
+        states = (x[every] for x in (*told, since[0]))
+        path = self._states(part, of_motion, first, last)[0][every]
+        return Command(part.clock(np.arange(begin, last + 1, self.stride)), *states), path
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import PART, parts
+from sdp_vs_penalty.data.store import PART, joined, parts
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAME_PHASE, SAMPLES
@@ -63,21 +63,12 @@ class Movement:
 
     def __init__(self, run: Measurements, share: float) -> None:
         self.t = run.t
-        self.moves = np.zeros(len(run.t), bool)
-        joints, largest = moving_joints(run), np.zeros(run.n)
-
-        def travel(t: Array) -> Array:
-            """(n, M) how far each joint comes within half a second."""
-            far = interpolated(t + SAME_PHASE, run.t, run.q) - interpolated(t - SAME_PHASE, run.t, run.q)
-            return np.abs(far.T)
-
-        for _, t in parts(run.t):
-            own = travel(t)
-            largest = np.maximum(largest, own.max(axis=1))
-        for start, t in parts(run.t):
-            own = own if len(t) == len(run.t) else travel(t)  # of a short run it is still there
-            limits = np.where(joints, share * largest, np.inf)
-            self.moves[start : start + PART] = np.any(own > limits[:, None], axis=0)
+        ends = ((t + SAME_PHASE, t - SAME_PHASE) for _, t in parts(run.t))
+        pairs = ([interpolated(t, run.t, run.q) for t in both] for both in ends)
+        far = joined(np.abs(end - start) for end, start in pairs)
+        largest = np.max([x.max(axis=0) for _, x in parts(far)], axis=0)
+        limits = np.where(moving_joints(run), share * largest, np.inf)
+        self.moves = np.concatenate([np.any(x > limits, axis=1) for _, x in parts(far)])
 
     def at(self, t: Array) -> NDArray[np.bool_]:
         """The same at instants t [s]."""

@@ -254,7 +254,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             segment = _segment(index, part, filters)
             if segment is not None:
                 segments.append(segment)
-                rate = 1.0 / (filters.dt * _steps(filters)[0])
+                rate = 1.0 / (filters.dt * filters.step(0.5 * OVERSAMPLING))
     columns = Columns([(s.low_pass, s.motion) for s in segments])
     repeats = cache(partial(find_repeats, segments))  # a report whose noise is known never asks
     return SegmentedRuns(
@@ -268,7 +268,8 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     count = (part.count - 2 * state.half + stride - 1) // stride
     # Rows begin where both low-passes are filled: that of the columns, and that of the torque.
     half = max(filters.coarse.half, -((state.half - column.half) // stride))
-    step, dense_step = (samples // stride for samples in _steps(filters))
+    # Half as many as a regression has; on the dense grid twice as many.
+    step, dense_step = (filters.step(share * OVERSAMPLING) // stride for share in (0.5, 2.0))
     if count < 2 * half + 1 + 2 * step:
         return None
     grid = state.half + stride * np.arange(count)
@@ -284,12 +285,6 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     torque, dense_torque = (filters.torque(part, grid[at]) for at in (rows, dense))
     seen = motion.t[rows], keep, motion.t[dense], motion.q[dense]
     return Segment(*seen, index, motion, torque, part, still, low_pass, dense_torque, low_dense)
-
-
-def _steps(filters: RunFilter) -> tuple[int, int]:
-    """Samples of the log between rows, and on the dense grid: half and twice as many as a regression has
-    rows."""
-    return filters.step(0.5 * OVERSAMPLING), filters.step(2.0 * OVERSAMPLING)
 
 
 def window_subsample(measurements: Measurements, settings: Preprocessing) -> Measurements:
