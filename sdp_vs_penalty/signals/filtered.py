@@ -73,8 +73,8 @@ class _Kept:
         smooth = None if model.needs_reference else piece.smooth
         made = model.blocks(piece.around, known, smooth)
         few = [k for k in made if smooth is not None and effects[k].smooth]
-        known |= _low_passed(piece.smooth_low_pass, {k: made.pop(k) for k in few})
-        known |= _low_passed(piece.low_pass, made)
+        known |= low_passed(piece.smooth_low_pass, {k: made.pop(k) for k in few})
+        known |= low_passed(piece.low_pass, made)
         put = partial(partial, list) if self._shelf is None else self._shelf.put
         self._columns = [
             (effect, width, reads.get(k) or put(known[k]))
@@ -85,7 +85,7 @@ class _Kept:
         return Rows(piece.rows, torque, columns)
 
 
-def _low_passed(low_pass: Decimator, blocks: Mapping[int, list[Block]]) -> dict[int, list[Block]]:
+def low_passed(low_pass: Decimator, blocks: Mapping[int, list[Block]]) -> dict[int, list[Block]]:
     """Effects' columns at the rows: by one product, which reads the low-pass once for all."""
     every = [b.columns.T for own in blocks.values() for b in own]
     if not every:

@@ -234,11 +234,8 @@ def _without_events(
 
 def rate_features(runs: SegmentedRuns) -> Array:
     """(n, M, 2): for each joint the squares of its modelled torque's rate and of its velocity."""
-    parts = []
-    for s in runs.segments:
-        rate = np.gradient(s.motion.model_torque, s.motion.t, axis=0)
-        parts.append(np.stack([s.low_pass @ rate, s.low_pass @ s.motion.dq], axis=2) ** 2)
-    return np.swapaxes(np.concatenate(parts), 0, 1)
+    rates = [s.low_pass @ np.gradient(s.motion.model_torque, s.motion.t, axis=0) for s in runs.segments]
+    return np.swapaxes(np.stack([np.concatenate(rates), runs.dq], axis=2) ** 2, 0, 1)
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:

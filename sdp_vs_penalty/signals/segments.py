@@ -28,6 +28,7 @@ from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import Pieces
 from sdp_vs_penalty.signals.constants import SLIDES
+from sdp_vs_penalty.signals.filtered import low_passed
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
@@ -71,8 +72,7 @@ class Columns:
 
     def _made(self, effect: Effect) -> list[Block]:
         """A few rows at a time, of a column grid many times as fine: the fewer, the more columns."""
-        whole = depends(effect) or effect.has_memory
-        rows, blocks = [], list[Block]()
+        whole, pieces = depends(effect) or effect.has_memory, list[list[Block]]()
         for low_pass, motion in self._parts:
             count = len(low_pass.at)
             step = count if whole else PART // (2 * len(effect.parameters))
@@ -81,11 +81,9 @@ class Columns:
                 if step < count:
                     few, samples = low_pass.part(start, start + step)
                     around = motion.part(samples)
-                blocks = effect.blocks(around)
-                rows.append(few @ np.hstack([b.columns for b in blocks]))
-        ends = np.cumsum([b.columns.shape[1] for b in blocks])
-        columns = np.split(np.concatenate(rows), ends[:-1], axis=1)
-        return [replace(b, columns=x) for b, x in zip(blocks, columns, strict=True)]
+                pieces.append(low_passed(few, {0: effect.blocks(around)})[0])
+        every = zip(*pieces, strict=True)
+        return [replace(b[0], columns=np.concatenate([x.columns for x in b])) for b in every]
 
 
 @dataclass(frozen=True)
