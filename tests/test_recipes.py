@@ -4,14 +4,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import effect_contract
 import numpy as np
 import pytest
-from effect_contract import (
-    check_columns_are_the_hidden_torque,
-    check_every_form_is_met,
-    check_units_are_those_of_the_columns,
-    hidden_cases,
-)
 from numpy.typing import NDArray
 
 import sdp_vs_penalty.effects
@@ -84,7 +79,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         (sdp_vs_penalty.solvers, "half_hearted", SOLVER),
         (sdp_vs_penalty.effects, NAME, FILE),
     )
-    known = (estimator_types, solver_types, effect_types, hidden_cases)
+    known = (estimator_types, solver_types, effect_types, effect_contract.hidden_cases)
     for package, name, content in homes:
         folder = tmp_path / package.__name__.rpartition(".")[2]
         folder.mkdir()
@@ -173,9 +168,9 @@ def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
 
 
 def test_one_file_keeps_the_contracts_and_is_listed(added):
-    check_units_are_those_of_the_columns(NAME)
-    check_columns_are_the_hidden_torque(NAME)
-    check_every_form_is_met(NAME)
+    effect_contract.check_units_are_those_of_the_columns(NAME)
+    effect_contract.check_columns_are_the_hidden_torque(NAME)
+    effect_contract.check_every_form_is_met(NAME)
     row = details("effects", NAME)
     assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")
 

@@ -4,18 +4,10 @@ import json
 from dataclasses import replace
 from itertools import pairwise
 
+import effect_contract
 import numpy as np
 import pytest
-from effect_contract import (
-    check_columns_are_the_hidden_torque,
-    check_every_form_is_met,
-    check_units_are_those_of_the_columns,
-    robots,
-    steady_motion,
-    told,
-    variants,
-    wide_columns,
-)
+from effect_contract import robots, steady_motion, variants, wide_columns
 from random_robots import link_parameters, sines
 
 from sdp_vs_penalty import InputError
@@ -43,7 +35,9 @@ def to_and_fro(robot: Robot) -> Motion:
     torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + friction
     warm = np.full_like(motion.q, 30.0)
     seen = {"temperature": warm, "motors": 1.2 * motion.ddq}
-    return told(replace(motion, torque=torque, current=CurrentModel(robot, links), **seen))
+    return effect_contract.told(
+        replace(motion, torque=torque, current=CurrentModel(robot, links), **seen)
+    )
 
 
 @EVERY_EFFECT
@@ -187,7 +181,7 @@ def test_what_an_effect_needs_is_what_it_declares(name):
 
 @EVERY_EFFECT
 def test_units_are_those_of_the_columns(name):
-    check_units_are_those_of_the_columns(name)
+    effect_contract.check_units_are_those_of_the_columns(name)
 
 
 @EVERY_EFFECT
@@ -240,9 +234,9 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_columns_are_the_hidden_torque(name):
-    check_columns_are_the_hidden_torque(name)
+    effect_contract.check_columns_are_the_hidden_torque(name)
 
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_every_form_is_met(name):
-    check_every_form_is_met(name)
+    effect_contract.check_every_form_is_met(name)

@@ -11,27 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import page_driver as driver
 import pytest
 from commands import PROGRAM, python
-from page_driver import (
-    ARM,
-    PHONE,
-    Server,
-    a_context,
-    alert,
-    barriers,
-    choose,
-    errors,
-    expect,
-    go,
-    idle,
-    key,
-    no_sideways_scrolling,
-    open_page,
-    pick,
-    psutil,
-    serving,
-)
+from page_driver import expect, go, idle, key, open_page, pick
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
 from sdp_vs_penalty.page.sessions import SILENCE
@@ -68,19 +51,19 @@ def one_grade(page: Page) -> str:
 
 @pytest.fixture(scope="module")
 def story(
-    browser: Browser, server: Server, files: list[Path], tmp_path_factory: pytest.TempPathFactory
+    browser: Browser, server: driver.Server, files: list[Path], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[dict[str, Any]]:
     """From dropping files to a fallen error and the files to take away, once; tests look at it."""
-    with a_context(browser) as context:
+    with driver.a_context(browser) as context:
         page = open_page(context, server)
-        seen: dict[str, Any] = {"page": page, "context": context, "barriers": barriers(page)}
-        choose(page, "two_link", files)
+        seen: dict[str, Any] = {"page": page, "context": context, "barriers": driver.barriers(page)}
+        driver.choose(page, "two_link", files)
         seen["uses"] = page.locator("table.runs select").evaluate_all("all => all.map(s => s.value)")
         page.click(key("identify"))
         page.wait_for_selector("[data-part=fit] .js-line")
         seen["fit"] = page.inner_text("[data-stage=identify]")
         seen["first grade"] = one_grade(page)
-        seen["barriers"] += barriers(page)
+        seen["barriers"] += driver.barriers(page)
         begin = time.perf_counter()
         page.click(key("joint-2"))
         page.wait_for_function(
@@ -92,11 +75,11 @@ def story(
         page.wait_for_selector(key("add-0"))
         idle(page)
         seen["findings"] = page.inner_text("[data-stage=diagnose]")
-        seen["barriers"] += barriers(page)
+        seen["barriers"] += driver.barriers(page)
         page.click(key("add-0"))
         page.wait_for_selector("table.history")
         idle(page)
-        seen["errors"] = errors(page)
+        seen["errors"] = driver.errors(page)
         seen["diagnosed"] = page.inner_text("[data-stage=diagnose]")
         seen["grade"] = one_grade(page)
         go(page, "identify")
@@ -104,13 +87,13 @@ def story(
         page.wait_for_selector("table.methods")
         seen["methods"] = page.locator("table.methods tbody tr").all_inner_texts()
         idle(page)
-        seen["barriers"] += barriers(page)
+        seen["barriers"] += driver.barriers(page)
         go(page, "use")
         page.click(key("forward"))
         page.wait_for_selector("[data-part=forward] .js-line")
         idle(page)
         seen["forward"] = page.inner_text("[data-part=forward]")
-        seen["barriers"] += barriers(page)
+        seen["barriers"] += driver.barriers(page)
         folder = tmp_path_factory.mktemp("taken")
         for name in ("model.json", "robot.urdf", "robot.xml", "report.html"):
             with page.expect_download() as waiting:
@@ -162,7 +145,7 @@ def test_one_grade_everywhere_and_no_stale_sentence(story, files):
     page.click(key("redo"))
     page.wait_for_selector(key("undo"))
     idle(page)
-    assert errors(page) == story["errors"]
+    assert driver.errors(page) == story["errors"]
     assert one_grade(page) == story["grade"]
     assert "Missing:" not in page.inner_text("[data-stage=diagnose]")
 
@@ -170,7 +153,7 @@ def test_one_grade_everywhere_and_no_stale_sentence(story, files):
 def test_the_report_is_accessible_and_what_is_taken_away_works(story):
     report = story["context"].new_page()
     report.goto(f"file://{story['folder'] / 'report.html'}")
-    assert story["barriers"] + barriers(report) == []
+    assert story["barriers"] + driver.barriers(report) == []
     report.close()
     folder = story["folder"]
     robot, links = load_urdf(folder / "robot.urdf", (0.0, 0.0, -9.81))
@@ -185,14 +168,16 @@ def test_the_report_is_accessible_and_what_is_taken_away_works(story):
 
 
 def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(story, browser, server):
-    with a_context(browser, viewport=PHONE, color_scheme="dark", has_touch=True) as context:
+    with driver.a_context(
+        browser, viewport=driver.PHONE, color_scheme="dark", has_touch=True
+    ) as context:
         page = open_page(context, server, story["page"].url.removeprefix(server.address))
         page.wait_for_selector("table.history", state="attached")
-        assert errors(page) == story["errors"]
-        no_sideways_scrolling(page)
+        assert driver.errors(page) == story["errors"]
+        driver.no_sideways_scrolling(page)
         for stage in STAGES:
             go(page, stage.anchor)
-            no_sideways_scrolling(page)
+            driver.no_sideways_scrolling(page)
         go(page, "identify")
 
         def brightness(what: str, style: str) -> float:
@@ -274,7 +259,7 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server)
     working = server.workers()
     assert working
     page.close()
-    _, alive = psutil.wait_procs(working, SILENCE + 8.0)
+    _, alive = driver.psutil.wait_procs(working, SILENCE + 8.0)
     assert not alive
     again = open_page(context, server, "")
     assert again.url == address
@@ -297,14 +282,14 @@ def test_bad_robots_are_refused_and_names_are_no_paths(context, server):
         page.set_input_files(
             key("drop-robot"), {"name": name, "mimeType": "text/xml", "buffer": content.encode()}
         )
-        text = alert(page)
+        text = driver.alert(page)
         assert ".urdf: " in text
         assert "/" not in text.split(":")[0]
         idle(page)
         page.click(key("close-notice"))
         page.wait_for_selector(".notice[role=alert] p", state="detached")
     assert page.locator("img").count() == 0  # a name is text
-    arm = {"name": "../my arm.urdf", "mimeType": "text/xml", "buffer": ARM.encode()}
+    arm = {"name": "../my arm.urdf", "mimeType": "text/xml", "buffer": driver.ARM.encode()}
     page.set_input_files(key("drop-robot"), arm)
     page.wait_for_selector(key("drop-runs"), state="attached")
     assert "my arm.urdf: arm, 2 joints" in page.inner_text("[data-part=robot]")
@@ -321,7 +306,7 @@ def test_files_can_be_dragged_onto_the_page(context, server, two_link):
     drop = page.evaluate_handle(
         "text => { const d = new DataTransfer();"
         " d.items.add(new File([text], 'arm.urdf', {type: 'text/xml'})); return d; }",
-        ARM,
+        driver.ARM,
     )
     page.dispatch_event('[data-drop="robot"]', "drop", {"dataTransfer": drop})
     page.wait_for_selector(".chosen:has-text('arm.urdf')")
@@ -361,7 +346,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(browser, files, tmp_path):
     temporary.mkdir()
     for path in files:
         shutil.copy(path, folder)
-    (folder / "arm.urdf").write_text(ARM)
+    (folder / "arm.urdf").write_text(driver.ARM)
     (folder / "elsewhere.csv").symlink_to("/etc/hosts")
     mine = folder / "with_bounds"
     mine.mkdir()
@@ -370,7 +355,7 @@ def test_the_folder_is_offered_and_kept_as_it_is(browser, files, tmp_path):
     (tmp_path / "elsewhere" / "problem.toml").write_text("")
     (folder / "not_mine").symlink_to(tmp_path / "elsewhere")
     before = {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
-    with serving(temporary, str(folder)) as server, a_context(browser) as context:
+    with driver.serving(temporary, str(folder)) as server, driver.a_context(browser) as context:
         page = open_page(context, server)
         offered = page.inner_text("[data-part=robot]")
         assert "arm.urdf" in offered
