@@ -10,17 +10,7 @@ import pytest
 from commands import run_cli
 from small_runs import write_run
 
-from sdp_vs_penalty import InputError, load_problem
-from sdp_vs_penalty.files import (
-    alone,
-    opened,
-    protecting,
-    read_bytes,
-    read_json,
-    reading,
-    write_text,
-    writing,
-)
+from sdp_vs_penalty import InputError, files, load_problem
 
 
 @pytest.fixture
@@ -66,28 +56,28 @@ def test_what_only_a_reader_opens_is_protected_too(log, tmp_path):
 def test_a_notebook_may_write_over_what_it_read(tmp_path):
     path = tmp_path / "model.json"
     path.write_text("old")
-    opened(path)
-    write_text(path, "new")
+    files.opened(path)
+    files.write_text(path, "new")
     assert path.read_text() == "new"
-    with protecting():
-        opened(path)
+    with files.protecting():
+        files.opened(path)
         with pytest.raises(InputError, match="also an input"):
-            write_text(path, "newer")
-    write_text(path, "newest")
+            files.write_text(path, "newer")
+    files.write_text(path, "newest")
     assert path.read_text() == "newest"
 
 
 def test_a_device_stays_a_device(tmp_path):
-    write_text("/dev/null", "content")
+    files.write_text("/dev/null", "content")
     assert Path("/dev/null").is_char_device()
     with pytest.raises(InputError, match="cannot be written"):
-        write_text("/dev/full", "content")
+        files.write_text("/dev/full", "content")
     fifo = tmp_path / "pipe"
     os.mkfifo(fifo)
     got = []
     reader = threading.Thread(target=lambda: got.append(fifo.read_text()))
     reader.start()
-    write_text(fifo, "through")
+    files.write_text(fifo, "through")
     reader.join(10)
     assert got == ["through"]
     assert fifo.is_fifo()
@@ -98,12 +88,12 @@ def test_a_link_stays_and_its_target_is_replaced(tmp_path):
     target, link = tmp_path / "real" / "model.json", tmp_path / "model.json"
     target.write_text("old")
     link.symlink_to(target)
-    write_text(link, "new")
+    files.write_text(link, "new")
     assert link.is_symlink()
     assert target.read_text() == "new"
     dangling = tmp_path / "later.json"
     dangling.symlink_to(tmp_path / "real" / "later.json")
-    write_text(dangling, "made")
+    files.write_text(dangling, "made")
     assert dangling.is_symlink()
     assert (tmp_path / "real" / "later.json").read_text() == "made"
 
@@ -111,7 +101,7 @@ def test_a_link_stays_and_its_target_is_replaced(tmp_path):
 @pytest.mark.parametrize("name", ["x" * 300, "a\0b"])
 def test_a_name_that_cannot_be_is_one_sentence(tmp_path, name):
     with pytest.raises(InputError, match="cannot be written"):
-        write_text(tmp_path / name, "content")
+        files.write_text(tmp_path / name, "content")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -124,7 +114,7 @@ FAULTS = [OSError(28, "No space left on device"), KeyboardInterrupt(), None]
 def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypatch):
     """An error, an interruption, and the end of the process (None), after which nothing is tidied up."""
     path = tmp_path / "model.json"
-    write_text(path, "old")
+    files.write_text(path, "old")
     whole = getattr(os, step, None)
 
     def fails(*arguments: object, **named: object) -> object:
@@ -137,7 +127,7 @@ def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypat
     def write() -> None:
         with monkeypatch.context() as patch:
             patch.setattr(f"sdp_vs_penalty.files.os.{step}", fails, raising=step != "content")
-            with writing(path) as file:
+            with files.writing(path) as file:
                 file.write(b"new" * 100_000)
                 if step == "content":
                     fails()
@@ -149,7 +139,7 @@ def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypat
             os._exit(1)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
         assert path.read_text() == "old"
-        write_text(path, "old")  # and the next writer takes away what is left
+        files.write_text(path, "old")  # and the next writer takes away what is left
     else:
         with pytest.raises((InputError, KeyboardInterrupt)):
             write()
@@ -160,26 +150,26 @@ def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypat
 def test_the_largest_size_is_the_last_that_is_read(tmp_path):
     path = tmp_path / "ten"
     path.write_bytes(b"0123456789")
-    assert read_bytes(path, 10) == b"0123456789"
+    assert files.read_bytes(path, 10) == b"0123456789"
     for other, largest in ((path, 9), (Path("/proc/self/status"), 9)):  # which states no size
         if other.exists():
             with pytest.raises(InputError, match="larger than"):
-                read_bytes(other, largest)
+                files.read_bytes(other, largest)
 
 
 def test_json_of_another_kind_is_refused(tmp_path):
     path = tmp_path / "model.json"
     path.write_text('{"format": 1}')
-    assert read_json(path, "model", "format", dict) == {"format": 1}
+    assert files.read_json(path, "model", "format", dict) == {"format": 1}
     with pytest.raises(InputError, match="not a proof of this program"):
-        read_json(path, "proof", "multipliers", dict)
+        files.read_json(path, "proof", "multipliers", dict)
 
 
 def test_what_a_living_writer_has_begun_stays(tmp_path):
     begun = [tmp_path / f".model.json.{process}.0.part" for process in (os.getppid(), 2**30)]
     for path in begun:
         path.write_text("half")
-    write_text(tmp_path / "model.json", "whole")
+    files.write_text(tmp_path / "model.json", "whole")
     assert [path.exists() for path in begun] == [True, False]
 
 
@@ -191,7 +181,7 @@ def test_the_memory_of_unpacking_grows_with_the_file(size, fits, tmp_path):
         file.truncate(size)
 
     def unpack() -> int:
-        with reading(path):
+        with files.reading(path):
             return np.empty(800 * 2**20, np.uint8).size  # reserved, never touched
 
     if fits:
@@ -203,7 +193,7 @@ def test_the_memory_of_unpacking_grows_with_the_file(size, fits, tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"), alone(tmp_path / "file" / "out"):
+    with pytest.raises(InputError, match="cannot be written"), files.alone(tmp_path / "file" / "out"):
         pass
 
 
@@ -213,7 +203,7 @@ def test_two_writers_leave_one_whole_file(tmp_path):
 
     def write(text: str) -> None:
         for _ in range(20):
-            write_text(path, text)
+            files.write_text(path, text)
 
     writers = [threading.Thread(target=write, args=(text,)) for text in texts]
     for writer in writers:

@@ -16,13 +16,7 @@ from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.remaining import spectral_lines
 from sdp_vs_penalty.diagnosis.score import Fit, Score
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.signals.coloured_noise import (
-    Pieces,
-    autoregression,
-    local_excess,
-    lone_windows,
-    noise_profile,
-)
+from sdp_vs_penalty.signals import coloured_noise
 
 n, M, p = 2, 300, 5
 
@@ -237,7 +231,9 @@ def test_autoregression_whitens():
     x = np.zeros(4000)
     for k in range(2, len(x)):
         x[k] = 0.6 * x[k - 1] - 0.3 * x[k - 2] + rng.normal()
-    a, sigma, degrees = autoregression(x, Pieces([np.arange(2000), np.arange(2000, 4000)]))
+    a, sigma, degrees = coloured_noise.autoregression(
+        x, coloured_noise.Pieces([np.arange(2000), np.arange(2000, 4000)])
+    )
     np.testing.assert_allclose(a, [0.6, -0.3, 0.0, 0.0], atol=0.06)
     assert sigma == pytest.approx(1.0, abs=0.04)
     assert degrees == 3988.0
@@ -246,19 +242,23 @@ def test_autoregression_whitens():
 def test_events_are_found_and_noise_is_left_alone():
     rng = np.random.default_rng(8)
     pieces = [np.arange(500), np.arange(500, 1000)]
-    false = sum(local_excess(rng.normal(size=1000), pieces, 1, 1000.0).any() for _ in range(200))
+    false = sum(
+        coloured_noise.local_excess(rng.normal(size=1000), pieces, 1, 1000.0).any() for _ in range(200)
+    )
     assert false <= 3
     x = rng.normal(size=1000)
     x[700:708] += 4.0
-    found = local_excess(x, pieces, 1, 1000.0)
+    found = coloured_noise.local_excess(x, pieces, 1, 1000.0)
     assert found[700:708].mean() > 0.7
     assert found[:650].sum() == found[760:].sum() == 0
     # Of ever more series that are searched, chance reaches ever more energy; and of a doubtful variance.
     marginal = rng.normal(size=1000)
     marginal[300] = 6.4
-    told = [local_excess(marginal, pieces, tests, 1000.0)[300] for tests in (1, 10**3, 10**6)]
+    told = [
+        coloured_noise.local_excess(marginal, pieces, tests, 1000.0)[300] for tests in (1, 10**3, 10**6)
+    ]
     assert told == [True, False, False]
-    assert not local_excess(marginal, pieces, 1, 8.0)[300]
+    assert not coloured_noise.local_excess(marginal, pieces, 1, 8.0)[300]
 
 
 def test_noise_that_follows_a_rate_is_no_event():
@@ -266,10 +266,10 @@ def test_noise_that_follows_a_rate_is_no_event():
     t = np.arange(1000) / 16.0
     rates = np.column_stack([np.sin(0.5 * t), np.cos(0.3 * t)]) ** 2
     spread = np.sqrt(0.3 + 3.0 * rates[:, 0])
-    profile = noise_profile(spread * rng.normal(size=1000), rates, rates)
+    profile = coloured_noise.noise_profile(spread * rng.normal(size=1000), rates, rates)
     assert np.corrcoef(profile, spread)[0, 1] > 0.9
     assert np.mean(profile**2) == pytest.approx(1.0)
-    faster = noise_profile(spread * rng.normal(size=1000), rates, 2.0 * rates)
+    faster = coloured_noise.noise_profile(spread * rng.normal(size=1000), rates, 2.0 * rates)
     assert 1.6 < np.mean(faster**2) < 2.0
 
 
@@ -288,7 +288,7 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
     slow = np.arange(M) % 120 < 30
 
     def found(white: Array) -> Array:
-        return lone_windows(white, pieces, slow, 30.0, 7)
+        return coloured_noise.lone_windows(white, pieces, slow, 30.0, 7)
 
     # Error that swells at reversals, with tails.
     error = rng.normal(size=M) * np.where(slow, 6.0, 1.0) * np.exp(rng.normal(0.0, 0.3, M))

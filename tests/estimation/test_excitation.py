@@ -11,20 +11,8 @@ from scipy import special
 
 from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
-from sdp_vs_penalty.estimation import Limits
+from sdp_vs_penalty.estimation import Limits, excitation, separation
 from sdp_vs_penalty.estimation.constants import LEVEL
-from sdp_vs_penalty.estimation.excitation import (
-    PayloadRun,
-    Regressor,
-    excite,
-    payload_run,
-    save_trajectory,
-)
-from sdp_vs_penalty.estimation.separation import (
-    Hypotheses,
-    independent_rate,
-    separate,
-)
 from sdp_vs_penalty.robot import FourierTrajectory, Robot, random_trajectory
 from sdp_vs_penalty.robot.geometry import self_collision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, joint_trajectory, shortest_moves
@@ -52,7 +40,7 @@ def test_an_optimised_trajectory_keeps_any_limits(low, span, velocity, accelerat
     problem = load_problem("two_link")
     lower = np.array(low)
     limits = Limits(lower, lower + span, np.array(velocity), np.array(acceleration))
-    found = excite(problem, limits=limits, duration=duration, seed=seed, iterations=2)
+    found = excitation.excite(problem, limits=limits, duration=duration, seed=seed, iterations=2)
     t = np.linspace(0.0, duration, 2 * round(1000 * duration) + 1)
     q, dq, ddq = found.trajectory.states(t)
     assert np.all(q >= limits.lower - 1e-6)
@@ -64,9 +52,9 @@ def test_an_optimised_trajectory_keeps_any_limits(low, span, velocity, accelerat
 
 def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda, paper):
     limits = Limits.of_trajectory(paper)
-    before = Regressor.of(panda).condition(paper)
+    before = excitation.Regressor.of(panda).condition(paper)
     assert 105.0 < before < 125.0  # the paper's own figure is 109 to 122, depending on the basis
-    found = excite(panda, limits=limits, start=paper, iterations=12)
+    found = excitation.excite(panda, limits=limits, start=paper, iterations=12)
     assert found.condition < 0.75 * before
     assert limits.excess(found.trajectory) <= 1.0
     assert found.trajectory.duration == paper.duration
@@ -91,7 +79,7 @@ def test_limits_that_admit_no_trajectory_are_refused(two_link, change, match):
 def test_a_robot_can_play_the_file(two_link, tmp_path):
     trajectory = random_trajectory(two_link.robot, 0, 4.0)
     path = tmp_path / "trajectory.csv"
-    save_trajectory(trajectory, path)
+    excitation.save_trajectory(trajectory, path)
     header = path.read_text().splitlines()[0]
     assert header == "t,q1,q2,dq1,dq2,ddq1,ddq2"
     rows = np.loadtxt(path, delimiter=",", skiprows=1)
@@ -106,8 +94,8 @@ def estimate(panda: Problem) -> Estimate:
 
 
 @pytest.fixture(scope="module")
-def run(estimate: Estimate) -> PayloadRun:
-    return payload_run(estimate, iterations=8, seed=1)
+def run(estimate: Estimate) -> excitation.PayloadRun:
+    return excitation.payload_run(estimate, iterations=8, seed=1)
 
 
 def test_only_the_wrist_moves_and_within_its_limits(estimate, run):
@@ -125,7 +113,7 @@ def test_it_weighs_better_than_a_random_motion(run):
 
 def test_its_deviations_are_those_of_loads_that_are_estimated(estimate, run):
     robot: Robot = estimate.robot
-    t = np.arange(0.0, 2.0, 1.0 / independent_rate(estimate))
+    t = np.arange(0.0, 2.0, 1.0 / separation.independent_rate(estimate))
     Y = (
         robot.regressor(*run.trajectory.states(t))[:, :, -10:]
         / estimate.uncertainty.torque_noise[:, None]
@@ -159,7 +147,7 @@ def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits():
 
 
 def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):
-    found = separate(small, PAIR, duration=10.0, level=0.5, iterations=30)
+    found = separation.separate(small, PAIR, duration=10.0, level=0.5, iterations=30)
     limits = Limits.of_robot(small.robot)
     t = np.linspace(0.0, 10.0, 4001)
     q, dq, ddq = found.trajectory.states(t)
@@ -176,8 +164,8 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small
 
 def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     """Least squares of both models on noise drawn anew, beside a calculation of the distance by QR."""
-    hypotheses = Hypotheses(small, PAIR, 0.5)
-    trajectory = separate(small, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
+    hypotheses = separation.Hypotheses(small, PAIR, 0.5)
+    trajectory = separation.separate(small, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
     motion = hypotheses.motion(trajectory.states, 10.0)
     columns = zip(small.model.columns(motion), hypotheses.noise, strict=True)
     X = np.vstack([c.wide(len(small.theta)) / noise for c, noise in columns])
@@ -216,13 +204,13 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
 @pytest.mark.parametrize(
     ("said", "ask"),
     [
-        ("objective", lambda small: excite(small.problem, objective="loud")),
-        ("duration", lambda small: excite(small.problem, duration=0.5)),
-        ("joints that move: 9", lambda small: payload_run(small, joints=[8])),
-        ("names 3 effects", lambda small: separate(small, f"{PAIR},joint_spring:1")),
+        ("objective", lambda small: excitation.excite(small.problem, objective="loud")),
+        ("duration", lambda small: excitation.excite(small.problem, duration=0.5)),
+        ("joints that move: 9", lambda small: excitation.payload_run(small, joints=[8])),
+        ("names 3 effects", lambda small: separation.separate(small, f"{PAIR},joint_spring:1")),
         (
             "has viscous_friction already",
-            lambda small: separate(small, "viscous_friction:1,joint_spring:1"),
+            lambda small: separation.separate(small, "viscous_friction:1,joint_spring:1"),
         ),
     ],
 )

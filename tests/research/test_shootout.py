@@ -31,15 +31,6 @@ from sdp_vs_penalty.research.shootout.judge import (
     reference,
     relative_violation,
 )
-from sdp_vs_penalty.research.shootout.runner import (
-    COLUMNS,
-    KEY,
-    Assignment,
-    Results,
-    Shootout,
-    in_child,
-    run_one,
-)
 from sdp_vs_penalty.robot import Constraint
 from sdp_vs_penalty.solvers import solver
 
@@ -239,7 +230,7 @@ def _spin() -> bytes:
     ids=["ends", "sleeps", "spins", "dies", "eats", "raises"],
 )
 def test_a_run_ends_in_its_own_process(work, limit, kind, said):
-    found, words, seconds = in_child(work, limit, 1.0)
+    found, words, seconds = runner.in_child(work, limit, 1.0)
     assert found == kind
     assert re.search(said, words.decode() if isinstance(words, bytes) else words)
     assert seconds < 5.0
@@ -254,8 +245,8 @@ def test_seconds_are_processor_time(two_link, proved, best):
             wait()
             return best
 
-        task = Assignment("", "", 20.0, 1.0, reference=proved)
-        row = run_one(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
+        task = runner.Assignment("", "", 20.0, 1.0, reference=proved)
+        row = runner.run_one(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
         assert row["class"] == "right"
         return row["seconds"]
 
@@ -337,14 +328,14 @@ def test_the_answer_for_seven_links_ranks_by_problems_solved_then_time():
 PROBLEM = "two_link simulated one-step gyration"
 
 
-def setup(out: Path, **changes: object) -> Shootout:
+def setup(out: Path, **changes: object) -> runner.Shootout:
     chosen: dict[str, object] = {
         "solvers": ["clarabel", "lmi-sdp"],
         "problems": [PROBLEM],
         "accuracies": (1e-4, 1e-6),
         "jobs": 1,
     }
-    return Shootout(out, **{**chosen, **changes})
+    return runner.Shootout(out, **{**chosen, **changes})
 
 
 def test_runs_resume(tmp_path):
@@ -362,7 +353,7 @@ def test_runs_resume(tmp_path):
     lines = before.splitlines(keepends=True)
     (out / "runs.csv").write_text("".join(lines[:-1]))
     resumed = runner.run(setup(out))  # what is missing, and nothing else
-    assert resumed.results.runs[KEY].equals(first.results.runs[KEY])
+    assert resumed.results.runs[runner.KEY].equals(first.results.runs[runner.KEY])
     assert set(lines[:-1]) <= set((out / "runs.csv").read_text().splitlines(keepends=True))
     more = runner.run(setup(out, solvers=["clarabel"], accuracies=(1e-5,)))
     assert len(more.results.runs) == 4
@@ -371,7 +362,7 @@ def test_runs_resume(tmp_path):
 def test_runs_of_an_instance_that_changed_are_done_again(tmp_path):
     runner.run(setup(tmp_path / "s", solvers=["clarabel"], accuracies=(1e-4,)))
     path = tmp_path / "s" / "runs.csv"
-    (digest,) = Results(tmp_path / "s").runs["hash"]
+    (digest,) = runner.Results(tmp_path / "s").runs["hash"]
     path.write_text(path.read_text().replace(digest, "0" * 16))
     outcome = runner.run(setup(tmp_path / "s", solvers=["clarabel"], accuracies=(1e-4,)))
     assert any("changed" in note for note in outcome.notes)
@@ -381,15 +372,17 @@ def test_runs_of_an_instance_that_changed_are_done_again(tmp_path):
 def test_folders_that_hold_something_else_are_refused(tmp_path):
     (tmp_path / "table_III.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match="holds other files"):
-        Results(tmp_path)
+        runner.Results(tmp_path)
     other = tmp_path / "other"
     other.mkdir()
     (other / "runs.csv").write_text("run,result\n1,2\n")
     with pytest.raises(InputError, match="something else"):
-        Results(other)
-    (other / "runs.csv").write_text(",".join(COLUMNS) + "\na,b\n" + "," * (len(COLUMNS) - 1) + "\n")
+        runner.Results(other)
+    (other / "runs.csv").write_text(
+        ",".join(runner.COLUMNS) + "\na,b\n" + "," * (len(runner.COLUMNS) - 1) + "\n"
+    )
     with pytest.raises(InputError, match="a row is damaged"):
-        Results(other)
+        runner.Results(other)
 
 
 def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path):

@@ -21,15 +21,17 @@ from sdp_vs_penalty.regression import LeastSquares, triangular
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research import figures
 from sdp_vs_penalty.research.figures import FIGURES, make_figures, save
-from sdp_vs_penalty.research.tables import DEFAULT_TABLES, build_tables, emps, make_tables, study
+from sdp_vs_penalty.research.tables import (
+    DEFAULT_TABLES,
+    build_tables,
+    emps,
+    make_tables,
+    study,
+    wrenches,
+)
 from sdp_vs_penalty.research.tables.study import METHODS, Study
 from sdp_vs_penalty.research.tables.table import Table
 from sdp_vs_penalty.research.tables.table_i import exact_rows, fit_sigmoid, residual_rms
-from sdp_vs_penalty.research.tables.wrenches import (
-    unfeasible_retrievals,
-    wrench_intervals,
-    wrench_regressor,
-)
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import Experiment, experiment
@@ -250,7 +252,7 @@ def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     problem = load_problem(name)
     robot, links = problem.robot, published_links(problem, column)
     q, dq, ddq = states(problem, 5)
-    wrenches = wrench_regressor(robot, q, dq, ddq) @ links.ravel()
+    wrenches = wrenches.wrench_regressor(robot, q, dq, ddq) @ links.ravel()
     model = robot._with_inertias(links)
     data = model.createData()
     for k in range(5):
@@ -263,9 +265,9 @@ def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(two_lin
     base, _ = base_parameters(two_link.model("rigid_body"), two_link.independent)
     q, dq, ddq = states(two_link, 50)
     torque = two_link.robot.inverse_dynamics(real.ravel(), q, dq, ddq)
-    Y = wrench_regressor(two_link.robot, q, dq, ddq)
+    Y = wrenches.wrench_regressor(two_link.robot, q, dq, ddq)
     true = Y @ real.ravel()
-    found = list(unfeasible_retrievals(two_link, base @ real.ravel(), 5, boxed=False))
+    found = list(wrenches.unfeasible_retrievals(two_link, base @ real.ravel(), 5, boxed=False))
     assert len(found) == 5
     for retrieved in found:
         assert inertia.consistency_margin(retrieved).min() < 0.0
@@ -278,8 +280,8 @@ def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(two_lin
 
 
 def test_interval_contains_the_truth_and_is_certified(two_link, real):
-    Y = wrench_regressor(two_link.robot, *states(two_link, 3))
-    intervals, true = wrench_intervals(links_slice(two_link, real), Y), Y @ real.ravel()
+    Y = wrenches.wrench_regressor(two_link.robot, *states(two_link, 3))
+    intervals, true = wrenches.wrench_intervals(links_slice(two_link, real), Y), Y @ real.ravel()
     assert np.all(intervals.lower_bound <= true)
     assert np.all(true <= intervals.upper_bound)
     assert np.all(intervals.lower_bound <= intervals.lower)

@@ -12,17 +12,9 @@ from periodic_runs import SETTINGS, periodic, run_of
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import dahl
-from sdp_vs_penalty.signals import motion, repeat_period
+from sdp_vs_penalty.signals import motion, phases, repeat_period
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
-from sdp_vs_penalty.signals.phases import (
-    MotionClock,
-    PhaseFolds,
-    motion_clocks,
-    phase_folds,
-    phase_windows,
-    tracks_of,
-)
 from sdp_vs_penalty.signals.repetition import recurring
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 from sdp_vs_penalty.signals.standstill import lawless, still, turned_at_rest
@@ -80,14 +72,14 @@ def test_the_record_is_bounded(monkeypatch):
     assert record_motion(FilteredRuns.of(wild, SETTINGS)) is None
 
 
-def folds_of(*runs: Measurements, count: int = 5) -> PhaseFolds:
-    return phase_folds(concatenate(list(runs)), SETTINGS, count)
+def folds_of(*runs: Measurements, count: int = 5) -> phases.PhaseFolds:
+    return phases.phase_folds(concatenate(list(runs)), SETTINGS, count)
 
 
 @pytest.mark.parametrize("still", [0.0, 3.0])
 def test_samples_a_period_apart_are_on_one_side(still):
     run = run_of(10, 27.0, still=still)
-    (clock,) = motion_clocks(tracks_of(run))
+    (clock,) = phases.motion_clocks(phases.tracks_of(run))
     assert clock.periodic
     assert clock.length == pytest.approx(9.63, abs=0.01)
     split = folds_of(run)
@@ -120,11 +112,11 @@ def test_every_instant_is_tested_once_and_the_guard_is_kept():
 def test_runs_of_one_motion_share_its_clock():
     """Whether it repeats itself in them or not, wherever each begins; other runs have their own."""
     runs = [run_of(10, 8.0), run_of(20, 8.0), run_of(11, 7.0, 1.3)]
-    clocks = motion_clocks(tracks_of(concatenate(runs)))
+    clocks = phases.motion_clocks(phases.tracks_of(concatenate(runs)))
     assert [c.motion for c in clocks] == [0, 1, 0]
     assert clocks[2].at(runs[2].t[100]) == pytest.approx(clocks[0].at(runs[2].t[100] + 1.3), abs=2e-3)
     periodic = [run_of(10, 22.0), run_of(11, 22.0, 6.0)]
-    clocks = motion_clocks(tracks_of(concatenate(periodic)))
+    clocks = phases.motion_clocks(phases.tracks_of(concatenate(periodic)))
     assert [c.motion for c in clocks] == [0, 0]
     assert clocks[1].at(0.0) == pytest.approx(clocks[0].at(6.0), abs=2e-3)
 
@@ -140,19 +132,19 @@ def test_ramps_and_stands_hide_no_period():
 def test_a_run_is_split_by_phase():
     """Two parts of one period, and of all its repetitions; none where it repeats too fast."""
     run = run_of(10, 27.0)
-    (clock,) = motion_clocks(tracks_of(run))
-    windows = phase_windows(clock, 27.0, 0.7, 0.5, 1.5)
+    (clock,) = phases.motion_clocks(phases.tracks_of(run))
+    windows = phases.phase_windows(clock, 27.0, 0.7, 0.5, 1.5)
     train, test = (
         np.concatenate([clock.at(np.linspace(a, b, 100)) for a, b in side]) for side in windows
     )
     assert len(windows[0]) == 3
     assert train.max() < test.min() - 0.4
     assert test.max() < clock.length - 0.4
-    assert phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None
-    once = MotionClock(0, 0.0, 20.0, False)
-    assert phase_windows(once, 20.0, 0.7, 0.5, 1.5) == ([(0.0, 14.0)], [(14.5, 20.0)])
-    assert phase_windows(once, 20.0, 0.7, 5.0, 1.5) == ([(0.0, 8.5)], [(13.5, 20.0)])
-    assert phase_windows(once, 20.0, 0.7, 5.5, 1.5) is None  # less than two fifths to train on
+    assert phases.phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None
+    once = phases.MotionClock(0, 0.0, 20.0, False)
+    assert phases.phase_windows(once, 20.0, 0.7, 0.5, 1.5) == ([(0.0, 14.0)], [(14.5, 20.0)])
+    assert phases.phase_windows(once, 20.0, 0.7, 5.0, 1.5) == ([(0.0, 8.5)], [(13.5, 20.0)])
+    assert phases.phase_windows(once, 20.0, 0.7, 5.5, 1.5) is None  # less than two fifths to train on
 
 
 def test_a_long_recording_is_seen_in_windows_spread_over_it():

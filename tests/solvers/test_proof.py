@@ -29,14 +29,7 @@ from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.simulation import experiment
-from sdp_vs_penalty.solvers import Objective, verify_proof
-from sdp_vs_penalty.solvers.proof import (
-    difference,
-    infeasibility_proof,
-    optimum_proof,
-    stated,
-    write_proof,
-)
+from sdp_vs_penalty.solvers import Objective, proof, verify_proof
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-entropic", "penalty")
 Proof = dict[str, Any]
@@ -51,7 +44,7 @@ def proofs() -> dict[str, Proof]:
     for method in METHODS:
         fit = make_estimator(method).fit(task)
         theta, certificate = certify(task, fit)
-        made[method] = optimum_proof(replace(fit, theta=theta, bound=task.bound))
+        made[method] = proof.optimum_proof(replace(fit, theta=theta, bound=task.bound))
         # The two bounds are found in different arithmetic from the same multipliers.
         assert float(made[method]["lower"]) == pytest.approx(certificate.lower, rel=1e-7)
         assert float(made[method]["upper"]) == pytest.approx(certificate.upper, rel=1e-12)
@@ -70,10 +63,10 @@ def test_what_is_infeasible_is_proved_so():
     above = build.linear("mass", "a", [0], [[1.0]], [-1.0])
     below = build.linear("mass", "b", [0], [[-1.0]], [-1.0])
     demands = ConstraintSet((above, below))
-    proof = infeasibility_proof(demands, np.ones(2), np.array([10.0]))
-    assert verify_proof.check(proof) is None
+    made = proof.infeasibility_proof(demands, np.ones(2), np.array([10.0]))
+    assert verify_proof.check(made) is None
     with pytest.raises(ValueError, match="not proved"):
-        infeasibility_proof(demands, np.array([1.0, 0.0]), np.array([10.0]))
+        proof.infeasibility_proof(demands, np.array([1.0, 0.0]), np.array([10.0]))
 
 
 def test_the_checker_stands_alone(proofs, tmp_path):
@@ -84,7 +77,7 @@ def test_the_checker_stands_alone(proofs, tmp_path):
     alone.write_text(source.read_text())
     for name, edit, code in (("good", {}, 0), ("bad", {"lower": "1e9"}, 1)):
         path = tmp_path / f"{name}.json"
-        write_proof({**proofs["lmi-sdp"], **edit}, path)
+        proof.write_proof({**proofs["lmi-sdp"], **edit}, path)
         done = subprocess.run([sys.executable, "-I", "-S", alone, path], capture_output=True, text=True)
         assert done.returncode == code, done.stderr
     (tmp_path / "text.json").write_text(json.dumps({"format": 1}))
@@ -176,9 +169,11 @@ def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem():
     same = [build.linear("mass", "a", [0], [[-1.0, 0.0]], [0.3 * (1 + 1e-12), 1.0])]
     other = [build.linear("mass", "a", [1], [[-1.0, 0.0]], [0.3, 1.0])]
     bound = np.array([10.0, 20.0])
-    own = stated(Objective(data), near, bound)
-    assert difference(stated(Objective(turned), same, bound), own) == ""
-    assert "mass of a, nonnegative in [1]" in difference(stated(Objective(data), other, bound), own)
+    own = proof.stated(Objective(data), near, bound)
+    assert proof.difference(proof.stated(Objective(turned), same, bound), own) == ""
+    assert "mass of a, nonnegative in [1]" in proof.difference(
+        proof.stated(Objective(data), other, bound), own
+    )
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
