@@ -252,13 +252,13 @@ def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     problem = load_problem(name)
     robot, links = problem.robot, published_links(problem, column)
     q, dq, ddq = states(problem, 5)
-    wrenches = wrenches.wrench_regressor(robot, q, dq, ddq) @ links.ravel()
+    made = wrenches.wrench_regressor(robot, q, dq, ddq) @ links.ravel()
     model = robot._with_inertias(links)
     data = model.createData()
     for k in range(5):
         pin.rnea(model, data, q[k], dq[k], ddq[k])
         reference = np.array([data.f[j + 1].vector for j in range(robot.n)])
-        assert np.abs(wrenches[k] - reference).max() < 1e-10
+        assert np.abs(made[k] - reference).max() < 1e-10
 
 
 def test_unfeasible_parameters_make_the_same_torques_and_absurd_wrenches(two_link, real):
