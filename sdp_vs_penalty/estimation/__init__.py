@@ -8,8 +8,8 @@ __getattr__ = surface(
         "Certificate": "certificate",
         "Limits": "excitation",
         "bootstrap": "resampling",
-        "free_constants": "shape_constants",
-        "prior_deviation": "shape_constants",
+        "free_constants": "shapes",
+        "prior_deviation": "shapes",
         "verify_proof_file": "verify",
     },
 )

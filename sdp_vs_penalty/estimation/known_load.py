@@ -36,8 +36,8 @@ from sdp_vs_penalty.effects.servo import Servo
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
-from sdp_vs_penalty.estimation.sandwich import Sandwich, stretched, white_variance
-from sdp_vs_penalty.estimators.estimator import joint_weights
+from sdp_vs_penalty.estimation.uncertainty import Sandwich, stretched
+from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import least_squares, partialled, smallest, visible
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress

@@ -3,8 +3,9 @@
 For every constant u (the velocity over which Coulomb friction turns round) the coefficients theta(u) are
 those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of the constants alone
 (Golub, Pereyra, SIAM J. Numerical Analysis 1973), minimised with the Jacobian of Kaufman (BIT 1975).
-Columns are computed on a grid of u once, and are cubic splines of ln u between its values. Where data
-tell a constant more finely, columns at the value itself follow (:func:`shape_constants.settled`).
+Columns are computed on a grid of u once, and are cubic splines of ln u between its values
+(:func:`estimate_shapes`). Where data tell a constant more finely, and where several take what is each
+other's, :func:`settled` computes them at the value itself: a step is a pass over the data.
 
 Every fold k of the motion is left out once, constants are found anew from the rest (one step of Gauss
 and Newton), and the fold is predicted with a constant as found there and as the model has it. With r
@@ -12,13 +13,19 @@ what the former leaves and d the difference of the two, sum_k |d_k|^2 + 2 r_k'd_
 squared error. A constant is confirmed where that exceeds Student's 95 % quantile times its deviation:
 sqrt(sum_k (2 r_k'd_k)^2), for noise of any colour, at least that of white noise; else the model's own
 value stays, the simpler model (Breiman et al., Classification and Regression Trees, 1984, 3.4.3).
+
+To first order an error ds of a constant s of the columns Y(s) is one more linear parameter, whose column
+is (dY/ds) theta (:class:`ShapeSensitivity`): with it in the regression the covariance of theta is no
+longer conditional on s (Seber, Wild, Nonlinear Regression 1989, ch. 5). Before anything is measured a
+constant lies in its range, uniformly in its own scale.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any, Self
 
 import numpy as np
@@ -27,14 +34,26 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS, TOLD_FINELY
-from sdp_vs_penalty.estimation.shape_constants import settled
-from sdp_vs_penalty.estimators.estimator import joint_weights
+from sdp_vs_penalty.effects.model import Model, turning
+from sdp_vs_penalty.estimation.constants import AT_END, DIFFERENCE, SHAPE_FOLDS, TOLD_FINELY
+from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.partial import UNSEEN, deviations, least_squares, span, visible
-from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
+from sdp_vs_penalty.regression.partial import (
+    UNSEEN,
+    deviations,
+    least_squares,
+    partialled,
+    smallest,
+    span,
+    visible,
+)
+from sdp_vs_penalty.regression.regression import (
+    LeastSquares,
+    Regression,
+    compress_cells,
+    triangular,
+)
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
@@ -92,9 +111,8 @@ def estimate_shapes(
     wanted = [  # of effects with one column a joint, of the kind that is estimated, and not given
         (effect, joint, key)
         for effect in model.effects
-        for key, shape in effect.shapes.items()
-        if shape.role == "estimated" and key not in effect.given
-        if len(effect.parameters) == len(effect.joints)
+        for key in effect.estimated
+        if key not in effect.given and len(effect.parameters) == len(effect.joints)
         for joint in effect.joints
     ]
     if not wanted:
@@ -214,18 +232,12 @@ class _Grid(Effect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        return tuple(
-            Parameter(f"{p.name}_{m}", p.unit, self.name, p.joint)
-            for m, effect in enumerate(self.effects)
-            for p in effect.parameters
-        )
+        (own,) = self.effects[0].parameters
+        return tuple(replace(own, name=f"{own.name}_{m}") for m in range(len(self.effects)))
 
     def blocks(self, motion: Motion) -> list[Block]:
-        out, first = [], 0
-        for effect in self.effects:
-            out += [Block(b.joint, b.parameters + first, b.columns) for b in effect.blocks(motion)]
-            first += len(effect.parameters)
-        return out
+        own = ((m, b) for m, effect in enumerate(self.effects) for b in effect.blocks(motion))
+        return [Block(b.joint, b.parameters + m, b.columns) for m, b in own]
 
 
 class _Profile:
@@ -279,41 +291,36 @@ class _Profile:
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
     @cached_property
-    def _by_joint(self) -> list[tuple[NDArray[np.intp], Array, Array, NDArray[np.intp]]]:
-        """Of each joint the folds that show it, what the other columns make there in the directions that
-        the data show (F, r, k), its banks' columns and its torque (F, r, c + 1), and their places."""
-        (b, _), p, out = self.shown.shape, self.count, []
+    def _by_joint(self) -> tuple[Array, list[tuple[NDArray[np.intp], Array, Array, NDArray[np.intp]]]]:
+        """(F, k, k) products, in each fold, of what the other columns make in the directions that data
+        show. Of each joint the folds that show it, what the others make there (F, r, k), its banks'
+        columns and its torque (F, r, c + 1), and their places."""
+        (b, k), p, out = self.shown.shape, self.count, []
+        seen = np.zeros((len(self.folds.blocks), k, k))
         for joint, indices, blocks, rows in self.folds.by_joint():
             others, weight = int(np.sum(indices < b)), self.weights[joint]  # they come first
             made = rows[..., :others] @ (weight * self.shown[indices[:others]])
-            out.append((blocks, made, weight * rows[..., others:], np.append(indices[others:] - b, p)))
-        return out
-
-    @cached_property
-    def _seen(self) -> Array:
-        """(F, k, k) products of those directions in each fold."""
-        (_, k), count = self.shown.shape, len(self.folds.blocks)
-        seen = np.zeros((count, k, k))
-        for blocks, made, *_ in self._by_joint:
             seen[blocks] += made.swapaxes(1, 2) @ made
-        return seen
+            out.append((blocks, made, weight * rows[..., others:], np.append(indices[others:] - b, p)))
+        return seen, out
 
     def _left_out(self, T: Array) -> tuple[Array, Array, Array, Array]:
         """Of combinations T (P + 1, d) of the banks' columns and the torque: (F, d, d) products in each
         fold and in all others, less what the other columns, fitted to these others, take of them; (d,)
         their squares in all, and the sums of what these are the sums of."""
-        (count, k, _), d = self._seen.shape, T.shape[1]
+        seen, by_joint = self._by_joint
+        (count, k, _), d = seen.shape, T.shape[1]
         both, own, most = np.zeros((count, k, d)), np.zeros((count, d, d)), np.zeros(d)
-        for blocks, made, rest, at in self._by_joint:
+        for blocks, made, rest, at in by_joint:
             combined = rest @ T[at]
             both[blocks] += made.swapaxes(1, 2) @ combined
             own[blocks] += combined.swapaxes(1, 2) @ combined
             every, part = np.abs(np.sum(rest.swapaxes(1, 2) @ rest, axis=0)), np.abs(T[at])
             most += np.einsum("cd,cd->d", part, every @ part)
-        others = [x.sum(axis=0) - x for x in (self._seen, both, own)]
+        others = [x.sum(axis=0) - x for x in (seen, both, own)]
         fit = np.linalg.solve(others[0] + UNSEEN * np.eye(k), others[1])
         found = []
-        for squares, mixed, mine in ((self._seen, both, own), others):
+        for squares, mixed, mine in ((seen, both, own), others):
             crossed = fit.swapaxes(1, 2) @ (mixed - 0.5 * squares @ fit)
             found.append(mine - crossed - crossed.swapaxes(1, 2))
         return found[0], found[1], np.einsum("fdd->d", own), most
@@ -430,3 +437,215 @@ def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]
         asked.setdefault(e.name if open_ else e.text, []).extend(str(j + 1) for j in e.joints if open_)
     every = effects[0].robot.n if effects else 0
     return [f"{x}:{'+'.join(own)}" if 0 < len(own) < every else x for x, own in asked.items()]
+
+
+#: Kinds of parameters of :class:`ShapeSensitivity`: constants that are refined, and those that only have
+#: the values of a grid.
+REFINED, ON_A_GRID = "refined constant", "constant on a grid"
+
+
+def free_constants(effect: Effect) -> tuple[str, ...]:
+    """The shape constants that measurements can tell and that vary continuously in a range."""
+    own = (key for key in effect.searched if not effect.shapes[key].choices)
+    return tuple(key for key in own if prior_deviation(effect, key) > 0.0)
+
+
+def prior_deviation(effect: Effect, key: str) -> float:
+    """Standard deviation of a constant that lies anywhere in its range, in the scale in which it is
+    spaced (natural logarithm or value): (high - low) / sqrt(12). Zero where it has no range."""
+    shape = effect.shapes[key]
+    low, high = shape.bounds or (min(shape.grid, default=1.0), max(shape.grid, default=1.0))
+    return float((np.log(high / low) if shape.scale == "log" else high - low) / np.sqrt(12.0))
+
+
+class ShapeSensitivity(Effect):
+    """The torque of a unit error of each free shape constant of an effect with parameters theta (k,).
+
+    The unit is the standard deviation of the prior, (range) / sqrt(12): a prior of these parameters is
+    a standard normal. Columns are central differences (Y(s + h) - Y(s - h)) theta / 2h. ``finer`` :
+    effects, with their parameters, that have the constant as well, or whose signs turn over it.
+    """
+
+    name = "shape_sensitivity"
+    equation = "(dY/ds) theta"
+    explanation = "What an error of an effect's shape constant makes of torque."
+    reference = "Seber, Wild, Nonlinear Regression 1989, ch. 5"
+
+    def __init__(self, effect: Effect, theta: Array, finer: Sequence[tuple[Effect, Array]] = ()) -> None:
+        super().__init__(effect.robot)
+        self.effect, self.theta = effect, np.asarray(theta, float)
+        self.keys, self.finer = free_constants(effect), tuple(finer)
+        every = (effect, *(e for e, _ in finer))
+        #: For each constant the effect a step above and below, and the unit over their distance.
+        self.varied = [
+            (
+                moved(effect, key, DIFFERENCE),
+                moved(effect, key, -DIFFERENCE),
+                0.5 * prior_deviation(effect, key) / DIFFERENCE,
+            )
+            for key in self.keys
+        ]
+        # Of what is varied, not of the class.
+        self.has_memory = any(e.has_memory for e in every)  # type: ignore[misc]
+        self.needs_torque = any(e.needs_torque for e in every)  # type: ignore[misc]
+        self.needs_links = any(e.needs_links for e in every)  # type: ignore[misc]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        e = self.effect
+        kinds = {key: ON_A_GRID if e.shapes[key].bounds is None else REFINED for key in self.keys}
+        return tuple(Parameter(f"{key} of {e.text}", "-", kind, 0) for key, kind in kinds.items())
+
+    def blocks(self, motion: Motion) -> list[Block]:
+        columns: dict[tuple[int, int], Array] = {}
+        for k, (upper, lower, unit) in enumerate(self.varied):
+            up, down = turning(motion, upper), turning(motion, lower)
+            pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
+            for e, theta in self.finer:
+                if e.shape_of:
+                    own = [e.with_shape(**{c: x.shape[c] for c in e.shape}) for x in (upper, lower)]
+                    pairs.append((own[0].blocks(motion), own[1].blocks(motion), theta))
+                elif up is not motion:
+                    pairs.append((e.blocks(up), e.blocks(down), theta))
+            for above_all, below_all, theta in pairs:
+                for above, below in zip(above_all, below_all, strict=True):
+                    change = unit * (above.columns - below.columns) @ theta[above.parameters]
+                    where = above.joint, k
+                    columns[where] = columns.get(where, 0.0) + change
+        return [Block(j, np.array([k]), column[:, None]) for (j, k), column in columns.items()]
+
+
+def moved(effect: Effect, key: str, step: float) -> Effect:
+    """The effect with a shape constant changed by a step in its own scale."""
+    value = effect.shape[key]
+    new = value * np.exp(step) if effect.shapes[key].scale == "log" else value + step
+    return effect.with_shape(**{key: float(new)})
+
+
+def sensitivities(effects: Sequence[Effect], thetas: Sequence[Array]) -> tuple[ShapeSensitivity, ...]:
+    """One for each of the effects, with its parameters, that has a free shape constant."""
+    both = list(zip(effects, thetas, strict=True))
+    finer = [[b for b in both if e.name in (*b[0].refines, b[0].shape_of)] for e in effects]
+    every = zip(both, finer, strict=True)
+    return tuple(ShapeSensitivity(*own, fine) for own, fine in every if free_constants(own[0]))
+
+
+def with_sensitivities(
+    model: Model, theta: Array, wanted: Callable[[Effect], bool] = lambda effect: True
+) -> Model:
+    """The model with a parameter more for each free shape constant of the effects that are wanted;
+    itself where there is none."""
+    every = sensitivities(model.effects, [theta[k] for k in model.indices])
+    extra = tuple(e for e in every if wanted(e.effect))
+    if not extra:
+        return model
+    reference = model.reference
+    if reference is not None:
+        reference = np.concatenate([reference, np.zeros(sum(len(e.parameters) for e in extra))])
+    return replace(model, effects=(*model.effects, *extra), reference=reference)
+
+
+#: Effect, joint and name of a shape constant.
+Key = tuple[str, int, str]
+
+
+@dataclass(frozen=True)
+class Settled:
+    """model : with constants at their joint optimum; std : their standard deviations in their own
+    scales; error : the squared error that is left."""
+
+    model: Model
+    std: dict[Key, float]
+    error: float
+
+
+def settled(
+    model: Model,
+    wanted: Collection[Key],
+    compressed: Callable[[Model], Regression],
+    weighting: str = "noise",
+) -> Settled:
+    """The model with its ``wanted`` constants where they together leave the least squared error, from
+    where they are and, of those that only have the values of a grid, from each of these: Gauss-Newton
+    steps of those that have a range, in their own scales.
+
+    compressed : the measurements in the columns of a model; weighting : of the joints' rows, "noise" or
+    "none". Effects with a wanted constant act on one joint each.
+    """
+    first, weights, p = compressed(model), np.ones(model.robot.n), len(model.parameters)
+    data = first.least_squares()
+    white = max(white_variance(data, first.oversampling), 1e-24 * data.tau_squared / max(data.rows, 1))
+
+    def solved(wide: Regression) -> tuple[LeastSquares, Array]:
+        """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
+        data = wide.least_squares(weights)
+        if np.isfinite(model.plausible).any():
+            data = data.with_prior(np.append(model.plausible, np.full(wide.p - p, np.inf)), white)
+        return data, smallest(data.R[:, :p], data.rho)
+
+    _, start = solved(first)
+    if weighting == "noise":
+        weights = joint_weights(first, start)
+
+    def keys_of(effect: Effect) -> list[Key]:
+        """All free constants of an effect of which one is wanted."""
+        own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
+        return [] if set(own).isdisjoint(wanted) else own
+
+    every = [(k, key) for k, effect in enumerate(model.effects) for key in keys_of(effect)]
+    ranged = [model.effects[k].shapes[key[2]].bounds is not None for k, key in every]
+    #: Which of the constants' columns behind the parameters' are of those that move.
+    mine = np.array([key in wanted and has for (_, key), has in zip(every, ranged, strict=True)])
+    free = [x for x, moving in zip(every, mine, strict=True) if moving]
+    gridded = [x for x, has in zip(every, ranged, strict=True) if not has and x[1] in wanted]
+    unit = np.array([prior_deviation(model.effects[k], key[2]) for k, key in free])
+
+    def descended(begin: tuple[Effect, ...]) -> Settled:
+        """Where no step (d,) lowers the squared error any more."""
+        theta, variances = start, dict[bytes, float]()
+
+        def at(steps: Array) -> Model:
+            out = list(begin)
+            for (k, key), step in zip(free, steps.tolist(), strict=True):
+                out[k] = moved(out[k], key[2], step)
+            return replace(model, effects=tuple(out))
+
+        def left(steps: Array) -> tuple[Array, Array]:
+            """What least squares leave (m,), and its slopes (m, d) with the parameters eliminated."""
+            nonlocal theta
+            wide = compressed(with_sensitivities(at(steps), theta, lambda e: bool(keys_of(e))))
+            data, theta = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
+            variances[steps.tobytes()] = white_variance(data, wide.oversampling)
+            columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
+            rest = np.append(data.rho - data.R[:, :p] @ theta, data.residual_norm)
+            return rest, np.vstack([columns, np.zeros((1, len(free)))])
+
+        if not free:
+            return Settled(at(unit), {}, float(np.sum(left(unit)[0] ** 2)))
+        low, high = np.transpose([_room(begin[k], key[2]) for k, key in free])
+        best, rest, slopes = least_squares(left, 0.0 * unit, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
+        spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
+        std = np.sqrt(variances[best.tobytes()] * spread)
+        # With as many digits of its constants as a written effect has.
+        digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in at(best).effects]
+        found = tuple(e.with_shape(**own) for e, own in zip(begin, digits, strict=True))
+        deviations = dict(zip((key for _, key in free), std.tolist(), strict=True))
+        return Settled(replace(model, effects=found), deviations, float(rest @ rest))
+
+    found = []
+    for values in product(*(model.effects[k].shapes[key[2]].grid for k, key in gridded)):
+        effects = list(model.effects)
+        for (k, key), value in zip(gridded, values, strict=True):
+            effects[k] = effects[k].with_shape(**{key[2]: value})
+        found.append(descended(tuple(effects)))
+    return min(found, key=lambda s: s.error)
+
+
+def _room(effect: Effect, key: str) -> tuple[float, float]:
+    """How far a constant may move down and up, in its own scale: within its range; where it is outside
+    of that, towards it."""
+    shape, value = effect.shapes[key].on(effect.robot.joints[effect.joints[0]].kind), effect.shape[key]
+    assert shape.bounds is not None
+    ends = np.array([min(shape.bounds[0], value), max(shape.bounds[1], value)])
+    low, high = (np.log(ends / value) if shape.scale == "log" else ends - value).tolist()
+    return min(low, -1e-9), max(high, 1e-9)

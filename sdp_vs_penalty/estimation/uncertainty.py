@@ -1,11 +1,23 @@
 """What the data determine, and how well: intervals for parameters and a band for torques.
 
-Intervals come from the runs that a model was identified from: the sandwich of sandwich.py holds what
-noise of any colour and the model's own errors do to least squares, the columns of shape_constants.py
-what the shape constants' errors do. Standard deviations are half-widths of 95 % intervals over 1.96.
+Intervals come from the runs that a model was identified from: the :class:`Sandwich` holds what noise of
+any colour and the model's own errors do to least squares, the columns of shapes.py what the shape
+constants' errors do. Standard deviations are half-widths of 95 % intervals over 1.96. Where an estimate
+satisfies constraints its intervals are cut to the physical range of the parameter and extended to the
+value where constraints have moved it out.
 
-Where an estimate satisfies constraints its intervals are cut to the physical range of the parameter and
-extended to the value where constraints have moved it out.
+In coordinates z of the visible directions, theta = V z with V' (R' W^2 R) V = 1, c' theta errs by
+w' sum_b g_b, w = V' c, with the block scores g_b = V' R_b' W^2 (rho_b - R_b theta_hat). Its variance is
+estimated by
+
+    v = sum_ab K_ab (w' g_a) (w' g_b),     K_ab = max(0, 1 - |t_a - t_b| / window) within a run
+
+(Newey, West, Econometrica 1987). theta_hat takes part of the error with it: were the error white with
+variance s^2, then E v = s^2 tr(K G) with G_ab = [a = b] w' A_a w - w' A_a A_b w, A_b the blocks' grams.
+v is divided by tr(K G), and counts for tr(K G)^2 / tr(K G K G) degrees of freedom (Bell, McCaffrey,
+Survey Methodology 2002), so that quantiles are Student's. The window is a multiple of the correlation
+time by which the scores exceed white noise. What all directions say together counts for three degrees of
+freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 """
 
 from __future__ import annotations
@@ -16,17 +28,176 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.special import stdtrit
 
 from sdp_vs_penalty.effects.model import JointColumns
-from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, WIDTHS
-from sdp_vs_penalty.estimation.sandwich import Sandwich, stretched
-from sdp_vs_penalty.estimation.shape_constants import ON_A_GRID
-from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
+from sdp_vs_penalty.estimation.shapes import ON_A_GRID
+from sdp_vs_penalty.estimators.estimator import Task, white_variance
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
-from sdp_vs_penalty.regression.partial import smallest
+from sdp_vs_penalty.regression.partial import smallest, visible
 from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
+
+
+class Sandwich:
+    """The sandwich of weighted least squares on compressed data.
+
+    prior_scale : (p,) standard deviations of parameters that are known beforehand to be zero, infinite
+    for all others; taken_white : the blocks are not asked.
+
+    directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates; kernel
+    (B, B): how far blocks' errors are one error; white: variance of white rows, and pooled: that all
+    directions say together; prior (r, r): part of the information that is no data's; norms (p,): of the
+    columns; solution (p,): the smallest least-squares theta.
+    """
+
+    def __init__(
+        self, regression: Regression, weights: Array, prior_scale: Array, taken_white: bool = False
+    ) -> None:
+        self.regression, self.weights, self.taken_white = regression, weights, taken_white
+        data = regression.least_squares(weights)
+        self.white = white_variance(data, regression.oversampling)
+        # Where the torque is fitted to rounding, a prior weighs that much and no less.
+        strength = max(self.white, 1e-24 * data.tau_squared / max(data.rows, 1))
+        whole = data.with_prior(prior_scale, strength) if np.any(np.isfinite(prior_scale)) else data
+        self.directions = V = visible(whole.R)[1]
+        z = V.T @ (whole.R.T @ whole.rho)
+        B, r = len(regression.blocks), V.shape[1]
+        self.grams, self.scores = np.zeros((B, r, r)), np.zeros((B, r))
+        for joint, indices, blocks, rows in regression.by_joint():
+            seen = rows[..., :-1] @ (weights[joint] * V[indices])
+            left = weights[joint] * rows[..., -1] - seen @ z
+            self.grams[blocks] += seen.swapaxes(1, 2) @ seen
+            self.scores[blocks] += (left[:, None] @ seen)[:, 0]
+        excess = float(np.sum(np.trace(self.grams, axis1=1, axis2=2)) - np.sum(self.grams**2))
+        inflation = 1.0
+        if excess > 1e-6 * r and self.white > 0.0:
+            inflation = float(np.sum(self.scores**2)) / excess / self.white
+        self.pooled, self.kernel = inflation * self.white, _kernel(regression, inflation)
+        self.prior = V.T * (strength / prior_scale**2) @ V
+        self.norms, self.solution = whole.column_norms, V @ z
+
+    def sees(self, contrasts: Array) -> NDArray[np.bool_]:
+        """Which linear functions (k, p) of theta the data determine."""
+        norms, dark = self.norms, self.norms <= 0.0
+        scaled = contrasts / np.where(dark, 1.0, norms)
+        total = np.sum(scaled**2, axis=1)
+        hidden = np.any(np.abs(contrasts[:, dark]) > 0.0, axis=1)
+        inside = np.sum((scaled @ self._basis) ** 2, axis=1)
+        # A linear function of theta belongs to the visible ones up to this much of its square.
+        return np.asarray((inside > (1.0 - 1e-6) * total) & ~hidden & (total > 0.0))
+
+    @cached_property
+    def _basis(self) -> Array:
+        """(p, r) of the visible directions at unit norm."""
+        return np.asarray(np.linalg.qr(self.directions * self.norms[:, None])[0])
+
+    def half_widths(self, contrasts: Array) -> Array:
+        """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its first parameters
+        alone; NaN for unseen ones."""
+        contrasts = np.pad(contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1])))
+        half, seen = np.full(len(contrasts), np.nan), np.flatnonzero(self.sees(contrasts))
+        # Numbers of the products of blocks that are held at once.
+        for few in np.array_split(seen, 1 + seen.size * self.directions.shape[1] ** 2 // (1 << 20)):
+            w = contrasts[few] @ self.directions
+            variance, freedom = self._variances(w)
+            known = self.white * np.sum((w @ self.prior) * w, axis=1)
+            t, normal = stdtrit(freedom, 0.5 + 0.5 * LEVEL), stdtrit(np.inf, 0.5 + 0.5 * LEVEL)
+            half[few] = np.sqrt(t**2 * variance + normal**2 * known)
+        return half
+
+    def _variances(self, w: Array) -> tuple[Array, Array]:
+        """Of each w' z, w (c, r): variance from the data (c,), and degrees of freedom (c,)."""
+        if self.taken_white:
+            prior = np.sum((w @ self.prior) * w, axis=1)
+            return self.white * (np.sum(w * w, axis=1) - prior), np.full(len(w), np.inf)
+        K, (B, r) = self.kernel, self.scores.shape
+        AB, h = np.moveaxis(self.grams @ w.T, 2, 0), w @ self.scores.T  # (c, B, r), (c, B)
+        own = np.maximum(np.einsum("cbr,cr->cb", AB, w), 0.0)
+        KAB = np.moveaxis((K @ np.moveaxis(AB, 1, 0).reshape(B, -1)).reshape(B, len(w), r), 1, 0)
+        # tr (K G)^2 of G's second part, by the smaller of (A B)'K A B and K A B (A B)'.
+        M = np.swapaxes(AB, 1, 2) @ KAB if r < B else KAB @ np.swapaxes(AB, 1, 2)
+        information = own.sum(axis=1)
+        expected = information - np.trace(M, axis1=1, axis2=2)
+        square = np.sum(own * (K.power(2) @ own.T).T, axis=1)
+        square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2))
+        square -= 2.0 * np.sum(own * np.sum(KAB**2, axis=2), axis=1)
+        found = np.maximum(np.sum(h * (K @ h.T).T, axis=1), 0.0)
+        told = (expected > 1e-6 * information) & (square > 0.0)
+        safe = np.where(told, expected, 1.0)
+        freedom = np.where(told, safe**2 / np.where(told, square, 1.0), 0.0)
+        moderated = (POOLED * self.pooled + freedom * found / safe) / (POOLED + freedom)
+        return moderated * information, freedom + POOLED
+
+    @cached_property
+    def factor(self) -> Array:
+        """(p, r) F with the covariance of everything visible F F'.
+
+        The blocks' own products are few: they are shrunk to the pooled variance, by as much as there
+        are more directions than independent windows.
+        """
+        B, r = self.scores.shape
+        flat = self.grams.reshape(B, -1)
+        lost = float(np.sum((self.kernel @ flat) * flat))
+        data = r - float(np.trace(self.prior))
+        windows = B**2 / max(float(self.kernel.sum()), 1.0)
+        meat = self.pooled * np.eye(r)
+        if data - lost > 1e-6 * data:
+            products = self.scores.T @ (self.kernel @ self.scores) * (data / (data - lost))
+            share = r / (r + windows)
+            meat = share * meat + (1.0 - share) * products
+        values, vectors = np.linalg.eigh(meat)
+        return np.asarray(self.directions @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+
+    def response(self, torques: Sequence[Array]) -> Array:
+        """(p, e) change of the estimate where the torque changes by ``torques``: (rows of its factor's
+        triangle, e) for each factor of the regression."""
+        moved = np.zeros((self.directions.shape[1], torques[0].shape[1] if torques else 0))
+        for f, torque in zip(self.regression.factors, torques, strict=True):
+            weighted = self.weights[f.joint] ** 2 * f.triangle[:, :-1] @ self.directions[f.indices]
+            moved += weighted.T @ torque
+        return np.asarray(self.directions @ moved)
+
+    def gain_response(self, theta: Array) -> Array:
+        """(p, n) change of the estimate theta for a unit relative error of each channel's gain."""
+        moved = np.zeros((self.directions.shape[1], self.regression.joints))
+        theta = np.pad(theta, (0, len(self.norms) - len(theta)))
+        for f in self.regression.per_joint:
+            rows, weight = f.triangle[:, :-1], self.weights[f.joint] ** 2
+            moved[:, f.joint] = weight * (rows @ theta[f.indices]) @ (rows @ self.directions[f.indices])
+        return np.asarray(self.directions @ moved)
+
+
+def stretched(factor: Array, std: Array) -> Array:
+    """Rows of a factor (p, r) as long as the deviations (p,); where they are NaN, longer by the median
+    ratio."""
+    length = np.linalg.norm(factor, axis=1)
+    known = np.isfinite(std) & (length > 0.0)
+    ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
+    typical = float(np.median(ratio[known])) if known.any() else 1.0
+    return np.asarray(factor * np.where(known, ratio, typical)[:, None])
+
+
+def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
+    """(B, B) the triangular window over the blocks of each run, at most half a run long."""
+    runs, starts, stops = np.array(regression.blocks, float).reshape(-1, 3).T
+    rows = max(int(regression.joint_rows().max(initial=0)), 1)
+    # Scores of noise with the correlation time T have 2 T / interval times the variance of white rows.
+    interval = float(np.sum(stops - starts)) * regression.oversampling / rows
+    window = WINDOW * 0.5 * max(inflation, 1.0) * interval
+    parts = []
+    for run in np.unique(runs):
+        start, stop = starts[runs == run], stops[runs == run]
+        middle = 0.5 * (start + stop)
+        length = min(window, 0.5 * float(stop.max() - start.min()))
+        apart = np.abs(np.subtract.outer(middle, middle))
+        parts.append(np.maximum(1.0 - apart / length, 0.0) if length > 0.0 else np.eye(len(middle)))
+    return sparse.csr_array(sparse.block_diag(parts)) if parts else sparse.csr_array((0, 0))
+
 
 NOT_SEEN = "not seen"
 
@@ -48,47 +219,6 @@ class Interval(Plain):
     lower: float = -np.inf
     upper: float = np.inf
     verdict: str = NOT_SEEN
-
-    def widened(self, extra: float) -> Interval:
-        """With an independent error of the standard deviation ``extra`` more; a lower end at zero is a
-        bound and stays."""
-        std = float(np.hypot(self.std, extra))
-        more = NORMAL_95 * (std - self.std)
-        lower = self.lower if self.lower == 0.0 else self.lower - more
-        return replace(self, std=std, lower=lower, upper=self.upper + more)
-
-
-def intervals_of(
-    names: Sequence[str], units: Sequence[str], figures: Array, limits: Array, sizes: Array
-) -> tuple[Interval, ...]:
-    """figures (3, k) : values, least squares and standard deviations."""
-    out = []
-    rows = zip(names, units, figures.T.tolist(), limits.tolist(), sizes.tolist(), strict=True)
-    for name, unit, (value, least, std), (lowest, highest), size in rows:
-        half, told = NORMAL_95 * std, tuple[Any, ...]()
-        if not np.isnan(std):
-            low, high = min(max(least - half, lowest), value), max(min(least + half, highest), value)
-            rough = size if np.isfinite(size) else 0.0
-            enough = (
-                verdict
-                for verdict, (own, absolute) in WIDTHS.items()
-                if half <= max(own * min(abs(least), size), absolute * rough)
-            )
-            told = std, low, high, next(enough, NOT_SEEN)
-        out.append(Interval(name, unit, value, *told))
-    return tuple(out)
-
-
-def physical_limits(task: Task) -> Array:
-    """(p, 2) smallest and largest value that a parameter can have by the problem's bounds: masses and
-    moments of inertia are not negative, nor is friction."""
-    low = np.maximum(-task.bound, [p.lower for p in task.model.parameters])
-    low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
-    for body in task.constraints.convex:
-        if body.family == "pseudo-inertia":
-            own = body.indices[[0, 4, 6, 9]]
-            low[own] = np.maximum(low[own], 0.0)
-    return np.column_stack([low, task.bound])
 
 
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:
@@ -134,12 +264,18 @@ class Uncertainty(Plain):
         return out
 
     def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
-        """With gains known otherwise than they were; base (b, p) : the base parameters' rows."""
+        """With gains known otherwise than they were; base (b, p) : the base parameters' rows. A lower
+        end at zero is a bound and stays."""
 
         def widened(intervals: tuple[Interval, ...], response: Array) -> tuple[Interval, ...]:
             known, new = (np.sum((response @ e) ** 2, axis=1) for e in (self.gain_errors, errors))
-            more = np.sqrt(np.maximum(new - known, 0.0)).tolist()
-            return tuple(i.widened(x) for i, x in zip(intervals, more, strict=True))
+            out = []
+            for i, extra in zip(intervals, np.sqrt(np.maximum(new - known, 0.0)).tolist(), strict=True):
+                std = float(np.hypot(i.std, extra))
+                more = NORMAL_95 * (std - i.std)
+                lower = i.lower if i.lower == 0.0 else i.lower - more
+                out.append(replace(i, std=std, lower=lower, upper=i.upper + more))
+            return tuple(out)
 
         combined = widened(self.base, base @ self.gain_response) if self.base else ()
         standard = widened(self.standard, self.gain_response)
@@ -173,17 +309,16 @@ class Uncertainty(Plain):
 def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:
     """Of a task's data, in its columns and maybe those of shape constants behind them: without constants
     on a grid that the data do not contradict, since such a value is taken for the true one."""
-
-    def of(regression: Regression) -> Sandwich:
-        # A shape constant has a standard normal prior.
-        scale = np.append(task.model.plausible, np.ones(regression.p - len(task.bound)))
-        return Sandwich(regression, task.weights, scale, white)
-
-    known, agrees = of(regression), np.array([q.effect == ON_A_GRID for q in regression.parameters])
+    # A shape constant has a standard normal prior.
+    scale = np.append(task.model.plausible, np.ones(regression.p - len(task.bound)))
+    known = Sandwich(regression, task.weights, scale, white)
+    agrees = np.array([q.effect == ON_A_GRID for q in regression.parameters])
     if agrees.any():
         half = known.half_widths(np.eye(regression.p)[agrees])
         agrees[agrees] = np.abs(known.solution[agrees]) <= half
-    return of(regression.keeping(~agrees)) if agrees.any() else known
+    if agrees.any():
+        return Sandwich(regression.keeping(~agrees), task.weights, scale[~agrees], white)
+    return known
 
 
 def _uncertainty(
@@ -194,33 +329,51 @@ def _uncertainty(
     base: BaseParameters,
     constrained: bool,
     gain_errors: Array,
-    gains: Array,
-    extra: Array,
+    gains: Array | None = None,
+    extra: Array | None = None,
 ) -> Uncertainty:
     """own : the data in the task's columns; extra (p, e) : factor of the covariance of a known error."""
     parameters, p, data = task.model.parameters, len(task.bound), task.data
-    limits = physical_limits(task) if constrained else np.tile([-np.inf, np.inf], (p, 1))
+    gains = known.gain_response(value)[:p] if gains is None else gains
+    extra = np.zeros((p, 0)) if extra is None else extra
+    low, high = np.full(p, -np.inf), np.full(p, np.inf)
+    if constrained:  # masses and moments of inertia are not negative, nor is friction
+        low, high = np.maximum(-task.bound, [q.lower for q in parameters]), task.bound
+        low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
+        for body in (c for c in task.constraints.convex if c.family == "pseudo-inertia"):
+            diagonal = body.indices[[0, 4, 6, 9]]
+            low[diagonal] = np.maximum(low[diagonal], 0.0)
     norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
     largest = np.fmin(task.bound, np.sqrt(data.tau_squared) / norms)
-
     apart = np.zeros(p)
     if known.regression.p > p:
         # Constants that stay on a grid, or were given, are one step from the least loss.
         apart = known.solution[:p] - smallest(data.R, data.rho)
 
     def told(base: BaseParameters) -> tuple[Interval, ...]:
-        rows = base.rows
-        ends = np.where(rows > 0.0, limits.T[:, None], limits.T[::-1, None])
+        rows, out = base.rows, []
+        ends = np.where(rows > 0.0, np.stack([low, high])[:, None], np.stack([high, low])[:, None])
+        ends = np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2)
         noise = np.hypot(known.half_widths(rows) / NORMAL_95, rows @ apart)
         other = np.hstack([rows @ extra, rows @ gains @ gain_errors])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
-        return intervals_of(
-            base.names,
-            [parameters[k].unit for k in base.leading],
-            np.stack([rows @ value, rows @ task.ols, std]),
-            np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2).T,
-            np.fmin(np.abs(rows) @ task.bound, largest[base.leading]),
-        )
+        sizes = np.fmin(np.abs(rows) @ task.bound, largest[base.leading])
+        figures = rows @ value, rows @ task.ols, std, *ends, sizes
+        each = zip(base.names, base.leading, *(x.tolist() for x in figures), strict=True)
+        for name, k, x, least, spread, lowest, highest, size in each:
+            half, interval = NORMAL_95 * spread, Interval(name, parameters[k].unit, x)
+            if not np.isnan(spread):
+                rough = size if np.isfinite(size) else 0.0
+                enough = (
+                    verdict
+                    for verdict, (share, absolute) in WIDTHS.items()
+                    if half <= max(share * min(abs(least), size), absolute * rough)
+                )
+                lower, upper = min(max(least - half, lowest), x), max(min(least + half, highest), x)
+                found = {"std": spread, "lower": lower, "upper": upper}
+                interval = replace(interval, **found, verdict=next(enough, NOT_SEEN))
+            out.append(interval)
+        return tuple(out)
 
     each = BaseParameters(np.eye(p), [q.name for q in parameters], list(range(p)))
     noise = np.sqrt(own.joint_losses(value) / np.maximum(own.joint_rows(), 1))
@@ -247,12 +400,11 @@ def of_regression(
     gain_errors (n, e) : a factor of the covariance of the relative errors of the torque channels' gains;
     white : take the residual for white noise: what the motion alone would show.
     """
-    known = _sandwich_of(task, wide or own, white)
     value = task.ols if theta is None else np.asarray(theta, float)
-    gains = known.gain_response(value)[: len(value)]
     errors = np.zeros((own.joints, 0)) if gain_errors is None else gain_errors
-    nothing = np.zeros((len(value), 0))
-    return _uncertainty(task, own, known, value, base, constrained, errors, gains, nothing)
+    return _uncertainty(
+        task, own, _sandwich_of(task, wide or own, white), value, base, constrained, errors
+    )
 
 
 def beside_held(

@@ -18,6 +18,7 @@ from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.regression.partial import span
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array, or_one
@@ -254,3 +255,11 @@ def with_joint_prior(task: Task, weight: float) -> Task:
 def sample_variance(task: Task) -> float:
     """Residual variance of one filtered torque row in unconstrained least squares."""
     return task.data.loss(task.ols) / max(task.data.rows, 1)
+
+
+def white_variance(data: LeastSquares, oversampling: float) -> float:
+    """Variance of the residual of least squares, were it white: of one independent row."""
+    U = span(data.R)
+    left = data.rho - U @ (U.T @ data.rho)
+    degrees = max(data.rows - oversampling * U.shape[1], 1.0)
+    return (float(left @ left) + data.residual_norm**2) / degrees * oversampling
