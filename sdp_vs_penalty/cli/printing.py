@@ -73,7 +73,7 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
         say(f"motion simulated from the command, RMS from the measured: {', '.join(apart)}")
     model, error = result.model, told.get("scale_error", 0.0)
     # The gain that stands for the scale is as uncertain as what set it.
-    every = zip(model.parameters, result.theta, result.standard_deviations, strict=True)
+    every = zip(model.parameters, result.theta, result.uncertainty.std, strict=True)
     gains = []
     for p, x, s in (own for own, drive in zip(every, model.drives, strict=True) if drive):
         half, given = 1.96 * (error * x if p.name in model.known else s), p.name in model.known

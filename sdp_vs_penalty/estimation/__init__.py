@@ -10,6 +10,6 @@ __getattr__ = surface(
         "bootstrap": "resampling",
         "free_constants": "shapes",
         "prior_deviation": "shapes",
-        "verify_proof_file": "verify",
+        "verify_proof_file": "identify",
     },
 )

@@ -3,15 +3,10 @@
 import numpy as np
 from scipy.special import ndtri
 
-
-def _two_sided(level: float) -> float:
-    return float(ndtri(0.5 + 0.5 * level))
-
-
 #: Probability of every interval, and of the decision that a separating run is to make right [-].
 LEVEL = 0.95
 #: Quantile of the normal distribution for LEVEL, in which standard deviations are given.
-NORMAL_95 = _two_sided(LEVEL)
+NORMAL_95 = float(ndtri(0.5 + 0.5 * LEVEL))
 #: Length of the sandwich's window in correlation times. Chosen for 95 % coverage at forty of them a run.
 WINDOW = 20.0
 #: Degrees of freedom for which the mean over all directions counts. Chosen on white runs of 3 and 4 s

@@ -83,11 +83,6 @@ class Estimate(Shown):
         return self.uncertainty.covariance
 
     @property
-    def standard_deviations(self) -> Array:
-        """(p,) of each parameter on its own; NaN where the data do not determine it."""
-        return self.uncertainty.std
-
-    @property
     def sources(self) -> tuple[str, ...]:
         """(p,) who decides each parameter: the "data", else its method's "prior" or the "bounds"."""
         rest = self.details.get("undetermined", {})
@@ -208,7 +203,7 @@ class Estimate(Shown):
 
     def _table(self) -> Table:
         rows: list[tuple[str, ...]] = []
-        each = self.theta, self.standard_deviations, self.nominal, self.sources
+        each = self.theta, self.uncertainty.std, self.nominal, self.sources
         for p, value, spread, known, source in zip(self.model.parameters, *each, strict=True):
             plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
             before = "" if np.isnan(known) else f"{known:.4g}"
@@ -229,7 +224,7 @@ class Estimate(Shown):
             | {"source": source, "effect": p.effect, "joint": p.joint}
             for p, value, interval, nominal, source in zip(self.model.parameters, *each, strict=True)
         ]
-        seen = np.flatnonzero(~np.isnan(self.standard_deviations))
+        seen = np.flatnonzero(~np.isnan(self.uncertainty.std))
         return {
             "format": FORMAT,
             "problem": problem_to_dict(self.problem),
@@ -243,7 +238,7 @@ class Estimate(Shown):
             "preprocessing": dataclasses.asdict(self.preprocessing),
             "covariance": {
                 "parameters": [self.model.parameters[k].name for k in seen],
-                "matrix": self.covariance[np.ix_(seen, seen)].tolist(),
+                "matrix": self.uncertainty.covariance[np.ix_(seen, seen)].tolist(),
             },
             "uncertainty": self.uncertainty.to_dict(),
             "details": self.details,

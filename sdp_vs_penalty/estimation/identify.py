@@ -1,4 +1,5 @@
-"""The verb ``identify``: from a problem and measurements to a certified estimate.
+"""The verbs ``identify``, from a problem and measurements to a certified estimate, and ``verify``, what
+a proof proves, and whether it is of this model and these data.
 
 Who determines a parameter (:func:`record`): of a linear function a^T theta the data alone know the
 variance a^T H^-1 a, H = R^T R in units of the residual variance (infinite where no torque shows it), the
@@ -11,6 +12,7 @@ import platform
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.data.files import Source
+from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -46,6 +49,7 @@ from sdp_vs_penalty.estimators.estimator import (
     sample_variance,
 )
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -58,8 +62,16 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.certificate import repair
-from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof, write_proof
+from sdp_vs_penalty.solvers.proof import (
+    Proof,
+    difference,
+    infeasibility_proof,
+    optimum_proof,
+    stated,
+    write_proof,
+)
 from sdp_vs_penalty.solvers.verified import violations
 from sdp_vs_penalty.version import __version__
 
@@ -89,45 +101,39 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
 
 def from_data(task: Task, rows: Array) -> NDArray[np.bool_]:
     """(b,) whether the data tell linear functions, rows (b, p), of theta better than the prior does."""
-    half = _prior_factor(task)
+    variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
+    scale = task.bound if task.joint_scale is None else task.joint_scale
+    # Upper triangular, half^T half the prior's information.
+    half = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
+    for indices, p0 in zip(task.links, inertia.pseudo_inertia(task.prior_links), strict=True):
+        root = np.linalg.inv(np.linalg.cholesky(p0))
+        whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
+        # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
+        curvature = 0.5 * LmiSdp.entropy * variance * (whitened @ whitened.T)
+        size = np.sqrt(np.diagonal(curvature))  # balanced first: masses and moments differ by 1e6
+        upper = scipy.linalg.cholesky(curvature / np.outer(size, size)) * size
+        half[np.ix_(indices, indices)] = upper
     # In coordinates z = half theta the prior is the identity: H becomes A^T A.
     into = scipy.linalg.solve_triangular(half, np.eye(len(half)), lower=False)
-    a = rows @ into
     _, s, vt = np.linalg.svd(task.data.R @ into, full_matrices=True)
     information = np.zeros(len(half))
     information[: len(s)] = s**2
-    weight = (a @ vt.T) ** 2
+    weight = (rows @ into @ vt.T) ** 2
     # Information of the data in a direction that no torque shows, in the prior's.
     data, prior = weight @ (1.0 / np.maximum(information, 1e-12)), weight.sum(axis=1)
     return np.asarray(data < prior)
 
 
-def _prior_factor(task: Task) -> Array:
-    """(p, p) upper triangular U with U^T U the prior's information."""
-    p = len(task.bound)
-    variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
-    scale = np.full(p, np.inf) if task.joint_scale is None else task.joint_scale
-    out = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
-    for indices, p0 in zip(task.links, inertia.pseudo_inertia(task.prior_links), strict=True):
-        root = np.linalg.inv(np.linalg.cholesky(p0))
-        whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
-        # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
-        information = 0.5 * LmiSdp.entropy * variance * (whitened @ whitened.T)
-        size = np.sqrt(np.diagonal(information))  # balanced first: masses and moments differ by 1e6
-        upper = scipy.linalg.cholesky(information / np.outer(size, size)) * size
-        out[np.ix_(indices, indices)] = upper
-    return out
-
-
 def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     problem, task, measurements = posed.problem, posed.task, posed.measurements
+    filtered = posed.data if isinstance(posed.data, FilteredRuns) else None
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
     wide, data = with_sensitivities(task.model, theta), None
-    if wide is not task.model and isinstance(posed.data, FilteredRuns):
-        data = in_columns(posed.data, wide, workers)
+    if wide is not task.model and filtered is not None:
+        data = in_columns(filtered, wide, workers)
     kept, errors = certificate.worst == 0.0, posed.gain_errors
     uncertainty = of_regression(
         task, posed.regression, base, theta, wide=data, constrained=kept, gain_errors=errors
@@ -135,7 +141,6 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
     details = {**fit.details, "on_bounds": bounds, **record(task, theta, base, estimator.rest)}
-    motion = record_motion(posed.data) if isinstance(posed.data, FilteredRuns) else None
     provenance = {
         "seed": task.seed,
         "data_hash": measurements.data_hash,
@@ -154,7 +159,7 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         settings,
         details,
         provenance,
-        motion,
+        None if filtered is None else record_motion(filtered),
     )
 
 
@@ -191,12 +196,12 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         theta = repair(fit.constraints, theta, fit.interior)
     # The loss is the same, but a link's known parameter may have been moved by constraints and priors.
     theta = task.model.with_known(theta)
-    certificate = Certificate(violations(fit.constraints, theta), task.data.loss(theta))
+    found: tuple[Any, ...] = ()
     if fit.multipliers is not None and fit.interior is not None:
         same = np.array_equal(theta, fit.theta) and fit.bound is not None
         own = fit if same else replace(fit, theta=theta, bound=task.bound)
-        certificate = replace(certificate, upper=own.upper, lower=own.lower, gap=own.gap)
-    return theta, certificate
+        found = own.upper, own.lower, own.gap
+    return theta, Certificate(violations(fit.constraints, theta), task.data.loss(theta), *found)
 
 
 def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:
@@ -220,11 +225,9 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
     """What a certificate says of the links (n, 10) themselves; empty for a model without them."""
     if not len(links):
         return {}
-    gyration = inertia.gyration(links)
-    bodies = problem.link_bodies
+    gyration, bodies, follows = inertia.gyration(links), problem.link_bodies, consistent(links)
     pairs = zip(links[:, 0].tolist(), bodies, strict=True)
     densities = [mass / body.volume for mass, body in pairs if body.volume is not None]
-    follows = consistent(links)
     return {
         "positive_mass_matrices": 1.0 if follows else positive_mass_matrices(problem.robot, links),
         "at_every_pose": follows,
@@ -318,16 +321,8 @@ def identify(
         if refined:
             logged(data).require_torque(f"method {OUTPUT_ERROR}")
         data = behind_filters(problem, data, preprocessing)
-    options = PoseOptions(
-        effects,
-        preprocessing,
-        weighting,
-        gain_uncertainty,
-        known_loads,
-        seed,
-        known or {},
-        instruments,
-    )
+    options = PoseOptions(effects, preprocessing, weighting, gain_uncertainty, known_loads, seed)
+    options = replace(options, known=known or {}, instruments=instruments)
     posed = pose(problem, data, options, progress, workers)
     posed.task.progress(f"estimating by {estimator.name}")
     try:
@@ -343,6 +338,75 @@ def identify(
     estimate = replace(estimate, details={**estimate.details, **posed.details})
     if proof is not None:
         progress("proving the optimum")
-        made_of = {"model": estimate.identity, "data": posed.measurements.data_hash}
+        made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}
         write_proof(proved(posed.task, fit, estimate.theta, estimate.method, made_of), proof)
     return estimate
+
+
+def verify_proof_file(
+    path: str | Path, model: Estimate | None = None, data: Source | None = None
+) -> tuple[bool, str]:
+    """Whether the proof in a file holds (:mod:`~sdp_vs_penalty.solvers.verify_proof`) and is about the
+    model and the measurements, where they are given; and the sentences that say what is proved.
+
+    Raises InputError for a file that cannot be read, and measurements without a model.
+    """
+    if data is not None and model is None:
+        raise InputError("verify(data=...) without a model", "give the model too")
+    try:
+        with reading(path, verify_proof.MAX_BYTES):
+            proof = verify_proof.read(path)
+        found = verify_proof.check(proof)
+    except InputError:
+        raise
+    except Exception as error:
+        return False, f"refused: {path}: {error or type(error).__name__}"
+    said = [f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"]
+    if found is not None:
+        low, high = (float(x) for x in found)
+        said = [
+            f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in exact arithmetic"
+        ]
+        said += ["proved is this of the numbers in the file; that the model describes the robot is not"]
+    if model is None:
+        return True, "; ".join([*said, "name --model and --data to see what the numbers are made of"])
+    fault = ""
+    if proof["model"] != model.identity or "theta" not in proof:
+        fault = "it is of another model"
+    elif proof["parameters"] != [p.name for p in model.model.parameters]:
+        fault = "its parameters, or their order, are not the model's"
+    elif [Fraction(x) for x in proof["theta"]] != [Fraction(repr(x)) for x in model.theta.tolist()]:
+        fault = "its theta is not the model's"
+    if fault:
+        return False, f"refused: {path}: {fault}"
+    said.append("it is of this model")
+    if data is not None:
+        runs = as_measurements(data, model.robot.n, model.robot.joint_names, "verify(data=...)")
+        if proof["data"] != runs.data_hash:
+            return False, f"refused: {path}: it is of other measurements (or of another --window)"
+        own = _reposed(model, runs)
+        if own is not None and (fault := difference(proof, own)):
+            return False, f"refused: {path}: these measurements make another problem: {fault}"
+        how = "make its numbers, constraints and bounds (recomputed in floating point)"
+        if own is None:
+            how = "are the ones it names (its numbers, constraints and bounds were not recomputed)"
+        said.append(f"these measurements {how}")
+    return True, "; ".join(said)
+
+
+def _reposed(model: Estimate, data: Measurements) -> Proof | None:
+    """The problem that the data make, posed as the model says.
+
+    None for a method that poses none. The scale that known loads gave a log without torque is the
+    model's: their runs are not given here.
+    """
+    estimator, recipe = model.estimator, model.details.get("recipe")
+    if not isinstance(estimator, LmiSdp) or (recipe is None and not data.torque_logged):
+        return None
+    settings: dict[str, Any] = {"preprocessing": model.preprocessing, "weighting": model.weighting}
+    options = PoseOptions(model.model.effects, **settings)
+    if recipe is not None:
+        options = PoseOptions.following(recipe, model.robot, **settings)
+    task = pose(model.problem, data, options).task
+    objective, constraints = estimator.posed(task)
+    return stated(objective, constraints.convex, task.bound, [p.name for p in task.model.parameters])

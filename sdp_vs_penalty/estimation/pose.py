@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -166,9 +167,7 @@ def pose(
         details = {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
         errors = np.column_stack([errors, np.full(problem.robot.n, scale["scale_error"])])
 
-    def compressed(part: Model) -> Regression:
-        return in_columns(runs, part, workers)
-
+    compressed = partial(in_columns, runs, workers=workers)
     model = with_reference(problem, model, compressed, options.weighting, progress)
     progress("compressing the measurements")
     regression = compressed(model)

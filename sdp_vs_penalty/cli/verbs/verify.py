@@ -21,7 +21,7 @@ def verb(
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import runs_as_told
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.estimation.verify import verify_proof_file
+    from sdp_vs_penalty.estimation.identify import verify_proof_file
     from sdp_vs_penalty.solvers import verify_proof
 
     files = [f for p in proofs for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])]
