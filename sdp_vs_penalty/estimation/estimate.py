@@ -28,8 +28,7 @@ from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.formatting import Shown, Summary, Table, number
 from sdp_vs_penalty.problem.constants import FAR_MASS
-from sdp_vs_penalty.problem.fields import problem_from_dict, problem_to_dict
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.problem import Problem, problem_from_dict, problem_to_dict
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot

@@ -11,21 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sdp_vs_penalty.problem.constants import (
-    ACTUATOR,
-    DEFAULT_DENSITY,
-    DEFAULT_RADIUS,
-    FAR_MASS,
-    GEOMETRY_MARGIN,
-    HOLDING,
-    INERTIAL_MARGIN,
-    LARGEST,
-    LAYER,
-    LEAST_RADIUS,
-    POWER,
-    RADIUS_SHARE,
-    TUBE,
-)
+from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body, around, balls
@@ -43,30 +29,30 @@ def link_bodies(
     standard parameters that came with the robot, zeros where none did.
     """
     reach = robot.link_reach()
-    largest = FAR_MASS * max(float(reach.sum()), 1.0)
+    largest = c.FAR_MASS * max(float(reach.sum()), 1.0)
     out = []
     for k in range(robot.links):
         shape = None if geometry is None else geometry[k]
         if shape is not None:  # in metres, and no marker of a place
             farthest = float(np.linalg.norm(shape.points, axis=1).max())
-            usable = float(np.ptp(shape.points, axis=0).max()) > LAYER and farthest < largest
+            usable = float(np.ptp(shape.points, axis=0).max()) > c.LAYER and farthest < largest
             shape = shape if usable else None
         own = _uniform_ellipsoid(given[k], largest)
         corners = np.array(np.meshgrid(*centres[k])).reshape(3, -1).T
-        radius = max(RADIUS_SHARE * reach[k], LEAST_RADIUS)
+        radius = max(c.RADIUS_SHARE * reach[k], c.LEAST_RADIUS)
         if shape is not None:
             cloud = shape.points if own is None else np.concatenate([shape.points, own])
             volume = shape.volume if shape.volume > 0.0 else None
-            out.append(around(cloud, "geometry", GEOMETRY_MARGIN, LAYER, volume))
+            out.append(around(cloud, "geometry", c.GEOMETRY_MARGIN, c.LAYER, volume))
         elif np.all(np.isfinite(corners)):
             places = np.concatenate([corners, joint_places(robot, k)])
             out.append(around(balls(places, radius), "bounds"))
         elif own is not None:
-            wide = own.mean(axis=0) + INERTIAL_MARGIN * (own - own.mean(axis=0))
-            places = balls(np.concatenate([joint_places(robot, k), own]), LEAST_RADIUS)
+            wide = own.mean(axis=0) + c.INERTIAL_MARGIN * (own - own.mean(axis=0))
+            places = balls(np.concatenate([joint_places(robot, k), own]), c.LEAST_RADIUS)
             out.append(around(np.concatenate([wide, places]), "inertial"))
         else:
-            wide = max(reach[k], DEFAULT_RADIUS)
+            wide = max(reach[k], c.DEFAULT_RADIUS)
             out.append(around(balls(joint_places(robot, k), wide), "kinematics"))
     return tuple(out)
 
@@ -126,11 +112,11 @@ def plausible_links(
         body = None if bodies is None else bodies[i]
         seen = body is not None and body.source == "geometry"
         if body is not None and seen:
-            bare = (body.half_axes - LAYER) / GEOMETRY_MARGIN  # of what it is drawn around
+            bare = (body.half_axes - c.LAYER) / c.GEOMETRY_MARGIN  # of what it is drawn around
             second = (body.axes * bare**2 / 7.0) @ body.axes.T  # 5 for a ball, 9 for a box
             half = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(bare)))  # where the surface is open
             volume = half if body.volume is None else body.volume
-            drawn = _lump(DEFAULT_DENSITY * volume, body.centre, second)
+            drawn = _lump(c.DEFAULT_DENSITY * volume, body.centre, second)
         else:
             drawn = _tube(robot, i, reach, actuators)
         known = 0.0 < mass < np.inf
@@ -151,13 +137,13 @@ def _actuators(robot: Robot) -> Array:
     beyond = np.zeros(len(robot.tree))
     reach = dict(zip(robot.link_joints, robot.link_reach(), strict=True))
     for k in reversed(range(len(robot.tree))):  # a joint's children come after it: theirs are known
-        ahead = [beyond[c] for c, joint in enumerate(robot.tree) if joint.parent == k]
+        ahead = [beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k]
         beyond[k] = reach.get(k, 0.0) + max(ahead, default=0.0)
-    torque, limits = HOLDING * beyond**2, np.array([joint.effort for joint in robot.tree])
+    torque, limits = c.HOLDING * beyond**2, np.array([joint.effort for joint in robot.tree])
     turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
     if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
         torque = limits
-    return np.where(turning, ACTUATOR * np.minimum(torque, LARGEST) ** POWER, 0.0)
+    return np.where(turning, c.ACTUATOR * np.minimum(torque, c.LARGEST) ** c.POWER, 0.0)
 
 
 def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
@@ -168,7 +154,7 @@ def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
     into = np.linalg.inv(robot.tree[carrier].link_frame)
     ends = np.array(places) @ into[:3, :3].T + into[:3, 3]
     middle = 0.5 * (ends[0] + ends[1:].mean(axis=0)) if children else ends[0]
-    masses = [TUBE * reach, *(0.5 * actuators[k] for k in (carrier, *children))]
+    masses = [c.TUBE * reach, *(0.5 * actuators[k] for k in (carrier, *children))]
     second = 0.2 * (0.25 * reach) ** 2 * np.eye(3)
     lumps = zip(masses, (middle, *ends), strict=True)
     return np.sum([_lump(mass, at, second) for mass, at in lumps], axis=0)

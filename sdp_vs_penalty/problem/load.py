@@ -3,6 +3,8 @@
 And the verb ``convert``: measurements of another program, for the robot of a problem.
 """
 
+import json
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,10 +21,9 @@ from sdp_vs_penalty.data.formats.recognition import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import nameable, problems_folder, read_table, read_toml
+from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
-from sdp_vs_penalty.problem.constants import DEFAULT_LINK_MASS
-from sdp_vs_penalty.problem.fields import check_fields, entries
-from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, default_mass, open_box
+from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.geometry import link_geometry
@@ -30,6 +31,120 @@ from sdp_vs_penalty.robot.joint import parse_mechanism, parse_transmission
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+#: Every field of a problem.toml: each holds what its example does. Numbers in a list are one a joint
+#: beside a DH table, but for a vector of gravity and two ends.
+EXAMPLE = """
+title = "My arm"
+torque_side = "link"                  # or "motor", "unknown"
+links = 2
+effects = ["rigid_body", "viscous_friction"]
+[kinematics]
+urdf = "robot.urdf"                   # or what follows
+convention = "standard"               # or "modified"
+a = [0.0, 0.8]
+alpha_over_pi = [0.5, 0.0]
+d = [1.5, 0.0]
+gravity = [0.0, 0.0, -9.81]           # m/s^2
+lower = [-3.1, -3.1]
+upper = [3.1, 3.1]
+velocity = [2.0, 2.0]
+effort = [87.0, 12.0]
+[transmission]
+motors = ["50 q1", "32 q1 + 32 q2"]   # the motors' positions
+positions = ["motor"]                 # or one word a channel: motor or joint
+torques = ["motor"]
+[mechanism]
+joints = ["q1", "q2", "-q2"]          # each joint of the tree
+massless = [3.0]                      # links without mass
+[bounds]
+tables = ["bounds.csv"]
+total_mass = [16.0, 20.0]             # kg
+[[centre_of_mass_cone]]
+link = 1
+axis = "y"
+radius = 0.15
+slope = 0.0
+[preprocessing]
+state_cutoff = 5.0
+torque_cutoff = 8.0
+standstill = 0.01
+[base_parameters]
+independent = ["Izz1", "mx2"]
+"""
+_NEEDED = (
+    *("title", "convention", "a", "alpha_over_pi", "d", "motors", "joints"),
+    *("link", "axis", "radius", "slope"),
+)
+    "title",
+    "convention",
+    "a",
+    "alpha_over_pi",
+    "d",
+    "motors",
+    "joints",
+    "link",
+    "axis",
+    "radius",
+    "slope",
+]
+
+
+def check_fields(data: Mapping[str, Any]) -> None:
+    """InputError naming the section and the field that is unknown, missing or of the wrong kind; checked
+    before anything is built."""
+    whole = tomllib.loads(EXAMPLE)
+    for section, example in {"": whole, **whole}.items():
+        many = isinstance(example, list) and isinstance(example[0], dict)
+        if not (many or isinstance(example, dict)):
+            continue
+        where = f"[[{section}]]" if many else f"[{section}]" if section else "the top level"
+        if section and section not in data:
+            if section == "kinematics":
+                remedy = "give the robot's DH table or its URDF"
+                raise InputError("the section [kinematics] is missing", remedy)
+            continue
+        given = data[section] if section else data
+        parts, fields = (given, example[0]) if many else ([given], example)
+        if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
+            what = f"{section} is no {'list of sections' if many else 'section'}"
+            raise InputError(what, f"write {where} above its fields")
+        for part in parts:
+            for key in part:
+                if key not in fields:
+                    raise InputError(
+                        f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}"
+                    )
+            for key, like in fields.items():
+                if key in part:
+                    _check(f"{where} {key}" if section else key, part[key], key, like, part)
+                elif key in _NEEDED and "urdf" not in part:
+                    raise InputError(f"the field {key!r} is missing in {where}", "add it")
+
+
+def _check(label: str, value: Any, key: str, like: Any, part: Mapping[str, Any]) -> None:
+    """InputError for a value of another kind or length than its example; sections are not looked at."""
+    several, one = isinstance(like, list), like[0] if isinstance(like, list) else like
+    if isinstance(one, dict):
+        return
+    word = {str: "text", int: "whole number", float: "number"}[type(one)]
+    hint = f"write {key} = {json.dumps(like)}"
+    if several and not isinstance(value, list):
+        raise InputError(f"{label} is {_shown(value)}, not a list of {word}s", hint)
+    for k, entry in enumerate(value if several else [value], start=1):
+        if type(entry) not in (type(one), *((int,) if type(one) is float else ())):
+            where = f"{label}: entry {k}" if several else label
+            raise InputError(f"{where} is {_shown(entry)}, not a {word}", hint)
+    fixed = key in ("gravity", "total_mass")
+    shown = like if fixed else part.get("a")
+    if several and isinstance(shown, list) and len(value) != len(shown):
+        needed = hint if fixed else "one per joint, as in a"
+        raise InputError(f"{label} has {len(value)} entries, {len(shown)} are needed", needed)
+
+
+def _shown(value: Any) -> str:
+    """A value as TOML writes it, shortened."""
+    return "a section" if isinstance(value, dict) else json.dumps(value, default=str)[:40]
 
 
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
@@ -172,8 +287,8 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
         problem = read_toml(path / "problem.toml", partial(_from_toml, path))
     elif nameable(path) and path.is_file():
         robot, links = load_urdf(path)
-        box = open_box(robot.links, DEFAULT_LINK_MASS[0])
-        box[:, 0, 1] = default_mass(links[:, 0])
+        box = open_box(robot.links, c.DEFAULT_LINK_MASS[0])
+        box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * links[:, 0])
         bodies = link_bodies(robot, box[:, 1:4], links, link_geometry(path))
         nominal, sources = plausible_links(robot, links, bodies)
         title = f"{robot.name} from {path.name}"

@@ -1,13 +1,15 @@
 """A shared problem definition: robot, bounds, nominal inertia, published values.
 
 A problem is a folder with a problem.toml (problems/ travels with the package), or a URDF file; all
-estimators read the same :class:`Problem`.
+estimators read the same :class:`Problem`. Tables and files name a link's bounds m1, c1x, I1xx, as the
+paper prints them. model.json holds a problem whole, beside its robot: what it does not narrow is written
+down too, so that other defaults of a later version do not change the bounds of an old model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,14 +22,9 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.files import Plain, read_table
-from sdp_vs_penalty.formatting import Shown, Summary
+from sdp_vs_penalty.formatting import Shown, Summary, finite
+from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.constants import (
-    DEFAULT_LINK_MASS,
-    DEFAULT_RADIUS,
-    FAR_MASS,
-    RADIUS_SHARE,
-)
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, or_one
@@ -146,9 +143,10 @@ class Problem(Shown):
         # The given inertials' own extent: the root mean square distance of the mass from the frame.
         second = np.trace(inertia.pseudo_inertia(self.nominal_links)[:, :3, :3], axis1=1, axis2=2)
         extent = np.sqrt(np.maximum(np.where(mass > 0.0, second, 0.0) / or_one(mass), 0.0))
-        least = np.full(len(mass), DEFAULT_RADIUS), np.where(np.isfinite(stroke), stroke, 0.0)
-        radius = np.max([(1.0 + RADIUS_SHARE) * reach, *least, 2.0 * extent], axis=0)
-        return np.column_stack([default_mass(mass), radius])
+        least = np.full(len(mass), c.DEFAULT_RADIUS), np.where(np.isfinite(stroke), stroke, 0.0)
+        radius = np.max([(1.0 + c.RADIUS_SHARE) * reach, *least, 2.0 * extent], axis=0)
+        largest = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * mass)
+        return np.column_stack([largest, radius])
 
     @cached_property
     def link_bodies(self) -> tuple[Body, ...]:
@@ -317,13 +315,110 @@ def open_box(links: int, mass: float = 0.0) -> Array:
     return box
 
 
-def default_mass(given: Array) -> Array:
-    """Upper bound of links' masses where none is published: a file's own mass, with room."""
-    return np.maximum(DEFAULT_LINK_MASS[1], FAR_MASS * given)
-
-
 def _interval(lower: float, upper: float) -> tuple[Array, Array]:
     """Coefficients and constant of x - lower >= 0 and upper - x >= 0; infinite ends left out."""
     both = np.array([[1.0, -1.0], [-lower, upper]])
     signs, constants = both[:, np.isfinite(both[1])]
     return signs, constants
+
+
+#: A link's ten barycentric parameters, in our order.
+_BARYCENTRIC = ("m{}", "c{}x", "c{}y", "c{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
+
+
+def barycentric_names(link: int) -> tuple[str, ...]:
+    """The names of a link's (from 1) mass, centre of mass and inertia about it, in our order."""
+    return tuple(name.format(link) for name in _BARYCENTRIC)
+
+
+def entries(links: int) -> dict[str, tuple[int, int]]:
+    """Where each name stands in a problem's box: link (from 0) and entry."""
+    names = (barycentric_names(link + 1) for link in range(links))
+    return {name: (link, k) for link, own in enumerate(names) for k, name in enumerate(own)}
+
+
+def problem_to_dict(problem: Problem) -> dict[str, Any]:
+    """Plain JSON; a bound that is infinite is null, a parameter without bounds is left out.
+
+    bounds : [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx [kg m^2]);
+    link_defaults : a link's largest mass [kg] and radius [m] where these bounds leave it open;
+    bodies : the ellipsoid in which a link's mass lies, in its frame [m], and what it is known from;
+    nominal_from : the same of the nominal links; gains : of the torque channels, where they are known.
+    """
+    bounds = {name: _pair(problem.box[place]) for name, place in entries(problem.robot.links).items()}
+    return {
+        "name": problem.name,
+        "title": problem.title,
+        "torque_side": problem.torque_side,
+        "effects": list(problem.default_effects),
+        "bounds": {name: pair for name, pair in bounds.items() if pair != [None, None]},
+        "total_mass": _pair(problem.total_mass),
+        "centre_of_mass_cones": [cone.to_dict() for cone in problem.cones],
+        "link_defaults": [{"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()],
+        "bodies": [body.to_dict() for body in problem.link_bodies],
+        "nominal_links": problem.nominal_links.tolist(),
+        "nominal_from": None if problem.nominal_from is None else list(problem.nominal_from),
+        "gains": None if problem.gains is None else list(problem.gains),
+        "preprocessing": asdict(problem.preprocessing),
+        "base_parameters": None if problem.independent is None else list(problem.independent),
+    }
+
+
+def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
+    """The same problem to the last bit of its constraints; its folder, if it had one, is not known.
+
+    Raises InputError for bounds that contradict themselves or the robot, KeyError, TypeError or
+    ValueError for a field that is missing or of another kind.
+    """
+    places, box = entries(robot.links), open_box(robot.links, -np.inf)
+    for name, pair in data["bounds"].items():
+        if name not in places:
+            what = f"bounds: {name!r} is no parameter of a link of this robot"
+            raise InputError(what, "write the file anew")
+        box[places[name]] = _ends(pair)
+    texts, base, drawn = _texts(data["effects"]), data["base_parameters"], data["nominal_from"]
+    parse_effects(texts, robot)
+    defaults = _finite("link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]])
+    if not np.all(defaults > 0.0):
+        what = "link_defaults: a mass or a radius is not above 0"
+        raise InputError(what, "correct it, or write the file anew")
+    name, title = _texts([data["name"], data["title"]])
+    return Problem(
+        name,
+        title,
+        robot,
+        box,
+        _finite("nominal_links", data["nominal_links"]),
+        _ends(data["total_mass"]),
+        tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"])),
+        data["torque_side"],
+        Preprocessing(**data["preprocessing"]),
+        None if base is None else _texts(base),
+        effects=texts,
+        defaults=defaults,
+        bodies=tuple(map(Body.from_dict, data["bodies"])),
+        nominal_from=None if drawn is None else _texts(drawn),
+        gains=tuple(_finite("gains", data["gains"]).tolist()) if data.get("gains") else None,
+    )
+
+
+def _pair(ends: Sequence[float] | Array) -> list[float | None]:
+    return [finite(x) for x in ends]
+
+
+def _ends(pair: Sequence[float | None]) -> tuple[float, float]:
+    low, high = pair
+    return -np.inf if low is None else float(low), np.inf if high is None else float(high)
+
+
+def _finite(what: str, rows: Any) -> Array:
+    values = np.array(rows, float)
+    if not np.all(np.isfinite(values)):
+        raise InputError("a number is not finite", "write the file anew", what)
+    return values
+
+
+def _texts(values: Sequence[Any]) -> tuple[str, ...]:
+    if isinstance(values, str) or not all(isinstance(v, str) for v in values):
+        raise TypeError(f"{values!r} is no list of texts")
+    return tuple(values)

@@ -19,8 +19,7 @@ from sdp_vs_penalty.data.datasets import DATA_VARIABLE as VARIABLE
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.problem.fields import barycentric_names
-from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.problem import Problem, barycentric_names
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory

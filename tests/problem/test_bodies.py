@@ -14,7 +14,7 @@ from sdp_vs_penalty import Problem, add, load_estimate, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.fields import problem_from_dict, problem_to_dict
+from sdp_vs_penalty.problem.problem import problem_from_dict, problem_to_dict
 from sdp_vs_penalty.robot import Body, Joint, Robot, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.body import around

@@ -12,7 +12,7 @@ from random_robots import bare, link_parameters, open_problem, task_of, tree
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.estimators import interior_point
 from sdp_vs_penalty.problem import open_box, plausible_links, published_links, with_bounds
-from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.problem.load import EXAMPLE, check_fields, load_problem
 from sdp_vs_penalty.problem.problem import CentreOfMassCone
 from sdp_vs_penalty.problem.published import published_cell
 from sdp_vs_penalty.regression.base_parameters import base_parameters
@@ -122,6 +122,12 @@ def test_bounds_by_a_word():
     for wrong in ("m9=1:2", "m1=5:1", "m1=a:b", "m1", "m1=nan:2", "mass=1:2"):
         with pytest.raises(InputError):
             with_bounds(problem, wrong)
+
+
+def test_the_example_of_all_fields_is_one():
+    check_fields(tomllib.loads(EXAMPLE))
+    with pytest.raises(InputError, match="massless"):
+        check_fields(tomllib.loads(EXAMPLE.replace("massless = [3.0]", "massless = 3.0")))
 
 
 #: Rows of Table III whose pi(p_hat) the paper leaves empty (erratum 8).

@@ -16,7 +16,7 @@ from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimators import Estimator, PenaltyPaper
 from sdp_vs_penalty.estimators.ols import Ols, standard_deviations
 from sdp_vs_penalty.problem import published_links
-from sdp_vs_penalty.problem.published import barycentric_names
+from sdp_vs_penalty.problem.problem import barycentric_names
 from sdp_vs_penalty.regression import LeastSquares, triangular
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research import figures

@@ -9,7 +9,8 @@ from scipy.optimize import approx_fprime
 
 from sdp_vs_penalty.estimation.identify import DATA, from_data
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.problem.published import barycentric_names, box_tables, errata
+from sdp_vs_penalty.problem.problem import barycentric_names
+from sdp_vs_penalty.problem.published import box_tables, errata
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import Maker, Row, Table, makes, text
 from sdp_vs_penalty.robot import inertia
