@@ -84,8 +84,6 @@ DESCRIPTION = (
 #: Longest step of the simulation [s], and the windows that are tried [s], the longest first: one is used
 #: if the starting model stays within this share of the motion's size.
 STEP, _WINDOWS, _STAYS = 2.5e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
-#: Change of a parameter for its slope, in its standard deviations.
-_SLOPE = 0.1
 
 
 @dataclass(frozen=True)
@@ -119,12 +117,12 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
 
     directions = visible(task.data.R)[1] * np.sqrt(task.data.loss(task.ols) / task.data.rows)
     theta, error = start.theta, _errors(plant, windows, size)[0]
-    begin = error
+    begin, step = error, 0.1  # of a slope, in standard deviations
     for k in range(12):
         task.progress(f"output error, step {k + 1}: {1e3 * rms(error):.4g} thousandths")
         # The simulation's errors as least squares in theta, in units of the torque's variance.
-        found = _errors(Plant(model, np.vstack([theta, theta + _SLOPE * directions.T])), windows, size)
-        slopes = (found[1:] - found[0]).T / _SLOPE
+        found = _errors(Plant(model, np.vstack([theta, theta + step * directions.T])), windows, size)
+        slopes = (found[1:] - found[0]).T / step
         rows = slopes @ np.linalg.pinv(directions)  # d theta = directions x
         scale = np.sqrt(task.data.loss(task.ols) / task.data.rows / np.mean(found[0] ** 2))
         both = scale * np.column_stack([rows, rows @ theta - found[0]])

@@ -44,7 +44,7 @@ __getattr__ = surface(
     {
         "Fit": "estimator",
         "LmiSdp": "lmi_sdp",
-        "PenaltyPaper": "penalty_paper",
+        "PenaltyPaper": "penalty",
         "PosedSdp": "sdp_fit",
         "Task": "estimator",
         "interior_point": "sdp_fit",

@@ -32,12 +32,6 @@ FAR_GAP = 1e-3
 #: Each attempt's way from the last answer to the interior point at which cones are scaled, and
 #: whether parameters are scaled by the residual instead of the torque.
 ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
-#: The loss at the optimum relative to |tau|^2 that the first attempt expects at least.
-_FIRST_LOSS = 1e-6
-
-#: Where our own method starts: the share of the torque that each parameter of a sign makes by itself.
-_STARTING_SHARE = 0.1
-
 #: Depth (:meth:`ConstraintSet.depth`) from which the nominal robot serves as the interior point. Seen
 #: from one on the boundary, such as an earlier estimate, cones are stretched a million times.
 _DEEP = 1e-3
@@ -113,7 +107,7 @@ class PosedSdp:
         lower = np.array([q.lower for q in self.task.model.parameters])
         signed = np.isfinite(lower) & (norms > 0.0)
         signed[self.task.model.rigid_indices] = False
-        size = _STARTING_SHARE * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
+        size = 0.1 * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
         start[signed] = (lower + np.minimum(size, 0.5 * self.task.bound))[signed]
         return start
 
@@ -123,7 +117,8 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     task, constraints, interior = posed.task, posed.constraints, posed.interior
     sent, data = essential(constraints, objective), objective.least_squares
     best: Fit | None = None
-    answered, said, least = False, list[str](), _FIRST_LOSS * data.tau_squared
+    # The loss at the optimum that the first attempt expects at least.
+    answered, said, least = False, list[str](), 1e-6 * data.tau_squared
     for share, fine in ATTEMPTS:
         centre = interior if best is None else best.theta
         inside = centre + share * (interior - centre)

@@ -143,7 +143,8 @@ def _actuators(robot: Robot) -> Array:
     turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
     if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
         torque = limits
-    return np.where(turning, c.ACTUATOR * np.minimum(torque, c.LARGEST) ** c.POWER, 0.0)
+    factor, power = c.ACTUATOR
+    return np.where(turning, factor * np.minimum(torque, c.LARGEST) ** power, 0.0)
 
 
 def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:

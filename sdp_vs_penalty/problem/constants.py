@@ -10,7 +10,7 @@ RADIUS_SHARE, LEAST_RADIUS = 0.5, 0.1
 DEFAULT_RADIUS = 1.0
 #: A link of which nothing but the joints is known: a tube [kg/m], and actuators of 1.6 kg at 54 N m and
 #: 6.2 kg at 330 N m, mass = 0.08 kg (torque / N m)^(3/4): joints of UR and xArm arms, makers' figures.
-TUBE, ACTUATOR, POWER = 4.0, 0.08, 0.75
+TUBE, ACTUATOR = 4.0, (0.08, 0.75)
 #: Torque of a joint of unknown limit: three times what holds 10 kg/m from there to the tip [N m/m^2];
 #: beyond so much [N m] the rule for actuators is not known.
 HOLDING, LARGEST = 3.0 * 0.5 * 10.0 * 9.81, 1000.0

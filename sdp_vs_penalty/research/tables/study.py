@@ -20,7 +20,7 @@ from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, make_task, no_progress
-from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
+from sdp_vs_penalty.estimators.penalty import PAPER_BUDGET, PenaltyPaper
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
