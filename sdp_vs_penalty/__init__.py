@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.diagnosis.comparison import compare as compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails as where_it_fails
     from sdp_vs_penalty.errors import InputError as InputError
-    from sdp_vs_penalty.estimation.cross_validation import cross_validate as cross_validate
     from sdp_vs_penalty.estimation.estimate import Estimate as Estimate
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimation.excitation import excite as excite
+    from sdp_vs_penalty.estimation.resampling import cross_validate as cross_validate
     from sdp_vs_penalty.exporters.export import export as export
     from sdp_vs_penalty.problem.load import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
@@ -37,7 +37,7 @@ _HOME = {
     "check": "checks",
     "compare": "diagnosis.comparison",
     "convert": "problem.load",
-    "cross_validate": "estimation.cross_validation",
+    "cross_validate": "estimation.resampling",
     "diagnose": "diagnosis.diagnose",
     "Estimate": "estimation.estimate",
     "excite": "estimation.excitation",

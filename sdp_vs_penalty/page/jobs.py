@@ -27,10 +27,10 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, link_rows, load_estimate
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress

@@ -24,8 +24,8 @@ def verb(
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import as_told
     from sdp_vs_penalty.data.files import load_measurements
-    from sdp_vs_penalty.estimation.cross_validation import cross_validate
     from sdp_vs_penalty.estimation.known_load import parsed_known
+    from sdp_vs_penalty.estimation.resampling import cross_validate
     from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers
 

@@ -4,10 +4,10 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import cross_validate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
+from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.problem.published import VARIABLE, measured_runs
 from sdp_vs_penalty.regression.regression import compress

@@ -4,8 +4,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from operator import methodcaller
+from functools import cached_property, partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -15,9 +14,9 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.cross_validation import CrossValidation, FoldData, Split
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
+from sdp_vs_penalty.estimation.resampling import CrossValidation, FoldData, Split, judged
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, make_task, no_progress
 from sdp_vs_penalty.estimators.penalty import PAPER_BUDGET, PenaltyPaper
@@ -319,8 +318,8 @@ def _unseen(study: Study, method: str | Estimator, effects: tuple[Any, ...] | No
     study.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
     split, folds = study.once(_folds, effects)
     estimator = study.estimator(method)
-    judged = study.workers.map(methodcaller("judged", estimator), folds)
-    return split.result(estimator, list(judged))
+    found = study.workers.map(partial(judged, estimator=estimator), folds)
+    return split.result(estimator, list(found))
 
 
 def _folds(study: Study, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData]]:

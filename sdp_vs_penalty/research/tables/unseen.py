@@ -10,8 +10,8 @@ import pandas
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.cross_validation import CrossValidation, Fold
 from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.resampling import CrossValidation, Fold
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
