@@ -28,7 +28,6 @@ from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
 from sdp_vs_penalty.estimation.known_load import balanced
 from sdp_vs_penalty.estimation.shapes import (
-    ShapeEstimate,
     estimate_shapes,
     prior_deviation,
     with_sensitivities,
@@ -215,9 +214,9 @@ class _Loop:
     drives: Sequence[Effect]
     open_delay: bool
 
-    def balanced(self, delay: float) -> Model:
+    def balanced(self, delay: float) -> tuple[Model, Array]:
         """The model whose commands act late by ``delay`` [s], up to a factor, in which links weigh as
-        stated: its reference is what it fits best, its strongest position gain is given."""
+        stated, and what it fits best (p,), its reference; its strongest position gain is given."""
         robot = self.problem.robot
         late = [e.with_shape(T=float(f"{delay:.6g}")) for e in self.drives]
         began = {"servo_integral", "torque_offset"} & {e.name for e in (*self.load, *late)}
@@ -226,15 +225,7 @@ class _Loop:
         theta = balanced(self.problem, model, compress(self.runs, model))
         strongest = max(model.error_gains, key=lambda k: float(theta[k]))
         gain = {model.parameters[strongest].name: float(theta[strongest])}
-        return replace(model, known=gain, reference=theta)
-
-    def shapes(self, model: Model) -> list[ShapeEstimate]:
-        """The load's shape constants beside a balanced model, all of whose position gains are given:
-        errors stand for a torque then."""
-        theta = _reference_of(model)
-        gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
-        stated = replace(model, known=gains)
-        return estimate_shapes(stated, self.runs, self.weighting, widest=c.TURNS[-1])
+        return replace(model, known=gain, reference=theta), theta
 
     def task(self, model: Model, rows: FilteredRuns) -> Task:
         """The problem of a balanced model; rows : the log, with instruments where there are some."""
@@ -244,10 +235,11 @@ class _Loop:
         """A step of Gauss and Newton of the delay, in which joints share their links, if it is open."""
         if not self.open_delay:
             return model
-        wide = with_sensitivities(model, _reference_of(model), lambda e: bool(e.position_gains))
+        assert model.reference is not None
+        wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
         (drive,) = (e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
-        return self.balanced(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))
+        return self.balanced(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))[0]
 
     def simulated(self, model: Model, rows: FilteredRuns) -> tuple[FilteredRuns, Array]:
         """The log with the motion that the model fitted to ``rows`` makes of the command, and how far
@@ -257,12 +249,6 @@ class _Loop:
             found = with_simulated_motion(self.runs.measurements, model, theta)
             apart = np.sqrt(np.mean((found.commanded["qsim"] - found.q) ** 2, axis=0))
         return FilteredRuns.of(found, self.runs.settings), apart
-
-
-def _reference_of(model: Model) -> Array:
-    """(p,) of a balanced model."""
-    assert model.reference is not None
-    return model.reference
 
 
 def servo_log(
@@ -303,9 +289,12 @@ def servo_log(
     progress("balancing the gains")
     of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
     loop = _Loop(problem, runs, weighting, tuple(load), of_law, given is None and delay > 0.0)
-    shapes = loop.shapes(loop.balanced(delay))
+    # The load's shape constants beside given gains: errors stand for a torque then.
+    model, theta = loop.balanced(delay)
+    gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
+    shapes = estimate_shapes(replace(model, known=gains), runs, weighting, widest=c.TURNS[-1])
     loop = replace(loop, load=with_shapes(load, shapes))
-    model, rows, apart = _refined(loop, loop.balanced(delay), instruments, progress)
+    model, rows, apart = _refined(loop, loop.balanced(delay)[0], instruments, progress)
     details = {
         "law": "as given" if drives else law,
         "delay": model.effects[-1].shape["T"],
