@@ -28,7 +28,7 @@ from sdp_vs_penalty.estimation.identify import (
     record,
     versions,
 )
-from sdp_vs_penalty.estimation.known_load import independent_gains
+from sdp_vs_penalty.estimation.pose import independent_gains
 from sdp_vs_penalty.estimation.shapes import (
     ShapeEstimate,
     free_constants,

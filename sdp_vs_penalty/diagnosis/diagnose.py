@@ -21,7 +21,7 @@ from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare
 from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.known_load import independent_gains
+from sdp_vs_penalty.estimation.pose import independent_gains
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress

@@ -241,8 +241,11 @@ class Effect(ABC):
 
     # What is known of the parameters before anything is measured.
 
-    def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
-        """Demands on the parameters, which sit at ``indices`` of theta: sign and range of each."""
+    def constraints(
+        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+    ) -> list[Constraint]:
+        """Demands on the parameters, which sit at ``indices`` of theta: sign and range of each, and what
+        ties them to other effects' (parameters : all of theta)."""
         out = []
         for index, parameter in zip(indices, self.parameters, strict=True):
             name = f"{self.name} {parameter.name}"
@@ -251,13 +254,6 @@ class Effect(ABC):
             both = [self.range, self.range]
             out.append(build.linear("range", name, [index], [[1.0, -1.0]], both))
         return out
-
-    def constraints_beside(
-        self, parameters: Sequence[Parameter], indices: NDArray[np.intp]
-    ) -> list[Constraint]:
-        """Demands that tie the parameters, which sit at ``indices`` of theta, to those of other effects;
-        parameters : all of theta."""
-        return []
 
     @property
     def nominal(self) -> Array:

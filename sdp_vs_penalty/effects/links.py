@@ -1,6 +1,6 @@
 """The links' inertia and weight, what is carried, and links that stand elsewhere than the model says."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 
@@ -38,7 +38,9 @@ class RigidBody(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         return _parameters(self.robot.links)
 
-    def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
+    def constraints(
+        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+    ) -> list[Constraint]:
         """None of its own: the links' bounds are the problem's."""
         return []
 
@@ -93,9 +95,11 @@ class Payload(Effect):
         names, last = inertia.parameter_names(self.robot.links), len(str(self.robot.links))
         return zip([f"payload_{name[:-last]}" for name in names], inertia.UNITS, strict=True)
 
-    def constraints(self, indices: NDArray[np.intp]) -> list[Constraint]:
+    def constraints(
+        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+    ) -> list[Constraint]:
         """It is a body."""
-        return [build.pseudo_inertia(self.name, indices), *super().constraints(indices)]
+        return [build.pseudo_inertia(self.name, indices), *super().constraints(indices, parameters)]
 
     @property
     def nominal(self) -> Array:

@@ -134,16 +134,16 @@ class PositionDependentFriction(JointEffect):
         waves = np.arange(1, self._columns // 2 + 1) * phase[:, None]
         return np.stack([np.cos(waves), np.sin(waves)], axis=2).reshape(len(phase), -1)
 
-    def constraints_beside(
-        self, parameters: Sequence[Parameter], indices: NDArray[np.intp]
+    def constraints(
+        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """Coulomb friction of the same joint, which it varies, stays above zero at every position."""
         phases = np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
         between = np.cos(np.pi * self.shape["waves"] / _PHASES)  # how low a wave is at the nearest phase
         coefficients = np.vstack([np.ones(_PHASES), self._waves(phases).T / between])
         coulomb = {p.joint - 1: k for k, p in enumerate(parameters) if p.effect == "coulomb_friction"}
-        k = self._columns
-        return [
+        k, own = self._columns, super().constraints(indices, parameters)
+        return own + [
             build.linear(
                 "sign",
                 f"{self.name} {j + 1}",

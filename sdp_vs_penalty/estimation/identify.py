@@ -33,7 +33,6 @@ from sdp_vs_penalty.estimation.pose import (
     PoseOptions,
     behind_filters,
     in_columns,
-    logged,
     pose,
     readable,
 )
@@ -319,7 +318,8 @@ def identify(
             raise InputError(what, "choose another method, or leave the proof out")
     if not isinstance(data, BlackBox):
         if refined:
-            logged(data).require_torque(f"method {OUTPUT_ERROR}")
+            log = data.measurements if isinstance(data, FilteredRuns) else data
+            log.require_torque(f"method {OUTPUT_ERROR}")
         data = behind_filters(problem, data, preprocessing)
     options = PoseOptions(effects, preprocessing, weighting, gain_uncertainty, known_loads, seed)
     options = replace(options, known=known or {}, instruments=instruments)

@@ -61,18 +61,6 @@ def parsed_known_load(text: str) -> tuple[Path, float]:
     raise InputError(f"--known-load {text!r}", remedy)
 
 
-def independent_gains(uncertainty: float | Array, joints: int) -> Array:
-    """(n, n) factor of the covariance of gains known to ``uncertainty``, independent of each other; a
-    factor (n, e) as it is. Raises InputError for a standard deviation that is none.
-    """
-    if isinstance(uncertainty, np.ndarray):
-        return uncertainty
-    if not 0.0 <= uncertainty < 1.0:
-        remedy = "give a relative standard deviation, such as 0.01"
-        raise InputError(f"gain_uncertainty {uncertainty:g}", remedy)
-    return uncertainty * np.eye(joints)
-
-
 def _loaded(loads: Sequence[tuple[Source, float]], robot: Robot) -> Iterator[tuple[Measurements, float]]:
     """The runs with a load, read, each with its mass [kg]; InputError for a mass that is none."""
     for source, mass in loads:

@@ -24,7 +24,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, unknown
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
-from sdp_vs_penalty.estimation.known_load import gains_from_loads, independent_gains, with_scale
+from sdp_vs_penalty.estimation.known_load import gains_from_loads, with_scale
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_progress
@@ -183,9 +183,16 @@ def in_columns(runs: FilteredRuns, model: Model, workers: Workers = ALONE) -> Re
     return compress_cells(runs, model, phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS))
 
 
-def logged(data: Measurements | FilteredRuns) -> Measurements:
-    """The log itself."""
-    return data.measurements if isinstance(data, FilteredRuns) else data
+def independent_gains(uncertainty: float | Array, joints: int) -> Array:
+    """(n, n) factor of the covariance of gains known to ``uncertainty``, independent of each other; a
+    factor (n, e) as it is. Raises InputError for a standard deviation that is none.
+    """
+    if isinstance(uncertainty, np.ndarray):
+        return uncertainty
+    if not 0.0 <= uncertainty < 1.0:
+        remedy = "give a relative standard deviation, such as 0.01"
+        raise InputError(f"gain_uncertainty {uncertainty:g}", remedy)
+    return uncertainty * np.eye(joints)
 
 
 def readable(
@@ -196,7 +203,7 @@ def readable(
     n, names = problem.robot.n, problem.robot.joint_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(measurements, n, names, what)
-    data = measurements if isinstance(measurements, BlackBox) else logged(measurements)
+    data = measurements.measurements if isinstance(measurements, FilteredRuns) else measurements
     if data.n != n:
         raise other_robot(data.n, n, f"measurements for {problem.name}")
     if isinstance(measurements, Measurements):

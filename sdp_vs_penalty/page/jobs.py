@@ -290,10 +290,13 @@ def robot(asked: Asked) -> Answer:
 
 def fit(asked: Asked) -> Answer:
     """Identify a model and look where it fails."""
-    options = asked["options"]
-    bounded = with_bounds(asked.problem, options.get("bounds"))
+    options, problem = asked["options"], asked.problem
+    if bounds := options.get("bounds"):
+        problem = with_bounds(problem, bounds)
+    if filters := options.get("filters"):
+        problem = with_filters(problem, filters)
     estimate = identify(
-        with_filters(bounded, options.get("filters")),
+        problem,
         asked.windowed(asked.runs.train),
         with_solver(asked["method"], options.get("solver")),
         effects=asked["effects"],

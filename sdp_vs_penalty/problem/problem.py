@@ -219,8 +219,7 @@ class Problem(Shown):
             rows = np.tile(signs, (len(masses), 1))
             convex.append(build.linear("total mass", "robot", masses, rows, ends))
         for effect, indices in zip(model.effects, model.indices, strict=True):
-            convex += effect.constraints(indices)
-            convex += effect.constraints_beside(model.parameters, indices)
+            convex += effect.constraints(indices, model.parameters)
         return ConstraintSet(tuple(convex), tuple(nonconvex))
 
     def parameter_bound(self, model: Model) -> Array:

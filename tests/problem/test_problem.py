@@ -118,7 +118,6 @@ def test_bounds_by_a_word():
     exact = with_bounds(problem, "m1=3:3,total=9:9")  # known, and no contradiction
     assert exact.box[0, 0].tolist() == [3.0, 3.0]
     assert exact.total_mass == (9.0, 9.0)
-    assert with_bounds(problem, None) is problem
     for wrong in ("m9=1:2", "m1=5:1", "m1=a:b", "m1", "m1=nan:2", "mass=1:2"):
         with pytest.raises(InputError):
             with_bounds(problem, wrong)

@@ -57,7 +57,10 @@ def verb(
         how: dict[str, Any] = {"effects": effects, "instruments": instruments, "proof": proof}
         how |= {"seed": seed, "gain_uncertainty": gain_uncertainty or 0.0, "progress": progress}
         how["known_loads"] = [parsed_known_load(text) for text in known_load or []]
-        how |= {"known": parsed_known(known or ""), "workers": Workers(jobs, scheduler, progress)}
+        how |= {
+            "known": parsed_known(known) if known else {},
+            "workers": Workers(jobs, scheduler, progress),
+        }
         noisy = whole if isinstance(whole, Measurements) else None
         try:
             estimate, fit = identified(robot, given, estimator, noise_from=noisy, **how)
