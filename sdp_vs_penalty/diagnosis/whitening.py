@@ -16,7 +16,6 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import alone
-from sdp_vs_penalty.estimation.verdict import with_parameters
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks
@@ -43,7 +42,9 @@ def diagnosis_rows(
 
 def with_estimate(runs: SegmentedRuns, estimate: Estimate) -> SegmentedRuns:
     """The same runs with an estimate as the current model."""
-    return with_parameters(runs, estimate.model, estimate.theta)
+    model = estimate.model
+    along = runs.with_model(lambda motion: model.seen_along(estimate.theta, motion))
+    return replace(along, gains=model.gains)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,13 @@ class RigidBody(Effect):
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     signless = smooth = True
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return _parameters(self.robot.links)
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return tuple(
+            Parameter(name, unit, self.name, link)
+            for link in range(1, self.robot.links + 1)
+            for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
+        )
 
     def constraints(
         self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
@@ -66,15 +70,6 @@ class RigidBody(Effect):
         if np.any(np.linalg.norm(links[:, 1:4], axis=1) > _FARTHEST * np.abs(links[:, 0])):
             return super().torque(theta, motion)
         return self.robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
-
-
-@cache
-def _parameters(links: int) -> tuple[Parameter, ...]:
-    return tuple(
-        Parameter(name, unit, RigidBody.name, link)
-        for link in range(1, links + 1)
-        for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
-    )
 
 
 class Payload(Effect):

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.estimators.estimator import make_task
@@ -25,7 +24,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import RESIDUAL, SPECTRUM, SPECTRUM_KNOWN, noise_of
-from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented, window_subsample
+from sdp_vs_penalty.signals.segments import segmented, window_subsample
 
 Grade = Literal["good", "usable", "do not use"]
 GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")
@@ -264,11 +263,6 @@ def noise_level(problem: Problem, given: FilteredRuns) -> tuple[Array | None, st
         return None, ""
     model = problem.model().reference_free
     theta = make_task(problem, model, compress(filtered, model), "none").ols
-    runs = with_parameters(runs, model, theta)
-    noise = noise_of(runs)
+    along = runs.with_model(lambda motion: model.seen_along(theta, motion))
+    noise = noise_of(replace(along, gains=model.gains))
     return (None, "") if noise.source == RESIDUAL else (noise.floor, noise.source)
-
-
-def with_parameters(runs: SegmentedRuns, model: Model, theta: Array) -> SegmentedRuns:
-    """The same runs with a model's parameters as the current model."""
-    return replace(runs.with_model(lambda m: model.seen_along(theta, m)), gains=model.gains)

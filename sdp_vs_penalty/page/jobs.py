@@ -291,6 +291,7 @@ def robot(asked: Asked) -> Answer:
 def fit(asked: Asked) -> Answer:
     """Identify a model and look where it fails."""
     options, problem = asked["options"], asked.problem
+    solver = options.get("solver")
     if bounds := options.get("bounds"):
         problem = with_bounds(problem, bounds)
     if filters := options.get("filters"):
@@ -298,7 +299,7 @@ def fit(asked: Asked) -> Answer:
     estimate = identify(
         problem,
         asked.windowed(asked.runs.train),
-        with_solver(asked["method"], options.get("solver")),
+        with_solver(asked["method"], solver) if solver else asked["method"],
         effects=asked["effects"],
         gain_uncertainty=asked.number("gain_uncertainty", 0.0),
         workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),

@@ -344,14 +344,15 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     bodies : the ellipsoid in which a link's mass lies, in its frame [m], and what it is known from;
     nominal_from : the same of the nominal links; gains : of the torque channels, where they are known.
     """
-    bounds = {name: _pair(problem.box[place]) for name, place in entries(problem.robot.links).items()}
+    places = entries(problem.robot.links).items()
+    bounds = {name: [finite(x) for x in problem.box[place]] for name, place in places}
     return {
         "name": problem.name,
         "title": problem.title,
         "torque_side": problem.torque_side,
         "effects": list(problem.default_effects),
         "bounds": {name: pair for name, pair in bounds.items() if pair != [None, None]},
-        "total_mass": _pair(problem.total_mass),
+        "total_mass": [finite(x) for x in problem.total_mass],
         "centre_of_mass_cones": [cone.to_dict() for cone in problem.cones],
         "link_defaults": [{"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()],
         "bodies": [body.to_dict() for body in problem.link_bodies],
@@ -399,10 +400,6 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
         nominal_from=None if drawn is None else _texts(drawn),
         gains=tuple(_finite("gains", data["gains"]).tolist()) if data.get("gains") else None,
     )
-
-
-def _pair(ends: Sequence[float] | Array) -> list[float | None]:
-    return [finite(x) for x in ends]
 
 
 def _ends(pair: Sequence[float | None]) -> tuple[float, float]:

@@ -42,7 +42,7 @@ def verb(
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
 
-    estimator = with_solver(method, solver)
+    estimator = with_solver(method, solver) if solver else method
     robot = runs.as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
         whole, given = runs.runs_as_told(robot, data, window)
