@@ -28,14 +28,7 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.pose import (
-    Posed,
-    PoseOptions,
-    behind_filters,
-    in_columns,
-    pose,
-    readable,
-)
+from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, behind_filters, in_columns, pose, readable
 from sdp_vs_penalty.estimation.shapes import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator

@@ -71,10 +71,7 @@ def _loaded(loads: Sequence[tuple[Source, float]], robot: Robot) -> Iterator[tup
 
 
 def gains_from_loads(
-    model: Model,
-    runs: FilteredRuns,
-    loads: Sequence[tuple[Source, float]],
-    prior: float,
+    model: Model, runs: FilteredRuns, loads: Sequence[tuple[Source, float]], prior: float
 ) -> tuple[Array, Array]:
     """The gains (n,) that make the loads weigh what they weigh, what each torque channel reads over the
     true torque; a factor (n, r) of the covariance of their relative errors.
@@ -202,10 +199,7 @@ def parsed_known(text: str) -> dict[str, float]:
 
 
 def with_scale(
-    model: Model,
-    runs: FilteredRuns,
-    known: Mapping[str, float],
-    loads: Sequence[tuple[Source, float]],
+    model: Model, runs: FilteredRuns, known: Mapping[str, float], loads: Sequence[tuple[Source, float]]
 ) -> tuple[Model, dict[str, Any]]:
     """A model of a log without torque in true units, and plain JSON: the parameters that are given then,
     the scale in words, and its relative standard deviation.
@@ -255,10 +249,7 @@ def _factor_of_known(
 
 
 def _factor_of_motors(
-    model: Model,
-    theta: Array,
-    runs: FilteredRuns,
-    motors: Mapping[tuple[str, int], float],
+    model: Model, theta: Array, runs: FilteredRuns, motors: Mapping[tuple[str, int], float]
 ) -> float:
     """The factor on theta (p,) with which the drives' torque is the constants times what was logged.
 

@@ -48,12 +48,7 @@ from sdp_vs_penalty.regression.partial import (
     span,
     visible,
 )
-from sdp_vs_penalty.regression.regression import (
-    LeastSquares,
-    Regression,
-    compress_cells,
-    triangular,
-)
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of

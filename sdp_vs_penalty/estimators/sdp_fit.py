@@ -13,11 +13,7 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import repair
-from sdp_vs_penalty.solvers.identification import (
-    largest_margin,
-    least_squares_sdp,
-    moving_scale,
-)
+from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp, moving_scale
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
