@@ -118,14 +118,13 @@ def from_data(task: Task, rows: Array) -> NDArray[np.bool_]:
 
 def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
-    problem, task, measurements = posed.problem, posed.task, posed.measurements
-    filtered = posed.data if isinstance(posed.data, FilteredRuns) else None
+    problem, task, measurements, runs = posed.problem, posed.task, posed.measurements, posed.runs
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
     wide, data = with_sensitivities(task.model, theta), None
-    if wide is not task.model and filtered is not None:
-        data = in_columns(filtered, wide, workers)
+    if wide is not task.model and runs is not None:
+        data = in_columns(runs, wide, workers)
     kept, errors = certificate.worst == 0.0, posed.gain_errors
     uncertainty = of_regression(
         task, posed.regression, base, theta, wide=data, constrained=kept, gain_errors=errors
@@ -147,11 +146,11 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         uncertainty,
         estimator.name,
         certificate,
-        posed.preprocessing,
+        problem.preprocessing if runs is None else runs.settings,
         settings,
         details,
         provenance,
-        None if filtered is None else record_motion(filtered),
+        None if runs is None else record_motion(runs),
     )
 
 

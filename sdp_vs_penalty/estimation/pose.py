@@ -81,31 +81,22 @@ class PoseOptions:
 class Posed:
     """An optimisation problem, and what made it.
 
-    problem : with the gains that known loads determined; data : behind their filters, as the columns of
-    task.model are made of them; regression : they in these columns; task : what every estimator
-    minimises; gain_errors (n, e) : factor of the covariance of the gains' relative errors; details :
-    shapes and gains, plain JSON, and where the rows are made with a servo's law, "recipe"
-    (:meth:`PoseOptions.recipe`), from which the same problem follows, with the scale that known loads
-    gave a log without torque.
+    problem : with the gains that known loads determined; measurements, runs : the log, and behind its
+    filters, as the columns of task.model are made of it (None: a black box, which needs none);
+    regression : it in these columns; task : what every estimator minimises; gain_errors (n, e) : factor
+    of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
+    the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
+    problem follows, with the scale that known loads gave a log without torque.
     """
 
     problem: Problem
-    data: FilteredRuns | BlackBox
+    measurements: Measurements | BlackBox
+    runs: FilteredRuns | None
     regression: Regression
     task: Task
     weighting: str
     gain_errors: Array | None = None
     details: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def measurements(self) -> Measurements | BlackBox:
-        """What the problem is posed from."""
-        return self.data if isinstance(self.data, BlackBox) else self.data.measurements
-
-    @property
-    def preprocessing(self) -> Preprocessing:
-        """The filters; those of the problem for a black box, which needs none."""
-        return self.problem.preprocessing if isinstance(self.data, BlackBox) else self.data.settings
 
 
 def pose(
@@ -130,7 +121,7 @@ def pose(
         progress("compressing the black box's answers")
         regression = compress_black_box(data, model)
         task = make_task(problem, model, regression, "none", options.seed, progress)
-        return Posed(problem, data, regression, task, "none")
+        return Posed(problem, data, None, regression, task, "none")
     runs = behind_filters(problem, data, options.preprocessing)
     data, model = runs.measurements, problem.model(options.effects)
     if options.effects is not None:
@@ -172,7 +163,8 @@ def pose(
     progress("compressing the measurements")
     regression = compressed(model)
     task = make_task(problem, model, regression, options.weighting, options.seed, progress)
-    return Posed(problem, runs, regression, task, options.weighting, errors, details)
+    made = problem, runs.measurements, runs, regression, task
+    return Posed(*made, options.weighting, errors, details)
 
 
 def in_columns(runs: FilteredRuns, model: Model, workers: Workers = ALONE) -> Regression:

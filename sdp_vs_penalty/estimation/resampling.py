@@ -241,10 +241,10 @@ class Split:
             self.common = compress_cells(self.runs, self.model.reference_free, self.phases)
         else:
             posed = pose(problem, data, options, progress)
-            assert isinstance(posed.data, FilteredRuns)
-            self.runs, self.model = FilteredRuns.of(data, posed.preprocessing), posed.task.model
+            assert posed.runs is not None
+            self.runs, self.model = FilteredRuns.of(data, posed.runs.settings), posed.task.model
             self.phases = phase_folds(data, self.runs.settings, folds)
-            self.common = compress_cells(posed.data, self.model, self.phases)
+            self.common = compress_cells(posed.runs, self.model, self.phases)
             self.raw = compress_cells(self.runs, replace(self.model, reference=None), self.phases)
         trained = all(self.common.select(self.phases.training(k)).factors for k in range(folds))
         if not (trained and self.numbers):

@@ -111,7 +111,7 @@ def write_posed(
         )
     check_format(out, estimator.entropy > 0.0)
     posed = pose(problem, measurements, options, progress)
-    task = posed.task
+    task, runs = posed.task, posed.runs
     objective, constraints = estimator.posed(task)
     progress("proving the optimum")
     fit = estimator.fit(task)
@@ -129,7 +129,7 @@ def write_posed(
         method=method,
         effects=[effect.text for effect in task.model.effects],
         gravity=list(posed.problem.robot.gravity),
-        filters=asdict(posed.preprocessing),
+        filters=asdict(posed.problem.preprocessing if runs is None else runs.settings),
         weighting=posed.weighting,
         data_hash=posed.measurements.data_hash,
     )
