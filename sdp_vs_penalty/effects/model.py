@@ -134,13 +134,12 @@ class Model:
         return self.joined(self.blocks(motion), len(motion.t))
 
     def wide(self, motion: Motion) -> Array:
-        """(n, N, p) the same with the columns of all parameters, zero where they do not act on a joint:
-        of a model whose channels read true."""
+        """(n, N, p) the same with columns for all parameters, zero where they do not act on a joint."""
         out = np.zeros((self.robot.n, len(motion.t), len(self.parameters)))
         for k, blocks in self.blocks(motion).items():
             for block in blocks:
                 out[block.joint][:, self.indices[k][block.parameters]] = block.columns
-        return out
+        return out if self.gains is None else np.array(self.gains)[:, None, None] * out
 
     def blocks(
         self, motion: Motion, known: Collection[int] = (), smooth: Motion | None = None

@@ -33,9 +33,6 @@ DIFFERENCE = float(np.cbrt(np.finfo(float).eps))
 #: Folds of the motion by which a shape constant is confirmed, and a servo's law chosen [-]; stretches of
 #: it whose errors an interval takes for independent, where no torque is logged.
 SHAPE_FOLDS = 10
-#: Relative standard deviation of a shape constant below which interpolation in the grid, good to a
-#: per cent, is not enough.
-TOLD_FINELY = 0.01
 #: Share of a range's logarithm: nearer to an end than this, a shape constant is at it.
 AT_END = 0.02
 

@@ -82,10 +82,8 @@ class Regressor:
 
     def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
         """(N, n, p) rows of each sample and joint."""
-        n = self.model.robot.n
-        p, columns = len(self.model.parameters), self.model.columns(Motion(t, q, dq, ddq))
-        wide = np.stack([c.wide(p)[:, self.columns] for c in columns], axis=1)
-        return wide * np.broadcast_to(self.scale, n)[:, None]
+        wide = np.stack(self.model.wide(Motion(t, q, dq, ddq))[..., self.columns], axis=1)
+        return wide * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
 
     def along(self, trajectory: FourierTrajectory, rate: float = _RATE) -> Array:
         """W of a trajectory, sampled at ``rate`` [Hz]."""
@@ -475,10 +473,8 @@ class Hypotheses:
 
     def distance(self, motion: Motion) -> float:
         """delta^2 of a motion, counted in independent rows."""
-        model = self.estimate.model
-        columns = model.columns(replace(motion, torque=None, current=None))
-        own = zip(columns, self.noise, strict=True)
-        X = np.vstack([c.wide(len(model.parameters)) / noise for c, noise in own])
+        wide = self.estimate.model.wide(replace(motion, torque=None, current=None))
+        X = (wide / self.noise[:, None, None]).reshape(-1, wide.shape[2])
         parts = [
             self._white(effect, motion).reshape(len(X), -1) * scale
             for effect, scale in zip(self.effects, self.scale, strict=True)

@@ -35,7 +35,7 @@ from scipy.special import stdtrit
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model, turning
-from sdp_vs_penalty.estimation.constants import AT_END, DIFFERENCE, SHAPE_FOLDS, TOLD_FINELY
+from sdp_vs_penalty.estimation.constants import AT_END, DIFFERENCE, SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
@@ -137,10 +137,10 @@ def estimate_shapes(
         refused = moves & ~(gains > needed)
         moves = moves & ~refused
     found = [replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)]
-    fine = {
+    fine = {  # for which interpolation in the grid, good to a per cent, is not enough
         (s.effect, s.joint, s.shape)
         for s in found
-        if s.after != s.before and not s.at_end and s.std < TOLD_FINELY * s.after
+        if s.after != s.before and not s.at_end and s.std < 0.01 * s.after
     }
     if not fine:
         return found

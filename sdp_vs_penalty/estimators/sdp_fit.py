@@ -28,9 +28,6 @@ FAR_GAP = 1e-3
 #: Each attempt's way from the last answer to the interior point at which cones are scaled, and
 #: whether parameters are scaled by the residual instead of the torque.
 ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
-#: Depth (:meth:`ConstraintSet.depth`) from which the nominal robot serves as the interior point. Seen
-#: from one on the boundary, such as an earlier estimate, cones are stretched a million times.
-_DEEP = 1e-3
 
 
 def solve_sdp(
@@ -180,7 +177,8 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
     lower = np.array([p.lower for p in task.model.parameters])
     nominal = np.where(np.isinf(lower), 0.0, lower + 1e-6 * task.bound)
     nominal[task.links] = task.nominal[task.links]
-    if constraints.depth(nominal) >= _DEEP:
+    # Seen from one on the boundary, such as an earlier estimate, cones are stretched a million times.
+    if constraints.depth(nominal) >= 1e-3:
         return nominal
     optimum = None
     # Where a link may weigh a hundred times what it does, units as large as the bounds can cost a
