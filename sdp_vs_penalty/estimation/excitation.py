@@ -82,7 +82,7 @@ class Regressor:
 
     def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
         """(N, n, p) rows of each sample and joint."""
-        wide = np.stack(self.model.wide(Motion(t, q, dq, ddq))[..., self.columns], axis=1)
+        wide = np.stack(list(self.model.wide(Motion(t, q, dq, ddq))[..., self.columns]), axis=1)
         return wide * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
 
     def along(self, trajectory: FourierTrajectory, rate: float = _RATE) -> Array:
