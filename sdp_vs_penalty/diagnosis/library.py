@@ -16,7 +16,6 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import STANDS, Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import TURNS
-from sdp_vs_penalty.estimation.shapes import alone
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
@@ -179,7 +178,7 @@ def _own_forms(data: WhiteData) -> Iterator[Form]:
             ratio = min(b / a for a, b in pairwise(grid))
             near = (float(f"{now * ratio**step:.6g}") for step in (-STEPS[1], STEPS[1]))
             values = sorted({high, *grid, *(x for x in near if grid[0] < x < high)} - {now})
-            yield from (Form(key, alone(effect, key[1], **{name: x}), own=True) for x in values)
+            yield from (Form(key, effect.with_shape([key[1]], **{name: x}), own=True) for x in values)
 
 
 def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool:

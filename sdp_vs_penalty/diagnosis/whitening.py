@@ -15,7 +15,6 @@ from sdp_vs_penalty.diagnosis.constants import CLUSTERS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import alone
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks
@@ -82,7 +81,7 @@ class WhiteData:
             return {}
         model = self.estimate.model
         return {
-            (e.name, j): (alone(e, j), int(column))
+            (e.name, j): (e.with_shape([j]), int(column))
             for e, columns in zip(model.effects, model.indices, strict=True)
             if e.estimated and len(columns) == len(e.joints)
             for j, column in zip(e.joints, columns, strict=True)

@@ -171,9 +171,10 @@ class Effect(ABC):
                 )
         self.shape: dict[str, float] = {k: s.default for k, s in self.shapes.items()} | shape
 
-    def with_shape(self, **shape: float) -> Effect:
-        """The same effect with these shape constants, the others as they are."""
-        return type(self)(self.robot, self.asked_joints, **{**self.shape, **shape})
+    def with_shape(self, joints: Sequence[int] | None = None, /, **shape: float) -> Effect:
+        """The same effect with these shape constants, the others as they are; or on some joints only."""
+        asked = self.asked_joints if joints is None else joints
+        return type(self)(self.robot, asked, **{**self.shape, **shape})
 
     def __init_subclass__(cls) -> None:
         if "equation" in vars(cls) and "name" not in vars(cls):

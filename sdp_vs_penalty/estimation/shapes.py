@@ -206,12 +206,12 @@ def _with_banks(
         ends, now = (grid[0], grid[-1]), effect.shape[key]
         if ends[0] <= now <= ends[-1]:  # in place of those within a tenth of it: exact there as well
             grid = tuple(sorted({now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}))
-        parts.append(_Grid([alone(effect, joint, **{key: value}) for value in grid]))
+        parts.append(_Grid([effect.with_shape([joint], **{key: value}) for value in grid]))
         columns = first + np.arange(len(grid))
         first += len(grid)
         if grid not in splines:
             splines[grid] = CubicSpline(np.log(grid), np.eye(len(grid)))
-        banks.append(_Bank(alone(effect, joint), joint, key, now, splines[grid], columns))
+        banks.append(_Bank(effect.with_shape([joint]), joint, key, now, splines[grid], columns))
     return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
 
 
@@ -402,11 +402,6 @@ class _Profile:
         return out
 
 
-def alone(effect: Effect, joint: int, **shape: float) -> Effect:
-    """The effect on one of its joints, with some shape constants changed."""
-    return type(effect)(effect.robot, [joint], **{**effect.shape, **shape})
-
-
 def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tuple[Effect, ...]:
     """The effects with estimated constants: those that were estimated stand alone, a joint each, in
     the same order, so that the parameters keep their places."""
@@ -419,7 +414,7 @@ def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tu
             continue
         for joint in effect.joints:
             own = {k: values[effect.name, j, k] for j, k in keys if j == joint}
-            out.append(alone(effect, joint, **own))
+            out.append(effect.with_shape([joint], **own))
     return tuple(out)
 
 
