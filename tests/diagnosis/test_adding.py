@@ -110,8 +110,8 @@ def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypa
     problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     estimate = identify(problem, small_run(problem), "ols")
     before = problem.constraints(estimate.model)
-    monkeypatch.setattr("sdp_vs_penalty.problem.problem.DEFAULT_RADIUS", 9.0)
-    monkeypatch.setattr("sdp_vs_penalty.problem.problem.DEFAULT_LINK_MASS", (1.0, 7.0))
+    monkeypatch.setattr("sdp_vs_penalty.problem.constants.DEFAULT_RADIUS", 9.0)
+    monkeypatch.setattr("sdp_vs_penalty.problem.constants.DEFAULT_LINK_MASS", (1.0, 7.0))
     after = reloaded(estimate, tmp_path).problem.constraints(estimate.model)
     assert len(before.convex) == len(after.convex)
     for old, new in zip(before.convex, after.convex, strict=True):
