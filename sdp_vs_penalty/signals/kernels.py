@@ -96,10 +96,10 @@ class Kernel(LowPass):
             second, u, (0, 2, 4, 6), (0.0, 2.0 / support**2, 0.0, 0.0)
         )(u)
 
-    def states(self, q: Array, step: int = 1) -> tuple[Array, Array, Array]:
-        """q, dq, ddq (N - 2 half, n) from positions (N, n), or every second one of them (``step`` 2)."""
+    def states(self, q: Array) -> tuple[Array, Array, Array]:
+        """q, dq, ddq (N - 2 half, n) from positions (N, n)."""
         centred = q - q[:1]  # keeps the rounding of the transforms relative to the motion
-        low, first, second = convolve(centred, self.value, self.first, self.second, step=step)
+        low, first, second = convolve(centred, self.value, self.first, self.second)
         return low + q[:1], first, second
 
     def sampled(self, stride: int) -> LowPass:
@@ -112,22 +112,18 @@ class Kernel(LowPass):
         return LowPass(value * _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))(u))
 
 
-def convolve(x: Array, *kernels: Array, step: int = 1) -> list[Array]:
+def convolve(x: Array, *kernels: Array) -> list[Array]:
     """x (N, n) convolved with each kernel (K,), K odd, where the two overlap fully: (N - K + 1, n), each
-    column contiguous, as they are worked on one by one. step : 2 for every second of these, from the
-    first on, whose spectrum is theirs with the upper half folded onto the lower.
+    column contiguous, as they are worked on one by one.
 
     By one Fourier transform of x for all kernels; what wraps around lies outside. (scipy.signal does
     the same, but its import takes longer than to identify a robot.)
     """
-    length = step * fft.next_fast_len(-(-len(x) // step), real=True)
+    length = fft.next_fast_len(len(x), real=True)
     spectrum, found = fft.rfft(x.T, length), list[Array]()
     for kernel in kernels:
-        product = spectrum * fft.rfft(kernel, length)
-        if step == 2:
-            product = 0.5 * (product + product[:, ::-1].conj())[:, : length // 4 + 1]
-        out = fft.irfft(product, length // step)
-        found.append(out[:, (len(kernel) - 1) // step : (len(x) - 1) // step + 1].T)
+        out = fft.irfft(spectrum * fft.rfft(kernel, length), length)
+        found.append(out[:, len(kernel) - 1 : len(x)].T)
     return found
 
 

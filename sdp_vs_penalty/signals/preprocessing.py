@@ -163,21 +163,19 @@ class RunFilter:
         their low-passes look."""
         reach = [self.stride * self.coarse.half, self.smooth_stride * self.smooth.half]
         first, last = at[0] - max(reach), at[-1] + max(reach)
-        step = 1 if (self.stride | self.smooth_stride) % 2 else 2  # of the samples that are read below
-        states = self._states(part, part.q, first, last, step)
-        end, (own, smooth) = (last - first) // step + 1, ((max(reach) - r) // step for r in reach)
-        grid = [x[own : end - own : self.stride // step] for x in states]
+        states = self._states(part, part.q, first, last)
+        beside = (max(reach) - r for r in reach)
+        own, smooth = (slice(k, last + 1 - first - k) for k in beside)
+        grid = [x[own][:: self.stride] for x in states]
         fine = self.motion(part, at[0] - reach[0], at[-1] + reach[0], grid)
-        q, dq, ddq = (x[smooth : end - smooth : self.smooth_stride // step] for x in states)
+        q, dq, ddq = (x[smooth][:: self.smooth_stride] for x in states)
         clock = part.clock(np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride))
         return fine, Motion(clock, q, dq, ddq)
 
-    def _states(
-        self, part: Stretch, q: Array, first: int, last: int, step: int = 1
-    ) -> tuple[Array, Array, Array]:
+    def _states(self, part: Stretch, q: Array, first: int, last: int) -> tuple[Array, Array, Array]:
         """Positions of a log and their rates, low-passed, from sample ``first`` to ``last``."""
         around = part.resampled(q, first - self.state.half, last + 1 + self.state.half)
-        return self.state.states(around, step)
+        return self.state.states(around)
 
     def motion(
         self, part: Stretch, first: int, last: int, states: Sequence[Array] | None = None
