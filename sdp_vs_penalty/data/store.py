@@ -12,7 +12,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -46,13 +46,14 @@ def digest(arrays: Iterable[NDArray[Any]]) -> str:
     return found.hexdigest()
 
 
+@dataclass
 class Growing:
     """An array (N, ...) that rows are appended to."""
 
-    def __init__(self) -> None:
-        self._pieces: list[NDArray[Any]] = []
-        self._bytes, self._rows = 0, 0
-        self._file: BinaryIO | None = None
+    _pieces: list[NDArray[Any]] = field(default_factory=list)
+    _bytes: int = 0
+    _rows: int = 0
+    _file: BinaryIO | None = None
 
     def append(self, rows: NDArray[Any]) -> None:
         """Add rows, of the shape and type of the first ones."""

@@ -52,15 +52,10 @@ def commanded_motion(measured: Measurements) -> Measurements:
     return replace(measured, commanded=told)
 
 
-def is_instrumented(measured: Measurements) -> bool:
-    """Whether a log holds the motion of its instruments beside its own."""
-    return "qsim" in measured.commanded
-
-
 def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
     """The rows of a run. Where it holds a simulated motion (positions "qsim") with the same columns on
     that motion before them: [Z, tau_Z, X], those of Z counted behind the model's."""
-    if not is_instrumented(run.run):
+    if "qsim" not in run.run.commanded:
         yield from run.rows(model)
         return
     p = len(model.parameters)

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows, is_instrumented
+from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
@@ -353,7 +353,7 @@ def compress_cells(
     factors = [factor for own, _ in found for factor in own]
     rows = sum(f.rows for f in factors if f.joint == 0)
     own_errors = model.drives.any() and model.reference is not None
-    if own_errors or any(is_instrumented(run.run) for run in runs.runs):
+    if own_errors or any("qsim" in run.run.commanded for run in runs.runs):
         made = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
         factors = [
             replace(f, indices=own, triangle=_each_folded([whole])[0])

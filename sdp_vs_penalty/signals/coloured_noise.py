@@ -28,7 +28,7 @@ _FAR = 5.0
 LENGTHS = (1, 4, 16)
 #: Events are rare: what fills more than this share of the rows is noise of another kind.
 RARE = 0.15
-#: The same beside a model's error, whose tail is known from the others only.
+#: The same probability beside a model's error, whose tail is known from the other windows only.
 FALSE_LONE = 1e-2
 
 
@@ -46,24 +46,21 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         lags = range(1, ORDER + 1)
         return [np.concatenate([np.arange(0), *(p[ORDER - k : -k] for p in self)]) for k in lags]
 
+    #: The filter that was asked for last, and by what.
+    _last: tuple[tuple[bytes, int], sparse.csr_array] | None = None
+
     def filter(self, ar: Array, count: int) -> sparse.csr_array:
         """(count, count) what an autoregression does to a series: each predicted row less what its past
         says of it, zero rows elsewhere; the last is kept."""
         key = ar.tobytes(), count
-        if key not in self._filters:
-            rows, last = self.predicted, np.zeros(count + 1, np.intp)
-            last[rows + 1] = ORDER + 1
+        if self._last is None or self._last[0] != key:
+            rows, ends = self.predicted, np.zeros(count + 1, np.intp)
+            ends[rows + 1] = ORDER + 1
             places = np.column_stack([*reversed(self.past), rows]).ravel()
             weights = np.tile(np.append(-ar[::-1], 1.0), len(rows))
-            self._filters.clear()
-            self._filters[key] = sparse.csr_array(
-                (weights, places, np.cumsum(last)), shape=(count, count)
-            )
-        return self._filters[key]
-
-    @cached_property
-    def _filters(self) -> dict[tuple[bytes, int], sparse.csr_array]:
-        return {}
+            parts = weights, places, np.cumsum(ends)
+            self._last = key, sparse.csr_array(parts, shape=(count, count))
+        return self._last[1]
 
 
 def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:

@@ -8,7 +8,7 @@ what is given the same :class:`FilteredRuns`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -51,14 +51,15 @@ class Piece:
 Read = Callable[[], list[Block]]
 
 
+@dataclass
 class _Kept:
     """A piece, and the columns of the last model's effects on it: of each effect those over which
     velocities signs turned. shelf : of a long run, the file in which the piece lies, and the columns of
     smooth effects, which take the longest."""
 
-    def __init__(self, read: Callable[[], Piece], shelf: Shelf | None = None) -> None:
-        self.read, self._shelf = read, shelf
-        self._columns = list[tuple[Effect, tuple[float, ...], Read]]()
+    read: Callable[[], Piece]
+    shelf: Shelf | None
+    columns: list[tuple[Effect, tuple[float, ...], Read]] = field(default_factory=list)
 
     def rows(self, model: Model) -> Rows:
         """The piece in the columns of a model."""
@@ -66,7 +67,7 @@ class _Kept:
         reads = {
             k: read
             for k, effect in enumerate(effects)
-            for one, turned, read in self._columns
+            for one, turned, read in self.columns
             if one.same_columns(effect) and (effect.signless or turned == width)
         }
         known = {k: read() for k, read in reads.items()}
@@ -75,11 +76,11 @@ class _Kept:
         few = [k for k in made if smooth is not None and effects[k].smooth]
         known |= low_passed(piece.smooth_low_pass, {k: made.pop(k) for k in few})
         known |= low_passed(piece.low_pass, made)
-        put = partial(partial, list) if self._shelf is None else self._shelf.put
-        self._columns = [
+        put = partial(partial, list) if self.shelf is None else self.shelf.put
+        self.columns = [
             (effect, width, reads.get(k) or put(known[k]))
             for k, effect in enumerate(effects)
-            if not depends(effect) and (effect.smooth or self._shelf is None)
+            if not depends(effect) and (effect.smooth or self.shelf is None)
         ]
         columns, torque = model.explaining(model.joined(known, len(piece.torque)), piece.torque)
         return Rows(piece.rows, torque, columns)
@@ -95,22 +96,22 @@ def low_passed(low_pass: Decimator, blocks: Mapping[int, list[Block]]) -> dict[i
     return {k: [replace(b, columns=next(parts)) for b in own] for k, own in blocks.items()}
 
 
+@dataclass(eq=False)
 class FilteredRun:
-    """One run behind its filters. settings : resolved; moving : which instants count (default: those at
+    """One run behind its filters. settings : resolved; told : which instants count (default: those at
     which the run moves).
 
     Raises InputError, when it is asked for rows, for a run that is shorter than the filters need.
     """
 
-    def __init__(
-        self, run: Measurements, settings: Preprocessing, moving: Movement | None = None
-    ) -> None:
-        self.run, self.settings, self._moving = run, settings, moving
-        self._kept = dict[bool, list[_Kept]]()
+    run: Measurements
+    settings: Preprocessing
+    told: Movement | None = None
+    _kept: dict[bool, list[_Kept]] = field(default_factory=dict, init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Without rows: another process cuts them again."""
-        return FilteredRun, (self.run, self.settings, self._moving)
+        return FilteredRun, (self.run, self.settings, self.told)
 
     @cached_property
     def filters(self) -> RunFilter:
@@ -120,7 +121,7 @@ class FilteredRun:
     @property
     def moving(self) -> Movement:
         """Which instants count."""
-        return self._moving or self.filters.movement
+        return self.told or self.filters.movement
 
     @cached_property
     def simulated(self) -> FilteredRun:

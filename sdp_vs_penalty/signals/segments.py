@@ -17,6 +17,7 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,21 +49,23 @@ MOST = 4000
 _WINDOWS = 4
 
 
-class Columns:
-    """Effects' columns at the rows. parts : low-pass (M, N) and motion of each segment; before : those
-    of another model, from which columns of the motion alone are taken over."""
+#: An effect with its columns, by what makes effects alike.
+Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
-    def __init__(self, parts: Sequence[tuple[Decimator, Motion]], before: Columns | None = None) -> None:
-        self._parts = parts
-        #: What is known of the motion alone and, with the model's torque and links, of this model.
-        self._kept: tuple[dict[Hashable, tuple[Effect, list[Block]]], ...]
-        self._kept = ({} if before is None else before._kept[0], {})
+
+@dataclass(frozen=True)
+class Columns:
+    """Effects' columns at the rows. parts : low-pass (M, N) and motion of each segment; kept : those
+    that were asked for, of the motion alone and, with the model's torque and links, of this model."""
+
+    parts: Sequence[tuple[Decimator, Motion]]
+    kept: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
 
     def of(self, effect: Effect, keep: bool) -> list[Block]:
         """Blocks of (M, k) of the true torque; keep : for who asks again."""
-        width = None if effect.signless or not self._parts else self._parts[0][1].sign_width
+        width = None if effect.signless or not self.parts else self.parts[0][1].sign_width
         key = type(effect), effect.joints, *effect.shape.items(), width
-        kept = self._kept[depends(effect)]
+        kept = self.kept[depends(effect)]
         known, blocks = kept.get(key, (None, None))
         if blocks is None or known is None or not known.same_columns(effect):
             blocks = self._made(effect)
@@ -73,7 +76,7 @@ class Columns:
     def _made(self, effect: Effect) -> list[Block]:
         """A few rows at a time, of a column grid many times as fine: the fewer, the more columns."""
         whole, pieces = depends(effect) or effect.has_memory, list[list[Block]]()
-        for low_pass, motion in self._parts:
+        for low_pass, motion in self.parts:
             count = len(low_pass.at)
             step = count if whole else PART // (2 * len(effect.parameters))
             for start in range(0, count, step):
@@ -229,7 +232,7 @@ class SegmentedRuns:
     def with_model(self, attach: Callable[[Motion], Motion]) -> SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
-        columns = Columns([(s.low_pass, s.motion) for s in segments], self.columns)
+        columns = Columns([(s.low_pass, s.motion) for s in segments], (self.columns.kept[0], {}))
         return replace(self, segments=segments, columns=columns)
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
