@@ -139,11 +139,8 @@ def massless_links(path: str | Path) -> list[str]:
 
     Raises InputError as :func:`check_urdf` does.
     """
-    robot, nominal = load_urdf(path)
-    joints = Document.read(path).root.findall("joint")
-    child = {joint.get("name"): str(joint.find("child").get("link")) for joint in joints}
-    carriers = [robot.tree[k].name for k in robot.link_joints]
-    return [child[j] for j, theta in zip(carriers, nominal, strict=True) if not theta.any()]
+    moving = zip(placed_links(path), load_urdf(path)[1], strict=True)
+    return [str(parts[0][0].get("name")) for parts, theta in moving if not theta.any()]
 
 
 def nearest_inertia(about_com: Array) -> Array:

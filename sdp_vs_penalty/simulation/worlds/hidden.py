@@ -92,12 +92,13 @@ def plain(law: Callable[[World, int, TrueMotion], Array], signed: bool = False) 
     return make
 
 
-def shifted(joint: int, shift: Change, number: float, size: float) -> Hidden:
-    """The link of a joint stands at q + shift, where q is what motor and encoder do."""
+def shifted(joint: int, shift: Change, number: float, size: float, rates: bool = True) -> Hidden:
+    """The link of a joint stands at q + shift, where q is what motor and encoder do; rates : whether its
+    velocity and acceleration differ too."""
 
     def change(world: World, m: TrueMotion, size: float) -> Array:
         moved = displaced(m, joint, shift(world, m, size))
-        return world.rigid(moved) - world.rigid(m)
+        return world.rigid(moved if rates else replace(m, q=moved.q)) - world.rigid(m)
 
     return Hidden((joint,), change, number, size=size, shift=shift)
 
@@ -340,11 +341,7 @@ def _backlash(w: World, j: int, rng: Generator) -> Hidden:
         tau = w.rigid(m)[:, j]
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
-    def change(w: World, m: TrueMotion, b: float) -> Array:
-        q = m.q + np.outer(shift(w, m, b), np.eye(w.arm.n)[j])
-        return w.rigid(replace(m, q=q)) - w.rigid(m)
-
-    return Hidden((j,), change, 1.0, size=1e-4, shift=shift)
+    return shifted(j, shift, 1.0, 1e-4, rates=False)
 
 
 def _tilt(w: World, j: int, rng: Generator) -> Hidden:
