@@ -98,36 +98,31 @@ def verdict(said: Verdict, name: str = "") -> None:
 
 
 def certificate(result: Estimate) -> None:
-    """What the certificate says, a line each, and which bounds the estimate lies on."""
-    lines = result.certificate.summary()
-    if bounds := result.details.get("on_bounds"):
-        lines.append(("on their bounds", f"{', '.join(bounds)}: widen the bounds, or measure more"))
-    lines += determined(result)
-    details(*zip(*lines, strict=True))
-    for remark in filter(None, (result.certificate.not_found, result.unweighed)):
-        explain(remark)
-
-
-def determined(result: Estimate) -> list[tuple[str, str]]:
-    """How many parameters the data determine; the base parameters that the prior decides.
+    """What the certificate says, a line each; which bounds the estimate lies on; how many parameters the
+    data determine, and which base parameters the prior decides.
 
     Where a base parameter that should be the data's has no standard deviation, none of it is known.
     """
-    base, name = result.details.get("base_parameters"), "determined by the data"
-    if base is None:
-        return []
+    lines, name = result.certificate.summary(), "determined by the data"
+    if bounds := result.details.get("on_bounds"):
+        lines.append(("on their bounds", f"{', '.join(bounds)}: widen the bounds, or measure more"))
+    base = result.details.get("base_parameters") or []
     prior = {b["name"]: b["source"] for b in base if b["source"] not in ("data", "given")}
-    own, std = result.sources.count("data"), {b.name: b.std for b in result.uncertainty.base}
+    std = {b.name: b.std for b in result.uncertainty.base}
     blind = sum(b["source"] == "data" and np.isnan(std.get(b["name"], 0.0)) for b in base)
     if blind:
         text = f"nothing is known of the intervals: {blind} of {len(base)} base parameters have none"
-        return [(name, text)]
-    sure = f"{len(base) - len(prior)} of {len(base)} base parameters"
-    lines = [(name, f"{sure}, {own} of {len(result.theta)} standard")]
-    if prior:
+        lines.append((name, text))
+    elif base:
+        sure, own = len(base) - len(prior), result.sources.count("data")
+        text = f"{sure} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
+        lines.append((name, text))
+    if prior and not blind:
         first = next(iter(prior.values()))
         lines.append((f"from the {first}", f"{', '.join(prior)}; see `source` in the file"))
-    return lines
+    details(*zip(*lines, strict=True))
+    for remark in filter(None, (result.certificate.not_found, result.unweighed)):
+        explain(remark)
 
 
 def comparison(
