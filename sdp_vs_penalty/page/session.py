@@ -252,9 +252,6 @@ class Session:
         if self.meaningless and not self.anyway:
             raise InputError(self.meaningless[0], 'repair it under Check, or tick "Identify anyway"')
 
-    def _next_file(self) -> str:
-        return str(self.folder / f"model-{len([*self.folder.glob('model-*.json')]) + 1}.json")
-
     async def choose_robot(self, source: str, urdf: str | None = None) -> None:
         """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
         self.names[source] = urdf or source
@@ -338,18 +335,23 @@ class Session:
         if not self.effects:
             raise InputError("No effect is chosen", "choose at least rigid_body")
         self._refuse_meaningless()
-        how = {"effects": ",".join(self.effects), "method": self.method, "out": self._next_file()}
-        self._begin(await self._job(f"Identifying by {self.method}", "fit", **how), label="identified")
+        asked = {"effects": ",".join(self.effects), "method": self.method}
+        self._begin(await self._step(f"Identifying by {self.method}", "fit", asked, label="identified"))
 
     async def open_model(self, path: str, name: str) -> None:
         """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
         self.names[path] = name
-        how = {"model": path, "out": self._next_file()}
-        self._begin(await self._job(f"Opening {name}", "open_model", **how), label=name, opened=name)
+        told = {"label": name, "opened": name}
+        self._begin(await self._step(f"Opening {name}", "open_model", {"model": path}, **told))
 
-    def _begin(self, answer: dict[str, Any], **how: Any) -> None:
+    async def _step(self, title: str, job: str, asked: dict[str, Any], **told: Any) -> ModelStep:
+        """A model in a file of its own, by a function of jobs.py; told : what that does not say."""
+        out = self.folder / f"model-{len([*self.folder.glob('model-*.json')]) + 1}.json"
+        return ModelStep(**await self._job(title, job, out=str(out), **asked), **told)
+
+    def _begin(self, step: ModelStep) -> None:
         self._forget_models()
-        self.history, self.new = [ModelStep(**answer, **how)], ("identify", "fit")
+        self.history, self.new = [step], ("identify", "fit")
 
     async def diagnose(self) -> None:
         """What the current model misses."""
@@ -364,15 +366,9 @@ class Session:
         frozen = self.frozen or (self.findings is not None and self.findings.frozen)
         steps = [self.current]
         for text in texts:
-            how: dict[str, Any] = {
-                "effect": text,
-                "frozen": frozen,
-                "out": self._next_file(),
-                "model": steps[-1].file,
-            }
-            answer = await self._job("Adding what was chosen", "extend", **how)
-            label = f"+ {text.partition('@')[0]}"
-            steps.append(ModelStep(**answer, label=label, added=(text,), frozen=frozen))
+            asked = {"effect": text, "frozen": frozen, "model": steps[-1].file}
+            told: Any = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
+            steps.append(await self._step("Adding what was chosen", "extend", asked, **told))
         self.history, self.undone = [*self.history, *steps[1:]], []
         self.new = "diagnose", "history"
 
