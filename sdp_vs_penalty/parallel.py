@@ -27,8 +27,6 @@ Result = TypeVar("Result")
 
 #: How often a task is started again when its worker dies.
 _RETRIES = 5
-#: Tasks for each thread of a cluster, at most.
-_BATCHES = 16
 #: Seconds to wait for a scheduler to answer.
 _PATIENCE = 10.0
 
@@ -95,9 +93,9 @@ def _fetched(name: str) -> Callable[[Any], Any]:
 
 
 def _batches(items: list[Item], threads: int) -> list[list[Item]]:
-    """Short tasks travel together: at most ``_BATCHES`` a thread, so that nobody waits for the last one
-    for long."""
-    count = -(-len(items) // max(1, min(len(items), _BATCHES * threads)))
+    """Short tasks travel together: at most 16 a thread, so that nobody waits for the last one for
+    long."""
+    count = -(-len(items) // max(1, min(len(items), 16 * threads)))
     return [items[k : k + count] for k in range(0, len(items), count)]
 
 

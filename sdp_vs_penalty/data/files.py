@@ -80,12 +80,12 @@ def as_measurements(
 def _one(
     part: Any, joints: int | None, names: Sequence[str] | None, what: str, number: int, usable: bool
 ) -> Measurements:
-    counted, label = ("sample", 1), None
+    word, label = "sample", None
     if isinstance(part, Measurements):
         found = without_traces(part)
     elif isinstance(part, str | Path):
         found, label = read_run(part, joints, names), part
-        counted = getattr(format_of(Path(part)) or csv, "SAMPLE", counted)
+        word = getattr(format_of(Path(part)) or csv, "SAMPLE", word)
     else:
         columns = _columns(part)
         if columns is None:
@@ -96,7 +96,7 @@ def _one(
         if joints is not None and found.n != joints:
             raise other_robot(found.n, joints, what)
     for run in found.runs() if usable else ():
-        check_usable(label or run.names[0], run, *counted)
+        check_usable(label or run.names[0], run, word)
     return found
 
 
@@ -185,11 +185,12 @@ def read_run(
     return without_traces(part)
 
 
-def check_usable(path: str | Path, m: Measurements, word: str = "sample", first: int = 1) -> None:
+def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> None:
     """InputError for what makes a run useless: too short, not finite, a clock that does not advance.
 
-    path : what messages call the run; word, first : how they count its samples.
+    path : what messages call the run; word : and its samples; rows are counted from the header on.
     """
+    first = 2 if word == "row" else 1
     if len(m.t) < 2:
         raise InputError(f"the run has {formatting.count(len(m.t), 'sample')}", "record longer", path)
 

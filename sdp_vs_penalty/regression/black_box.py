@@ -25,9 +25,6 @@ from sdp_vs_penalty.regression.regression import Factor, Regression, triangular
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 
-#: A library prints a few digits: M(q) may differ from its transpose by this share of its size.
-_ASYMMETRY = 1e-3
-
 
 @dataclass(frozen=True)
 class BlackBox:
@@ -104,7 +101,7 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     matrices = arrays["mass_matrix"]
     difference = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2))
     worst = int(np.argmax(difference))
-    if difference[worst] > _ASYMMETRY * np.abs(matrices).max():
+    if difference[worst] > 1e-3 * np.abs(matrices).max():  # a library prints a few digits
         what = f"array mass_matrix, configuration {worst + 1}: not symmetric"
         raise InputError(what, "give M(q) in full", path)
     return BlackBox(q, arrays["gravity"], matrices, (path.name,))

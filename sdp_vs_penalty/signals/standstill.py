@@ -24,8 +24,6 @@ STILL = 0.01
 #: Rows of which more than this comes from a slow joint show how its dry friction turns round as well;
 #: rows that all but this share comes from a standstill show what holds the joint.
 SLOW = 0.1
-#: By how many times more than moving rows those of a standstill are off where no law says what holds.
-_LAWLESS = 2.0
 
 
 def standing(stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]) -> Array:
@@ -96,7 +94,7 @@ def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:
     rest = (left - laws @ np.linalg.lstsq(laws, left, rcond=1e-10)[0]) ** 2
     usual = float(rest[moves].mean())
     variance = max(float(rest[stands].mean()) - usual, 0.0)
-    if variance <= _LAWLESS**2 * usual:
+    if variance <= 4.0 * usual:  # no more than twice as far off as moving rows
         return float(np.sqrt(variance)), False
     return float(np.sqrt(variance * np.sum(share**2))), True
 

@@ -2,7 +2,7 @@
 
 A module has ``SUFFIXES`` that choose it, ``read(path, choice) -> Measurements`` and, where runs can be
 written, ``write(measurements, path)``; ``reads(path)`` for folders, and ``SAMPLE`` where its samples
-are not counted from 1. Readers return a run as it is in the file: clock and numbers are checked
+are called otherwise. Readers return a run as it is in the file: clock and numbers are checked
 afterwards, or mended by the data check.
 """
 

@@ -16,8 +16,8 @@ from sdp_vs_penalty.files import reading, writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".csv",)
-#: What messages call a sample, and the number of the first one: below the header.
-SAMPLE = ("row", 2)
+#: What messages call a sample.
+SAMPLE = "row"
 #: Characters that are worked on at a time; a file with a longer line is no table.
 PIECE = 1 << 20
 _FORMATS = "give measurements as CSV text or .npz"
