@@ -141,7 +141,7 @@ def test_frames_hold_the_same_numbers(two_link):
     assert table.loc[("b", 2), "rmse"] == comparisons[1].rmse[1]
 
 
-def test_an_error_after_reversals_is_seen_there(two_link):
+def test_an_error_after_reversals_is_seen_there(two_link, capsys):
     run = repeating_run(two_link, 0, noise=0.05)
     velocity = np.gradient(run.q[:, 1], run.t)
     turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))
@@ -161,9 +161,11 @@ def test_an_error_after_reversals_is_seen_there(two_link):
     instants = run.t[turns]
     assert all(np.min(np.abs(instants - 0.5 * (s.start + s.stop))) < 0.5 for s in near)
     assert not any(s.cause == REVERSAL for s in first.stretches)
+    printing.where_it_fails([first, second], ["N m", "N m"], "it")
+    assert "joint 2: The error depends" in capsys.readouterr().out
 
 
-def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link, capsys):
+def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link):
     run = repeating_run(two_link, 0, noise=0.05)
     ripple = run.tau + [[0.0, 0.6]] * np.sin(40.0 * run.q)
     first, second = where_it_fails(identify(two_link, run), replace(run, tau=ripple))
@@ -172,5 +174,3 @@ def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link, capsys):
     assert 0.4 < amplitude < 0.6  # less where the joint is slow: what is slow is taken away
     assert over > 5.0
     assert 40 not in [k for k, *_ in first.orders]
-    printing.where_it_fails([first, second], ["N m", "N m"], "it")
-    assert "joint 2: " in capsys.readouterr().out

@@ -17,12 +17,14 @@ from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError, compare, follow, identify, load_estimate, load_measurements
 from sdp_vs_penalty.diagnosis import Curve
+from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page import worker
 from sdp_vs_penalty.page.auth_middleware import guarded
 from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page.stages import use
 from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 from sdp_vs_penalty.reports.plots import Curves, envelope, shifts
 from sdp_vs_penalty.reports.sections import judged_row
@@ -468,6 +470,11 @@ def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     assert not second.folder.exists()
     sessions.close()
     assert not sessions.root.exists()
+
+
+def test_every_export_is_offered_once():
+    offered = [*use.FILES, *use.LOAD, *use.MORE]
+    assert sorted(offered) == sorted({*use.FILES, *(home.FILE for home in formats().values())})
 
 
 def test_long_curves_are_drawn_by_their_envelope():
