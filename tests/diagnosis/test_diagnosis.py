@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from sdp_vs_penalty import (
     load_estimate,
     load_problem,
 )
+from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
@@ -200,10 +202,15 @@ def test_held_out_errors_without_a_test_run(small_slope):
     assert any("folds by the phase" in r for r in result.remarks)
 
 
-def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found):
+def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     first = replace(found.effects[0], indistinguishable_from=(), confidence="confident")
     assert first.undecided is None
-    assert replace(first, confidence="weak").undecided == first.text
+    weak = replace(first, confidence="weak")
+    assert weak.undecided == first.text
+    printing.undecided(replace(found, effects=(weak,)), Path("m.json"))
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("Finding 1, the run that would tell: sdp-vs-penalty excite m.json")
+    assert said.endswith("--out tell1.csv")
     rivals = ("sigmoid_friction",)
     assert replace(first, indistinguishable_from=rivals).undecided == f"{first.text},sigmoid_friction:3"
     assert replace(first, confidence="weak", indistinguishable_from=(CURVE,)).undecided is None

@@ -82,6 +82,7 @@ def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_l
     row = toy_task.data.loss(toy_task.ols) / toy_task.data.rows
     weight = 0.0 if fit.objective.entropy is None else fit.objective.entropy.weight
     assert weight == pytest.approx(estimator.entropy * row)
+    assert (weight > 0.0) == (method in ("lmi-sdp", "lmi-sdp-entropic"))
     theta, certificate = certify(toy_task, fit)
     asked = two_link, toy_task, fit.objective, estimator, solver
     found, value = cvxpy_optimum(*asked, **CVXPY_SOLVERS[solver])
