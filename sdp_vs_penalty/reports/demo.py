@@ -30,7 +30,7 @@ RUNS = ("run1.csv", "run2.csv", "test.csv")
 @dataclass(frozen=True)
 class Demo:
     """compared : each method's model judged on motion that it has not seen; failures, found : of the
-    last one; after : that model with what was found; truth : what was hidden."""
+    last one; after : that model with what was found added; truth : what was hidden."""
 
     compared: list[Comparison]
     failures: Failures
@@ -38,11 +38,6 @@ class Demo:
     model: Estimate
     after: Comparison
     truth: str
-
-    @property
-    def before(self) -> Comparison:
-        """The model that the effects were added to."""
-        return self.compared[-1]
 
 
 def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) -> Demo:

@@ -80,15 +80,6 @@ class Sensor:
             out.append(signal.lfilter([innovation], row, x)[500:])
         return np.column_stack(out)
 
-    def log_times(self, duration: float, rng: np.random.Generator) -> Array:
-        """(N,) instants of the log entries in [0, duration] [s]."""
-        if self.log_step is None:
-            return np.arange(int(np.floor(duration * self.rate * (1.0 + 1e-12))) + 1) / self.rate
-        steps = rng.normal(self.log_step, self.log_jitter, int(1.2 * duration / self.log_step) + 10)
-        times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
-        times = np.concatenate([[0.0], times[times > 0.0]])
-        return times[times <= duration]
-
     def instants(self, duration: float) -> Array:
         """(N,) when the controller renews its values in [0, duration] [s]."""
         return np.arange(int(np.ceil(duration * self.rate)) + 1) / self.rate
@@ -99,7 +90,12 @@ class Sensor:
         """Times, positions and torques as logged, of true ones (N, n) at :meth:`instants`: the log's
         clock reads whatever value was last."""
         noisy = torque + self.noise(len(q), rng)
-        times = self.log_times(duration, rng)
+        times = np.arange(int(np.floor(duration * self.rate * (1.0 + 1e-12))) + 1) / self.rate
+        if self.log_step is not None:
+            steps = rng.normal(self.log_step, self.log_jitter, int(1.2 * duration / self.log_step) + 10)
+            times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
+            times = np.concatenate([[0.0], times[times > 0.0]])
+            times = times[times <= duration]
         held = np.clip(np.floor(times * self.rate + 1e-9).astype(np.intp), 0, len(q) - 1)
         return times, _counted(q[held], self.position_step), _counted(noisy[held], self.torque_step)
 

@@ -17,7 +17,7 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
 
     with console.progress("simulating") as progress:
         made = demo(out, seed, progress)
-    before, units = made.before, made.model.robot.torque_units
+    before, units = made.compared[-1], made.model.robot.torque_units
     console.say(f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out}).")
     console.say("1. Identify: the same runs by three methods", style="bold")
     rows = list(map(judged_row, made.compared))

@@ -24,12 +24,12 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.research.tables import all_tables, make_tables
+    from sdp_vs_penalty.research.tables import make_tables, makers
 
     if all_:
         if names or problem:
             raise InputError("--all makes every table", "leave out names and --problem")
-        names = list(all_tables())
+        names = [name for name, maker in makers().items() if not maker.slow]
     with console.progress("tables") as progress:
         workers = Workers(jobs, scheduler)
         made = make_tables(names or None, problem, budget.value, out, progress, workers=workers)

@@ -34,11 +34,6 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     return [maker.made(study) for maker in chosen]
 
 
-def all_tables() -> tuple[str, ...]:
-    """Every table that does not take minutes of its own."""
-    return tuple(name for name, maker in makers().items() if not maker.slow)
-
-
 def _chosen(names: Sequence[str] | None) -> list[Maker]:
     known = {name.lower(): maker for name, maker in makers().items()}
     for name in names or ():
