@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from periodic_runs import SETTINGS, periodic, run_of
+from small_runs import SETTINGS, periodic, run_of
 
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements

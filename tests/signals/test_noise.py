@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from periodic_runs import periodic
 from scipy import signal
+from small_runs import periodic
 
 from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
