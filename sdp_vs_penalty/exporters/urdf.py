@@ -271,12 +271,10 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, or
     of corresponding joint frames in the base, parameters move by T_file^-1 T_model.
     """
     from_file, from_model = (r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine))
-    out = np.empty_like(links)
-    place, mine_place = ({joint: k for k, joint in enumerate(r.link_joints)} for r in (theirs, mine))
+    held, out = dict(zip(mine.link_joints, links, strict=True)), []
     near = 1e-4  # what rounded DH tables leave between two axes that are one [m, -]
-    for index, joint in enumerate(theirs.tree):
-        other = mine.tree[order[index]]
-        relation = np.linalg.inv(from_file[index]) @ from_model[order[index]]
+    for index, (joint, k) in enumerate(zip(theirs.tree, order, strict=True)):
+        other, relation = mine.tree[k], np.linalg.inv(from_file[index]) @ from_model[k]
         turned, offset = relation[:3, :3] @ other.axis, relation[:3, 3]
         across = float(np.linalg.norm(offset - joint.axis * (joint.axis @ offset)))
         apart = across if joint.kind == "revolute" else 0.0
@@ -286,8 +284,7 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, or
             raise InputError(f"{what} (another kind, parent or direction of its axis)", _REMEDY, path)
         if apart > near:
             raise InputError(f"{what}: its axis lies {1e3 * apart:.3g} mm away", _REMEDY, path)
-        if index in place:
-            own = links[mine_place[order[index]]]
+        if index in theirs.link_joints:
             same = np.array_equal(relation, np.eye(4))
-            out[place[index]] = own if same else inertia.transform(relation) @ own
-    return out
+            out.append(held[k] if same else inertia.transform(relation) @ held[k])
+    return np.array(out)
