@@ -80,6 +80,7 @@ class Sandwich:
         self.pooled, self.kernel = inflation * self.white, _kernel(regression, inflation)
         self.prior = V.T * (strength / prior_scale**2) @ V
         self.norms, self.solution = whole.column_norms, V @ z
+        self._basis = np.linalg.qr(V * self.norms[:, None])[0]  # of the visible directions, at unit norm
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
         """Which linear functions (k, p) of theta the data determine."""
@@ -90,11 +91,6 @@ class Sandwich:
         inside = np.sum((scaled @ self._basis) ** 2, axis=1)
         # A linear function of theta belongs to the visible ones up to this much of its square.
         return np.asarray((inside > (1.0 - 1e-6) * total) & ~hidden & (total > 0.0))
-
-    @cached_property
-    def _basis(self) -> Array:
-        """(p, r) of the visible directions at unit norm."""
-        return np.asarray(np.linalg.qr(self.directions * self.norms[:, None])[0])
 
     def half_widths(self, contrasts: Array) -> Array:
         """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its first parameters

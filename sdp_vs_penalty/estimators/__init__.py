@@ -47,6 +47,5 @@ __getattr__ = surface(
         "Task": "estimator",
         "interior_point": "sdp_fit",
         "make_task": "estimator",
-        "solve_sdp": "sdp_fit",
     },
 )

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, sample_variance, with_joint_prior
-from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
+from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
@@ -56,7 +56,7 @@ class LmiSdp(Estimator):
 
     def fit(self, task: Task) -> Fit:
         objective, constraints = self.posed(task)
-        return solve_sdp(task, objective, constraints, self.solver, self.accuracy)
+        return PosedSdp(task, objective, constraints, self.solver).fit(objective, self.accuracy)
 
     @property
     def rest(self) -> str:
@@ -64,7 +64,9 @@ class LmiSdp(Estimator):
 
     def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
         """What is minimised, subject to what."""
-        constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
+        constraints = task.constraints
+        if self.thickness > 0.0:
+            constraints = constraints.plus(task.minimum_thickness(self.thickness))
         if self.body:
             constraints = constraints.plus(task.bodies)
         data = with_joint_prior(task, self.joint_prior).data
@@ -132,10 +134,12 @@ class LmiSdpTwoStep(Estimator):
         # them it is open to infinity.
         kept = ("pseudo-inertia", "sign", "range", "trace", "bounding ellipsoid", "mass")
         physics = task.constraints.with_families(kept.__contains__)
-        nearest = solve_sdp(task, Objective(task.base_distance), physics, self.solver, self.accuracy)
-        torque = Objective(task.data)
-        best = solve_sdp(task, torque, physics, self.solver, self.accuracy)
-        bounded = solve_sdp(task, torque, task.constraints, self.solver, self.accuracy)
+        distance, torque = Objective(task.base_distance), Objective(task.data)
+        steps = (distance, physics), (torque, physics), (torque, task.constraints)
+        nearest, best, bounded = (
+            PosedSdp(task, objective, constraints, self.solver).fit(objective, self.accuracy)
+            for objective, constraints in steps
+        )
         names = ("beta_prime", "beta_star", "beta_star_e")
         pairs = zip(names, (nearest, best, bounded), strict=True)
         chain = {name: (task.base @ fit.theta).tolist() for name, fit in pairs}

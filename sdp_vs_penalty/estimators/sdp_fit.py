@@ -30,29 +30,12 @@ FAR_GAP = 1e-3
 ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
 
 
-def solve_sdp(
-    task: Task,
-    objective: Objective,
-    constraints: ConstraintSet,
-    solver_name: str | None,
-    accuracy: float,
-) -> Fit:
-    """Solve one SDP until our own certificate is tight; the answer lies inside the constraints.
-
-    A solver may stall short of what it was asked for: every answer is certified, and where the gap is
-    above ``TIGHT`` the problem is solved again as seen from the answer, each cone scaled by a point a
-    little inside of it. solver_name None: our own interior-point method, then Clarabel where that is not
-    tight. Raises InputError where the constraints admit no interior point, or nothing near an optimum
-    came.
-    """
-    return PosedSdp(task, objective, constraints, solver_name).fit(objective, accuracy)
-
-
 class PosedSdp:
     """Constraints, prior and bounds of a problem that is solved once, or again with other data.
 
-    interior (p,) : strictly inside; cones : for our own method (None: another one was asked for, or a
-    cone is larger than it takes). Raises InputError where the constraints admit no interior point.
+    solver : None: our own interior-point method, then Clarabel where that is not tight. interior (p,) :
+    strictly inside; cones : for our own method (None: another one was asked for, or a cone is larger
+    than it takes). Raises InputError where the constraints admit no interior point.
     """
 
     def __init__(
@@ -66,10 +49,13 @@ class PosedSdp:
                 self.cones = SmallCones(objective.entropy, constraints, len(self.interior))
 
     def fit(self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None) -> Fit:
-        """The certified optimum of an objective with the same prior.
+        """The optimum of an objective with the same prior, inside the constraints, solved until our own
+        certificate is tight.
 
-        near : the fit to similar data, from which half the steps remain. Raises InputError where nothing
-        near an optimum is found.
+        A solver may stall short of what it was asked for: every answer is certified, and where the gap
+        is above ``TIGHT`` the problem is solved again as seen from the answer, each cone scaled by a
+        point a little inside of it. near : the fit to similar data, from which half the steps remain.
+        Raises InputError where nothing near an optimum is found.
         """
         data, found = objective.least_squares, None
         if self.cones is not None and near is not None and near.central is not None:

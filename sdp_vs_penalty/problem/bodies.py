@@ -16,7 +16,6 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body, around, balls
 from sdp_vs_penalty.robot.geometry import Geometry
-from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -66,16 +65,16 @@ def joint_places(robot: Robot, link: int) -> Array:
     own = robot.tree[carrier]
     into = np.linalg.inv(own.link_frame)
     before = float(own.axis @ own.placement[:3, :3].T @ own.placement[:3, 3])
-    places: list[Array] = [-s * own.axis for s in (before, *_stroke(own))]
-    for child in (joint for joint in robot.tree if joint.parent == carrier):
-        along = child.placement[:3, :3] @ child.axis
-        places += [child.placement[:3, 3] + s * along for s in _stroke(child)]
+    strokes = [
+        [0.0, *(x for x in (j.lower, j.upper) if j.kind == "prismatic" and np.isfinite(x))]
+        for j in robot.tree
+    ]
+    places: list[Array] = [-s * own.axis for s in (before, *strokes[carrier])]
+    for k, child in enumerate(robot.tree):
+        if child.parent == carrier:
+            along = child.placement[:3, :3] @ child.axis
+            places += [child.placement[:3, 3] + s * along for s in strokes[k]]
     return np.concatenate([np.zeros((1, 3)), np.array(places) @ into[:3, :3].T + into[:3, 3]])
-
-
-def _stroke(joint: Joint) -> list[float]:
-    ends = [x for x in (joint.lower, joint.upper) if joint.kind == "prismatic" and np.isfinite(x)]
-    return [0.0, *ends]
 
 
 def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:

@@ -8,8 +8,7 @@ from scipy import sparse
 from sdp_readers import read_cbf, read_sdpa
 
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty.estimators import Fit, Task, make_estimator, solve_sdp
-from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
+from sdp_vs_penalty.estimators import Fit, PosedSdp, Task, make_estimator
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.research.shootout.instances import chain_task, shape_cones
@@ -223,7 +222,8 @@ METHODS = ["lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain"]
 def both(task: Task, method: str) -> tuple[Fit, Fit]:
     """The default fit, and Clarabel's."""
     posed = make_estimator(method).posed(task)
-    return solve_sdp(task, *posed, None, 1e-10), solve_sdp(task, *posed, "clarabel", 1e-10)
+    own, other = (PosedSdp(task, *posed, solver) for solver in (None, "clarabel"))
+    return own.fit(posed[0]), other.fit(posed[0])
 
 
 @pytest.mark.parametrize("method", METHODS)

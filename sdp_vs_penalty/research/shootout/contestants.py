@@ -13,7 +13,7 @@ from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
-from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
+from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.research.shootout import augmented_lagrangian
 from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.research.shootout.judge import Answer, no_answer
@@ -178,7 +178,8 @@ def _conic(solver: Solver, variant: str = "") -> Contestant:
 def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest: float) -> Answer:
     """The certified fit, which claims what its own proof says."""
     try:
-        fit: Fit = solve_sdp(instance.task, instance.objective, instance.constraints, solver, finest)
+        posed = PosedSdp(instance.task, instance.objective, instance.constraints, solver)
+        fit: Fit = posed.fit(instance.objective, finest)
         gap = fit.gap
     except InputError as error:
         return no_answer(instance, error)

@@ -13,7 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.estimators.sdp_fit import solve_sdp
+from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
@@ -51,7 +51,8 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
     with suppress(InputError, ValueError, np.linalg.LinAlgError):
         # Nothing in between: what the rational checker does not accept is not called proved.
         try:
-            fit = solve_sdp(task, instance.objective, constraints, "clarabel", LmiSdp.accuracy)
+            posed = PosedSdp(task, instance.objective, constraints, "clarabel")
+            fit = posed.fit(instance.objective, LmiSdp.accuracy)
             return "optimum proved", optimum_proof(fit, names)
         except Infeasible as error:
             if error.proof is not None:
