@@ -509,19 +509,15 @@ class PenalisedLoss:
             rows[np.arange(len(links))[:, None], links] = inertia.inertia_entries(dyads) * twice
             yield "triangle inequality", 0.5 * moments.sum(axis=1) - moments[:, 2], rows
         for family, stack in self.demands:
-            point, total = p.copy(), family == "total mass"
-            if not total:
-                point[self.masses] = 1.0
+            if family == "total mass":
+                values = stack.values(p).ravel()
+                yield family, values, stack.matrix.reshape(values.size, -1)
+                continue
+            point = p.copy()
+            point[self.masses] = 1.0
             values = stack.values(point)
-            margins, rows = values.ravel(), stack.matrix.reshape(*values.shape, -1)
-            if stack.cone == "nonnegative":
-                rows = rows.reshape(values.size, -1)
-            else:
-                norm = np.linalg.norm(values[:, 1:], axis=1)
-                unit = values[:, 1:] / or_one(norm)[:, None]
-                margins, rows = (
-                    values[:, 0] - norm,
-                    rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:]),
-                )
-            fixed = np.isin(np.arange(rows.shape[1]), self.masses) & (not total)
-            yield family, margins, np.where(fixed, 0.0, rows)
+            norm, rows = np.linalg.norm(values[:, 1:], axis=1), stack.matrix.reshape(*values.shape, -1)
+            unit = values[:, 1:] / or_one(norm)[:, None]
+            rows = rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:])
+            rows[:, np.isin(np.arange(rows.shape[1]), self.masses)] = 0.0
+            yield family, values[:, 0] - norm, rows
