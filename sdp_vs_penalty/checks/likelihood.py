@@ -26,7 +26,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import CONTRADICTS, EFFORT, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import Event, Gravity, Numbers, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
@@ -64,17 +64,18 @@ class Equations:
 
     @classmethod
     def together(cls, logs: Sequence[Equations]) -> Equations:
-        """The joints of several logs side by side, to fit one arm to them."""
+        """The joints of several logs (1, n, ...) side by side, to fit one arm to them."""
         names = "gram", "cross", "energy", "whole"
-        return cls(*(np.concatenate([getattr(x, name) for x in logs]) for name in names))
+        return cls(*(np.concatenate([getattr(x, name) for x in logs], axis=1) for name in names))
 
     def left_of(self, full: Array, theta: Array) -> Array:
-        """(..., n) squared residuals that parameters (..., s), with the own ones they go with, leave of
-        rows with such Gram matrices (..., n, w, w)."""
-        v = np.append(theta, -np.ones((*theta.shape[:-1], 1)), axis=-1)[..., None, :, None]
-        mine = -self.own @ v
-        both = np.concatenate([mine, np.broadcast_to(v, (*mine.shape[:-2], *v.shape[-2:]))], -2)
-        return np.asarray(np.sum(both * (full @ both), axis=(-2, -1)))
+        """(..., n) squared residuals that each joint's parameters (..., n, s), with the own ones they go
+        with, leave of rows with such Gram matrices (..., n, w, w)."""
+        v = np.append(theta, -np.ones((*theta.shape[:-1], 1)), axis=-1)[..., None]
+        v = np.concatenate(
+            [-self.own @ v, np.broadcast_to(v, (*full.shape[:-2], *v.shape[-2:]))], axis=-2
+        )
+        return np.asarray(np.sum(v * (full @ v), axis=(-2, -1)))
 
     def normal(self, weights: Array) -> tuple[Array, Array]:
         """(..., s, s) and (..., s) : sums over joints of such weights (..., n)."""
@@ -225,11 +226,6 @@ class Likelihood:
         parts = [full[:, a:b] for a, b in pairwise(edges.tolist())]
         return np.stack([np.swapaxes(p, 1, 2) @ p for p in parts]), rows.basis.shape[2]
 
-    def equations(self, repair: Repair, more: Array | None = None) -> Equations:
-        """Of the whole log."""
-        parts, k = self.parts(repair, 1, more)
-        return Equations.of(parts[0], k)
-
     def scores(self, repairs: Sequence[Repair]) -> list[Score]:
         """One arm fitted to each."""
         rows, y = [self.rows(r) for r in repairs], [self.channels(r) for r in repairs]
@@ -261,16 +257,14 @@ class Likelihood:
             cross[:, :s] += others[1]
         arms = solve(gram, cross[..., None])[..., 0]
         whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
-        return arms, np.maximum(PARTS * rests.left_of(parts, arms) / whole, FLOOR)
+        return arms, np.maximum(PARTS * rests.left_of(parts, arms[:, None]) / whole, FLOOR)
 
     def alone(self, repair: Repair) -> Array:
         """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
-        parts, _ = self.parts(repair)
-        rests = parts.sum(axis=0) - parts
-        own = solve(rests[..., :-1, :-1], rests[..., :-1, -1:])
-        v = np.append(own, -np.ones((*own.shape[:2], 1, 1)), axis=2)
-        whole = _positive(parts[..., -1, -1].sum(axis=0))
-        return np.maximum(np.sum(v * (parts @ v), axis=(0, 2, 3)) / whole, FLOOR)
+        parts, k = self.parts(repair)
+        rests = Equations.of(parts.sum(axis=0) - parts, k)
+        left = rests.left_of(parts, solve(rests.gram, rests.cross[..., None])[..., 0])
+        return np.maximum(left.sum(axis=0) / _positive(parts[..., -1, -1].sum(axis=0)), FLOOR)
 
     def steps(self, now: Repair, ats: Sequence[At], values: Array, h: float) -> tuple[Array, Array]:
         """(r,) by how much each of some numbers of ``now`` would have to change alone, to first order,
@@ -418,14 +412,7 @@ class Score:
         spread += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = value / np.sqrt(np.maximum(spread, 1e-300))
         asked = np.append(self.of.moving, [True, True])
-        return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum()) - self._odd_size(repair)
-
-    def _odd_size(self, repair: Repair) -> float:
-        """Cost of torques so many times those of a plausible arm: masses are known to EFFORT."""
-        nominal = self.of.heard(repair).T * self.of.nominal(repair)
-        sizes = np.linalg.norm([self.channels.T, nominal], axis=(1, 2))
-        measured, needed = np.log(np.maximum(sizes, 1e-300)).tolist()
-        return 0.5 * float((measured - needed) / np.log(EFFORT[1])) ** 2
+        return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum())
 
 
 def _positive(whole: Array) -> Array:

@@ -101,13 +101,13 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     each = np.abs(channels).max(axis=0) / effort
     over, odd = float(np.max(each, initial=-1.0, where=each > 0.0)), np.flatnonzero(each > c.EFFORT[1])
     convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
-    for j in odd.tolist() if len(odd) <= 0.3 * log.n else ():
-        what = (
-            f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made for: "
-            "its unit is not that of the others."
-        )
-        yield Issue.of("torque unit", "error", [j], what, sure, convert)
     if 0 < len(odd) <= 0.3 * log.n:
+        for j in odd.tolist():
+            what = (
+                f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made "
+                "for: its unit is not that of the others."
+            )
+            yield Issue.of("torque unit", "error", [j], what, sure, convert)
         return
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
     known, weighs = masses > 0.0 and not np.all(problem.guessed_links), f"{low:g} to {high:g}"
@@ -205,10 +205,10 @@ def compare(
     laws = dict.fromkeys(e for r in repairs for e in r.events if isinstance(e.at, str))
     repairs = tuple(replace(r, events=tuple(dict.fromkeys((*r.events, *laws)))) for r in repairs)
     samples = float(np.mean([s.score(r).samples for s, r in zip(fits, repairs, strict=True)]))
-    runs = [s.equations(r) for s, r in zip(fits, repairs, strict=True)]
+    runs = [Equations.of(*s.parts(r, 1)) for s, r in zip(fits, repairs, strict=True)]
     asked = np.stack([s.moving for s in fits])
-    alone = np.stack([x.fitted(a)[1] for x, a in zip(runs, asked, strict=True)])
-    theta, left = Equations.together(runs).fitted(asked.ravel())
+    alone = np.concatenate([x.fitted(a)[1] for x, a in zip(runs, asked, strict=True)])
+    (theta,), left = Equations.together(runs).fitted(asked.ravel())
     one = left.reshape(asked.shape)
     lost = np.where(asked, np.log(one / alone), 0.0)
     times = float(np.exp(0.5 * lost.sum() / max(asked[0].sum(), 1)))
@@ -220,7 +220,7 @@ def compare(
     for odd in sorted(np.argsort(lost.sum(axis=1))[-2:].tolist()):  # of two runs either
         log, repair = fits[odd], repairs[odd]
         rest = [runs[k].normal(weights[k]) for k in range(len(runs)) if k != odd]
-        others = tuple(np.sum(x, axis=0) for x in zip(*rest, strict=True))
+        others = tuple(np.concatenate(x).sum(axis=0) for x in zip(*rest, strict=True))
         none = log.raw(repair)[:, :, :0]
         before = log.left_out(repair, weights[odd], none, others)[1]
         for kind, j, more in (("another arm", -1, none), *_changes(log, repair, theta)):

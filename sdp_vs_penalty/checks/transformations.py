@@ -305,7 +305,7 @@ class Weight(Transformation):
                 of, how = "the torques", f", or identify with --gravity {left}"
             what = f"{_percent(x)} of the weight is missing from {of}."
             remedy = f"log the torques before gravity compensation{how}"
-            at = _entry(repair, "lacks", joints)
+            at = partial(repair.with_entries, "lacks", joints)
             number = Number(x, at, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,))
             cost = choices(log.n // len(joints))
             yield Element("gravity removed", "error", joints, what, remedy, number, cost, mends=False)
@@ -384,7 +384,7 @@ class Delay(Transformation):
                 later = "later" if x > 0.0 else "earlier"
                 what = f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel}; {beside} moved."
                 remedy = f"shift {channel} in time (and log all channels from one source)"
-            text, at = lambda v: f"{1e3 * v:.0f} ms", _entry(repair, name, joints)
+            text, at = lambda v: f"{1e3 * v:.0f} ms", partial(repair.with_entries, name, joints)
             number, cost = Number(x, at, c.USUAL_DELAY, 0.06, text), choices(log.n // len(joints))
             yield Element(
                 kind, "warning", joints, what, remedy, number, cost, place, mends=name == "lead"
@@ -444,7 +444,7 @@ class Length(Transformation):
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         most, joints = 0.7 * _length(log), log.problem.robot.joints
         apart = [j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()]
-        ats = [_entry(now, "longer", (j,)) for j in apart]
+        ats = [partial(now.with_entries, "longer", (j,)) for j in apart]
         steps, _ = log.screen.steps(now, ats, np.array(now.longer)[apart], most / 70.0)
         for j, at, step in zip(apart, ats, np.clip(steps, -most, most).tolist(), strict=True):
             yield at(now.longer[j] + step)
@@ -455,7 +455,7 @@ class Length(Transformation):
             how = f"{text(abs(x))} {'farther from' if x > 0.0 else 'nearer to'} joint {j}"
             what = f"joint {j + 1} is {how} than in the robot's kinematics."
             remedy = "correct the kinematics, or choose the problem of the robot that was logged"
-            at = _entry(repair, "longer", (j,))
+            at = partial(repair.with_entries, "longer", (j,))
             number, cost = Number(x, at, 0.25 * c.CALIBRATED * unit, 0.35 * unit, text), choices(log.n)
             yield Element("link length", "warning", (j,), what, remedy, number, cost, mends=False)
 
@@ -513,11 +513,6 @@ class Saturation(Transformation):
             yield Element(
                 "saturation", "warning", (j,), what, remedy, number, choices(log.n), mends=False
             )
-
-
-def _entry(repair: Repair, name: str, joints: tuple[int, ...]) -> Callable[[float], Repair]:
-    """The repair by the value of some joints' entry."""
-    return partial(repair.with_entries, name, joints)
 
 
 def _length(log: Likelihood) -> float:

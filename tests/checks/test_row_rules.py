@@ -139,8 +139,8 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly(spread, severity
     assert "jittered time stamps" not in [x.kind for x in told(uneven)[0]]
 
 
-@pytest.mark.parametrize(("back", "seconds", "step"), [(3.0, 3.0, 1.0 / RATE), (40.0, 40.0, 1.0 / RATE)])
-def test_a_clock_that_was_set_back_goes_on_with_the_motion(back, seconds, step):
+@pytest.mark.parametrize("back", [3.0, 40.0])
+def test_a_clock_that_was_set_back_goes_on_with_the_motion(back):
     clean = motion()
     late = replace(clean, t=clean.t - back * (np.arange(len(clean.t)) > 2500))
     issues, fixed = told(late)
