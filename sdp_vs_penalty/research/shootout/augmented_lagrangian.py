@@ -21,9 +21,6 @@ from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 
 #: Logarithms of a factor's diagonal end here, in units of an interior point: at what doubles resolve.
 _LEAST = float(np.log(np.finfo(float).eps))
-#: Weight of the demands (100 fails on the Panda); its inverse is the least curvature: smaller ones
-#: stretch no variable further.
-_WEIGHT = 10.0
 
 
 def options(accuracy: float) -> dict[str, Any]:
@@ -88,30 +85,32 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
     chart, scale, size = Chart(instance.sent, inside), penalty.theta_scale, penalty.loss_scale
     x, shifts = chart.start, [np.zeros_like(part.values(inside)) for part in penalty.parts]
-    message, claims = "", "inaccurate"
+    # Of the demands (100 fails on the Panda); its inverse is the least curvature: smaller ones stretch
+    # no variable further.
+    weight, message, claims = 10.0, "", "inaccurate"
 
     def lagrangian(z: Array) -> tuple[float, Array]:
         theta, factors = chart.theta(x + turn @ z)
         value, slope = instance.objective.value(theta) / size, instance.objective.gradient(theta) / size
-        moved = penalty.shifted(theta / scale, shifts, _WEIGHT)
+        moved = penalty.shifted(theta / scale, shifts, weight)
         for part, shift, push in zip(penalty.parts, shifts, moved, strict=True):
-            value += 0.5 * float(np.vdot(push, push) - np.vdot(shift, shift)) / _WEIGHT
+            value += 0.5 * float(np.vdot(push, push) - np.vdot(shift, shift)) / weight
             slope -= push.ravel() @ part.jacobian(theta) / scale
         return (value if np.isfinite(value) else 1e300), turn.T @ chart.slope(factors, slope)
 
     for _ in range(60):  # rounds of multipliers
         # T (n, n) with T' H T = 1 for the Gauss-Newton matrix H: steps of L-BFGS are taken in T^-1 x.
         theta, factors = chart.theta(x)
-        rows = np.sqrt(2.0) * penalty.rows(theta / scale, shifts, _WEIGHT)[1] / scale
+        rows = np.sqrt(2.0) * penalty.rows(theta / scale, shifts, weight)[1] / scale
         turned = np.array([chart.slope(factors, row) for row in rows])
         values, vectors = np.linalg.eigh(turned.T @ turned)
-        turn = vectors / np.sqrt(np.maximum(values, 1.0 / _WEIGHT))
+        turn = vectors / np.sqrt(np.maximum(values, 1.0 / weight))
         told: dict[str, Any] = {"method": "L-BFGS-B", "jac": True, "options": options(accuracy)}
         found = minimize(lagrangian, np.zeros(len(x)), **told)
         x, message = x + turn @ found.x, str(found.message)
-        moved = penalty.shifted(chart.theta(x)[0] / scale, shifts, _WEIGHT)
+        moved = penalty.shifted(chart.theta(x)[0] / scale, shifts, weight)
         changes = (np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True))
-        worst, shifts = max(changes, default=0.0) / _WEIGHT, moved
+        worst, shifts = max(changes, default=0.0) / weight, moved
         if max(worst, float(np.abs(found.jac).max())) <= accuracy:
             claims = "optimal"
             break

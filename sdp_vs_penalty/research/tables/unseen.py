@@ -28,8 +28,6 @@ _METHODS = (
     *("ols", "ols, joint prior", "lmi-sdp-plain", "lmi-sdp-plain, joint prior"),
     *("penalty", "penalty, joint prior", "lmi-sdp", "lmi-sdp-entropic"),
 )
-#: Lengths of the training windows [s]; of the real motion's 13.3 s the longest leaves one to judge on.
-SECONDS = (1, 2, 4, 7, 9)
 
 #: Rows to train on, and rows of other motion to judge on.
 _Window = tuple[Regression, Regression]
@@ -38,12 +36,15 @@ _Window = tuple[Regression, Regression]
 @makes("data", slow=True)
 def data_needed(study: Study) -> Table:
     """Data table: how much measured motion each method needs."""
-    rows, most = list[Row](), 6
-    sources = [(study.simulated, _time_windows(study.simulated, most))]
+    # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to judge on), and
+    # how many of each.
+    lengths, most = (1, 2, 4, 7, 9), 6
+    rows, sources = list[Row](), [(study.simulated, _time_windows(study.simulated, most))]
     if study.measured is not None:
-        sources.append((study.measured, _phase_windows(study.measured, most)))
+        real = study.measured
+        sources.append((real, _phase_windows(real, most, 0.5 * min(lengths))))
     for data, windows_of in sources:
-        for length in SECONDS:
+        for length in lengths:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
             about = {"data": data.label, "seconds": length, "windows": len(windows)}
@@ -80,10 +81,10 @@ def data_needed(study: Study) -> Table:
     )
 
 
-def _phase_windows(real: Data, most: int) -> Callable[[int], list[_Window]]:
-    """Windows around the motion's period, which is cut into cells of half the shortest window; judged on
-    what lies beyond the filters' reach of them."""
-    whole, cell = phase_folds(real.train, real.preprocessing, 1), 0.5 * min(SECONDS)
+def _phase_windows(real: Data, most: int, cell: float) -> Callable[[int], list[_Window]]:
+    """Windows around the motion's period, which is cut into cells [s]; judged on what lies beyond the
+    filters' reach of them."""
+    whole = phase_folds(real.train, real.preprocessing, 1)
     count, clear = round(whole.clocks[0].length / cell), math.ceil(whole.guard / cell)
     split = PhaseFolds(whole.clocks, count)
     cells = compress_cells(FilteredRuns.of(real.train, real.preprocessing), real.model, split)
