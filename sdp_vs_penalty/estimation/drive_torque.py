@@ -25,9 +25,8 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import Stretch, interpolated, stretches
 
-#: Longest step of the simulation [s]; windows that are simulated side by side [s], each of which runs as
-#: long again from a measured position before it counts, until the noise of that is forgotten.
-_STEP, _WINDOW = 8e-3, 0.5
+#: Longest step of the simulation [s].
+_STEP = 8e-3
 
 
 def with_simulated_motion(measurements: Measurements, model: Model, theta: Array) -> Measurements:
@@ -54,7 +53,9 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     skip = max(1, int(_STEP / part.dt + 1e-9))
     h = part.dt * skip / count
     total = -(-(part.count - 1) // skip) * count + 1  # instants from the start to beyond the end
-    long = early = max(1, round(_WINDOW / h))
+    # Windows of half a second side by side, each of which runs as long again from a measured position
+    # before it counts, until the noise of that is forgotten.
+    long = early = max(1, round(0.5 / h))
     first = np.arange(0, total, long)
     start = np.maximum(first - early, 0)
     t = part.t[0] + h * start

@@ -59,8 +59,6 @@ from sdp_vs_penalty.solvers.verified import TIGHT
 #: Stages, and evaluations of each, at most. One that is cut short lets the weight grow too early: with
 #: 60, runs on columns that torque hardly tells apart (rotors, links) ended .8 % too high.
 _STEPS = 300
-#: Weight of the pull to the last stage's x, in scaled units; each stage takes back what it cost.
-_PROXIMAL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -184,7 +182,8 @@ def minimise(
     scaled units of the parts: x (p,), the shifts (multipliers) there, and what was spent."""
     # The first weight is in units of (scaled loss) / (scaled distance)^2.
     shifts, weight = [np.zeros_like(part.values(x)) for part in penalty.parts], 0.1
-    residual, stages, near = np.inf, 0, np.sqrt(_PROXIMAL) * np.eye(len(x))
+    pull = 1e-6  # to the last stage's x, in scaled units; each stage takes back what it cost
+    residual, stages, near = np.inf, 0, np.sqrt(pull) * np.eye(len(x))
     told = {"method": "lm", **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14), "max_nfev": _STEPS}
 
     def rows(z: Array) -> tuple[Array, Array]:
@@ -203,7 +202,7 @@ def minimise(
         changes = (np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True))
         previous, residual = residual, float(max(changes, default=0.0)) / weight
         shifts = moved
-        if max(residual, _PROXIMAL * np.abs(x - last).max(initial=0.0)) <= tolerance:
+        if max(residual, pull * np.abs(x - last).max(initial=0.0)) <= tolerance:
             break
         if residual > 0.25 * previous and weight * tolerance < 1.0:
             weight *= 10.0
