@@ -1,7 +1,7 @@
 """Are these measurements any good? Issues with what, where, how sure and what to do.
 
 :func:`check` is the verb. Rules about rows and clock come first (one table); then one likelihood of
-the arm's dynamics judges compositions of transformations of the log (transformations/), and what is
+the arm's dynamics judges compositions of transformations of the log (transformations.py), and what is
 reported is the net repair, each number once. Several runs are compared with each other at last.
 """
 
