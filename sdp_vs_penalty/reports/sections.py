@@ -370,15 +370,10 @@ def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
 def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
     """Half axes (3,) [m] of that ellipsoid, sqrt(5 eigenvalues of Sigma_c / m), their directions (3, 3)
     as columns, right-handed, and its centre (3,)."""
-    mass = link[0]
-    if mass <= 0.0:
+    values, axes = np.linalg.eigh(inertia.second_moment(link))
+    if link[0] <= 0.0 or values[0] <= 0.0:
         return None
-    pseudo, com = inertia.pseudo_inertia(link), link[1:4] / mass
-    spread = pseudo[:3, :3] / mass - np.outer(com, com)
-    values, axes = np.linalg.eigh(spread)
-    if values[0] <= 0.0:
-        return None
-    return np.sqrt(5.0 * values), axes * np.sign(np.linalg.det(axes)), com
+    return np.sqrt(5.0 * values), axes * np.sign(np.linalg.det(axes)), link[1:4] / link[0]
 
 
 def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:

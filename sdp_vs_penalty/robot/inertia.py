@@ -131,7 +131,7 @@ def thickness(theta: ArrayLike) -> Array:
     Sigma_c is the second moment about the centre of mass: a link whose mass lies on a line or in a
     plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
     """
-    smallest = np.linalg.eigvalsh(_central(theta))[..., 0]
+    smallest = np.linalg.eigvalsh(second_moment(theta))[..., 0]
     return np.sign(smallest) * np.sqrt(np.abs(smallest))
 
 
@@ -141,11 +141,12 @@ def gyration(theta: ArrayLike) -> Array:
     Of a point mass and of no mass zero, of two equal masses half their distance, of a uniform ball of
     radius R sqrt(3/5) R.
     """
-    return np.sqrt(np.maximum(np.trace(_central(theta), axis1=-2, axis2=-1), 0.0))
+    return np.sqrt(np.maximum(np.trace(second_moment(theta), axis1=-2, axis2=-1), 0.0))
 
 
-def _central(theta: ArrayLike) -> Array:
-    """Sigma_c / m, shape (..., 3, 3) [m^2]; zeros for a link of no mass."""
+def second_moment(theta: ArrayLike) -> Array:
+    """Sigma_c / m, shape (..., 3, 3) [m^2], of standard parameters, shape (..., 10): the mean of x x^T
+    about the centre of mass, a uniform ellipsoid's half axes squared over 5; zeros for no mass."""
     p = pseudo_inertia(theta)
     mass, h = p[..., 3, 3, None, None], p[..., :3, 3, None]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -96,14 +96,11 @@ def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> 
 
 def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
     """(2, 100) outline of the uniform ellipsoid of this mass and inertia, along the third axis."""
-    p = inertia.pseudo_inertia(link)
-    c = p[:3, 3] / p[3, 3]
-    central = p[:3, :3] / p[3, 3] - np.outer(c, c)
     # A uniform ellipsoid with half axes a has second moments a^2 / 5; its shadow is that of 5 Sigma.
-    values, vectors = np.linalg.eigh(5.0 * central[np.ix_(plane, plane)])
+    values, vectors = np.linalg.eigh(5.0 * inertia.second_moment(link)[np.ix_(plane, plane)])
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
     circle = np.sqrt(np.maximum(values, 0.0))[:, None] * np.vstack([np.cos(angle), np.sin(angle)])
-    return np.asarray(vectors @ circle + c[list(plane)][:, None])
+    return np.asarray(vectors @ circle + (link[1:4] / link[0])[list(plane)][:, None])
 
 
 def figure_9(study: Study) -> Any:
