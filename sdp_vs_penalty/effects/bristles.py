@@ -214,6 +214,7 @@ class LoadDependentHysteresis(PreslidingHysteresis):
     reference = "Dahl, AIAA Journal 1976, eq. 5; load: Hamon, Gautier, Garrec, IROS 2010"
     symbol = "f_lh"
     units = ("-", "-")
+    usual = (0.3, 0.3)  # as load-dependent friction
     #: Where the load hardly changes, or is mostly friction itself, the two make the same torque.
     refines = ("presliding_hysteresis", "stiction", "coulomb_friction")
     at_rest = ""

@@ -24,6 +24,8 @@ class TorqueOffset(JointEffect):
 
 #: Drives state their gains to some per cent; beyond this, something else is wrong.
 _LARGEST = 0.3
+#: Time constant of a drive's filter, or a delay, that is nothing odd [s]: a bandwidth of 8 Hz.
+_FILTER = 0.02
 
 
 class TorqueGain(JointEffect):
@@ -35,6 +37,7 @@ class TorqueGain(JointEffect):
     reference = "Gautier, Briot, ASME J. Dynamic Systems 2014 (drive gains)"
     symbol = "g"
     units = ("-", "-")
+    usual = (_LARGEST, _LARGEST)
     needs_torque = True
     forward = "channel"
 
@@ -58,6 +61,7 @@ class Delay(Effect):
 
     reference = _HANDBOOK
     units = ("s", "s")
+    usual = (_FILTER, _FILTER)
     lower = 0.0
     needs_torque = True
     forward = "channel"
@@ -101,10 +105,6 @@ class GlobalDelay(Delay):
         return -motion.late_torque_rate(self.shape["T"])[:, :, None]
 
 
-#: Time constant of a drive's filter that is nothing odd [s]: a bandwidth of 8 Hz.
-_FILTER = 0.02
-
-
 class TorqueFilter(Effect):
     equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T) H(-T)"
     explanation = (
@@ -116,6 +116,7 @@ class TorqueFilter(Effect):
     reference = _HANDBOOK
     symbol = "T_f"
     units = ("s", "s")
+    usual = (_FILTER, _FILTER)
     lower = 0.0
     needs_torque = True
     forward = "left out"  # no instant's torque is known from that instant's reading
@@ -126,10 +127,6 @@ class TorqueFilter(Effect):
         "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
     }
     sized_shape = "T"
-
-    @property
-    def plausible(self) -> Array:
-        return np.array([_FILTER])
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:

@@ -131,6 +131,9 @@ class Effect(ABC):
 
     #: |theta| stays below this, in SI units.
     range: ClassVar[float] = PARAMETER_RANGE
+    #: Standard deviation about zero of each parameter on machines as they are built, on a revolute and a
+    #: prismatic joint; None: nothing is known but that it makes no more torque than its joint has.
+    usual: ClassVar[tuple[float, float] | None] = None
     #: Which parameters say how large the effect is: their norm, or the value of a single one.
     sized_by: ClassVar[slice] = slice(None)
     #: The shape constant that is as large as the effect itself, and follows it (a delay's).
@@ -265,7 +268,10 @@ class Effect(ABC):
     def plausible(self) -> Array | None:
         """(k,) standard deviations of the parameters about zero that are known before anything is
         measured, and enter every fit as observations; None: nothing is known."""
-        return None
+        if self.usual is None:
+            return None
+        slides = [self.robot.joints[p.joint - 1].kind == "prismatic" for p in self.parameters]
+        return np.where(slides, *reversed(self.usual))
 
     def as_sized(self, size: float) -> float:
         """The value of the shape constant that follows the effect's ``size``, when that was found."""

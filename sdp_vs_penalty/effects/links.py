@@ -166,6 +166,7 @@ class BaseTilt(Effect):
         "across the assumed one (x and y of an upright base). 0.17 m/s^2 is one degree."
     )
     reference = "Luh, Walker, Paul, ASME J. Dynamic Systems 1980 (gravity as the base's acceleration)"
+    usual = (0.5, 0.5)  # three degrees, which an eye sees
     needs_links = True
     whole_robot = True
     signless = True
@@ -222,33 +223,48 @@ class JointZeroError(LinkDeviation):
     signless = True
     symbol = "e_0"
     units = ("rad", "m")
+    usual = (0.05, 0.01)  # an arm that was homed by eye
 
     def deviated(self, motion: Motion, joint: int) -> Array:
         by_q, _, _ = motion.derivatives
         return by_q[:, :, joint]
 
 
+#: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with resonances of 4 to 8
+#: Hz are found within a fifth below 2 or 4 Hz; up to 8 Hz from -.1 to .7 of what they are.
+_BENDS = 4.0
+
+
 class Backlash(LinkDeviation):
-    equation = "-b dID/dq_j sign(tau_j)"
+    equation = (
+        "-b dID/dq_j s | -b D s below the frequency band, for law = rests | crosses; s = sign(tau_j), D "
+        "as of joint_elasticity"
+    )
     explanation = (
         "The gear of joint j has play: the link rests against one flank or the other, b away from "
         "the position that the motor-side encoder shows, on the side that the transmitted torque "
-        "tau_j determines."
+        "tau_j determines. With law = crosses the way from flank to flank counts too, whose velocity "
+        "and acceleration the encoder does not show."
     )
     reference = "Nordin, Gutman, Automatica 2002"
     symbol = "b"
     units = ("rad", "m")
+    usual = (0.02, 0.002)  # a worn gear; a new one has a tenth
     lower = 0.0
     forward = "left out"  # a link that moves by itself within the play
+    has_memory = True  # time derivatives of the side
+    shapes = {
+        "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("rests", "crosses")),
+        "band": Shape(_BENDS, "Hz"),
+    }
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        by_q, _, _ = motion.derivatives
-        return -by_q[:, :, joint] * np.sign(motion.link_torque[:, joint, None])
-
-
-#: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with resonances of 4 to 8
-#: Hz are found within a fifth below 2 or 4 Hz; up to 8 Hz from -.1 to .7 of what they are.
-_BENDS = 4.0
+        side, by_q = np.sign(motion.link_torque[:, joint]), motion.derivatives[0][:, :, joint]
+        if self.shape["law"] == 1.0:
+            return -by_q * side[:, None]
+        # Where a flank is never left nothing has a rate, not even by rounding.
+        crossed = motion.smoothed(side - side[0], self.shape["band"])
+        return -by_q * side[0] - _moved(motion, joint, crossed)
 
 
 class JointElasticity(LinkDeviation):
@@ -279,15 +295,15 @@ class JointElasticity(LinkDeviation):
         torque = motion.smoothed(motion.link_torque[:, joint], band)
         if c:
             # With the link where the model has it, a gear is found up to a quarter softer than it is.
-            torque = torque - c * self._moved(motion, joint, torque)[:, joint]
-        return -self._moved(motion, joint, torque)
+            torque = torque - c * _moved(motion, joint, torque)[:, joint]
+        return -_moved(motion, joint, torque)
 
-    @staticmethod
-    def _moved(motion: Motion, joint: int, x: Array) -> Array:
-        """(N, n) change of the torque on all joints where the link of one moves by x (N,)."""
-        by_q, by_dq, by_ddq = (by[:, :, joint] for by in motion.derivatives)
-        x, rate, acceleration = (y[:, None] for y in motion.rates(x))
-        return np.asarray(by_q * x + by_dq * rate + by_ddq * acceleration)
+
+def _moved(motion: Motion, joint: int, x: Array) -> Array:
+    """(N, n) change of the torque on all joints where the link of one moves by x (N,)."""
+    by_q, by_dq, by_ddq = (by[:, :, joint] for by in motion.derivatives)
+    x, rate, acceleration = (y[:, None] for y in motion.rates(x))
+    return np.asarray(by_q * x + by_dq * rate + by_ddq * acceleration)
 
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and turns [rad].

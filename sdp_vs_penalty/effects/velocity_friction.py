@@ -178,6 +178,7 @@ class LoadDependentFriction(JointEffect):
     reference = "Hamon, Gautier, Garrec, IROS 2010; Wahrburg et al., ICRA 2018"
     symbol = "f_l"
     units = ("-", "-")
+    usual = (0.3, 0.3)  # of a worm gear half is lost
     lower = 0.0
     refines = ("coulomb_friction",)
     needs_links = True

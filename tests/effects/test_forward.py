@@ -109,7 +109,7 @@ def test_channels_are_undone_and_others_left_out():
     p = plant("two_link", "rigid_body,torque_gain:2,backlash:1", torque_gain=0.1)
     torque = np.ones((5, 2))
     np.testing.assert_allclose(p.true_torque(np.arange(5.0), torque)[:, 1], 1.0 / 1.1)
-    assert p.left_out == ("backlash:1",)
+    assert p.left_out == ("backlash:1@law=rests@band=4",)
     declared = {kind.forward for kind in effect_types().values()}
     assert declared == {"torque", "channel", "drive", "left out"}
 
