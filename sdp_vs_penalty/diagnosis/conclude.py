@@ -167,7 +167,9 @@ def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, 
     rows, left, plausible = search.data.rows, found.left, effect.plausible
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
     looks_like = effect.looks_like(size, rows.seen(effect.joints[0]))
-    explained = np.sum(np.maximum(errors[0, on] ** 2 - errors[1, on] ** 2, 0.0))
+    gained = errors[0] ** 2 - errors[1] ** 2
+    # On its joints, or in all: a wrong gain shows on those that it keeps from a fit.
+    explained = max(float(np.sum(np.maximum(gained[on], 0.0))), float(np.sum(gained)))
     beyond = np.sum(left.beyond[on] ** 2) if search.data.known else 0.0
     holds = {
         "rivals": bool(term.rivals),

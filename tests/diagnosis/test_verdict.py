@@ -114,6 +114,8 @@ DOUBTS = [
     ({"after": 0.995}, {"not_held_out", "more_left"}),
     ({"beyond": 0.9}, {"more_left"}),
     ({"beyond": 0.9, "known": False}, set()),
+    ({"beyond": 0.9, "elsewhere": 0.95}, set()),  # what it explains on other joints counts
+    ({"elsewhere": 1.1}, set()),
     ({"beside": 1.9}, {"shared"}),
     ({"beside": 2.1}, set()),
     ({"beta": 2.1}, {"implausible"}),  # more torque than there is
@@ -127,7 +129,7 @@ DOUBTS = [
 @pytest.mark.parametrize(("change", "doubts"), DOUBTS)
 def test_each_doubt_about_a_finding_has_a_ground_of_its_own(change, doubts, monkeypatch):
     usual = {"rivals": (), "std": 0.19, "J": 20.1, "after": 0.5, "beyond": 0.8, "known": True}
-    usual |= {"beside": 9.0, "beta": 1.9, "plausible": None, "looks_like": ""}
+    usual |= {"elsewhere": 1.0, "beside": 9.0, "beta": 1.9, "plausible": None, "looks_like": ""}
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
     def term() -> Any:
@@ -148,7 +150,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(change, doubts, monk
     left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
     found = SimpleNamespace(search=search, left=left, curves=curves)
     beta = 1.0 if case.plausible else case.beta
-    errors = np.array([[1.0, 1.0], [case.after, 1.0]])
+    errors = np.array([[1.0, 1.0], [case.after, case.elsewhere]])
     monkeypatch.setattr("sdp_vs_penalty.diagnosis.conclude.size_of", lambda *_: (1.0, case.std))
     known = SimpleNamespace(beta=np.array([beta]), given=None)
     assert set(_reasons(found, own, known, errors)) == doubts

@@ -14,7 +14,7 @@ import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, Columns, SplineFit
-from sdp_vs_penalty.diagnosis.score import DEPENDENT, Score
+from sdp_vs_penalty.diagnosis.score import DEPENDENT
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
@@ -170,18 +170,17 @@ def _waves(axis: Axis, count: int) -> Array:
 
 # Which of them a curve is.
 
-#: Columns (M, ...) of a law with constants on the rows.
-OnRows = Callable[[Law, Array], Array]
-
 
 @dataclass(frozen=True)
 class LawFit:
-    """A law with its amplitudes and constants; chi2 : what it explains."""
+    """A law with its amplitudes and constants; chi2 : what it explains; columns : its own, if it was
+    fitted to the rows."""
 
     law: Law
     amplitudes: Array
     constants: Array
     chi2: float
+    columns: Columns | None = None
 
     @property
     def size(self) -> int:
@@ -192,9 +191,11 @@ class LawFit:
         return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
 
 
-def recognised(f: SplineFit, on_rows: OnRows, score: Score, looked: int) -> list[tuple[float, LawFit]]:
-    """The likely laws, each with its score, fitted on the rows; on_rows(law, constants) : their columns
-    (M, ...) there, not white."""
+def recognised(
+    f: SplineFit, on_rows: Callable[[Law, Array], Columns], looked: int
+) -> tuple[float, LawFit | None]:
+    """The simplest law that scores about what the best does, and the curve, with its score; the curve's
+    alone where none does. on_rows(law, constants) : the columns that a law makes there."""
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
         return _normal(_in_splines(f.basis, law, constants), f.columns)
@@ -211,21 +212,13 @@ def recognised(f: SplineFit, on_rows: OnRows, score: Score, looked: int) -> list
     found = []
     for start in rough:
         near = _refined(start, in_splines)
-        raw = on_rows(near.law, near.constants)
-        own = Columns.of(score, f.columns.fit, score.data.white(raw, f.joint), f.joint, robust=False)
+        own = on_rows(near.law, near.constants)
         a, chi2 = _amplitudes(own.D[None], own.s[None])
-        exact = LawFit(near.law, a[0], near.constants, float(chi2[0]))
+        exact = LawFit(near.law, a[0], near.constants, float(chi2[0]), own)
         found.append((rated(exact), exact))
-    return sorted(found, key=lambda r: -r[0])
-
-
-def law_of(laws: Sequence[tuple[float, LawFit]], f: SplineFit) -> LawFit | None:
-    """The simplest law that scores about what the best does, and the curve; None where none does."""
-    top = max([f.J, *(J for J, _ in laws)])
-    alike = [(J, law) for J, law in laws if top - EQUIVALENT - FORM * top < J]
-    if not alike:
-        return None
-    return min(alike, key=lambda r: (r[1].size, -r[0]))[1]
+    top = max([f.J, *(J for J, _ in found)])
+    alike = [(J, law) for J, law in found if top - EQUIVALENT - FORM * top < J]
+    return min(alike, key=lambda r: (r[1].size, -r[0]), default=(f.J, None))
 
 
 @lru_cache(maxsize=64)

@@ -3,7 +3,6 @@ findings, and the law that it may be. One score decides, the one of all other fo
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from sdp_vs_penalty.diagnosis.curves.bases import (
     smoothed,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
-from sdp_vs_penalty.diagnosis.curves.laws import Law, LawFit, law_of, recognised, written
+from sdp_vs_penalty.diagnosis.curves.laws import Law, LawFit, recognised, written
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import follows_alone
@@ -150,12 +149,12 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
         return None
     best = min(alike, key=lambda f: (len(f.basis.axes), -f.J))
 
-    def on_rows(law: Law, constants: Array) -> Array:
-        return gain * variables.of_law(best.basis, lambda x: law.columns(x, constants))
+    def on_rows(law: Law, constants: Array) -> Columns:
+        raw = gain * variables.of_law(best.basis, lambda x: law.columns(x, constants))
+        return Columns.of(score, fit, data.white(raw, joint), joint, robust=False)
 
-    laws = recognised(best, on_rows, score, len(every))
-    law = law_of(laws, best)
-    return max([best.J, *(J for J, own in laws if own is law)]), best, law
+    J, law = recognised(best, on_rows, len(every))
+    return max(best.J, J), best, law
 
 
 def _measured(
@@ -168,16 +167,13 @@ def _measured(
 ) -> Measured:
     robot, points = search.data.estimate.robot, variables.supported(f.basis)
     measured = len(points)
-    if law is None:
+    if law is None or law.columns is None:
         values = f.basis.at(*points.T) @ f.coefficients
         grid, columns, P = f.basis.at(*points.T) @ f.projector, f.columns, f.P
     else:
         points = np.vstack([points, unmeasured(f.basis, points)])
         values, grid = law.at(points), law.law.columns(points, law.constants)
-        raw = variables.of_law(f.basis, partial(law.law.columns, constants=law.constants))
-        columns = Columns.of(
-            search.score, f.columns.fit, search.data.white(raw, f.joint), f.joint, robust=False
-        )
+        columns = law.columns
         P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
     table = table_effect(robot, f.joint, f.basis.of, points, values, measured)
     known, by_fold = variables.met(f.basis, variables.keep), []
