@@ -22,6 +22,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
+from sdp_vs_penalty.signals.runs import interpolated
 
 #: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
 #: kept more coarsely, with a distance that grows alike, twice and four times as far; then not at all.
@@ -144,7 +145,7 @@ def _tree(lines: Iterable[Array], distance: float) -> Any:
         steps = np.abs(np.diff(line, axis=0)).max(axis=1, initial=0.0)
         ends = np.append(0.0, np.cumsum(np.maximum(np.ceil(steps / (_NEAR * distance)), 1.0)))
         at = np.arange(ends[-1] + 1.0)
-        points.append(np.column_stack([np.interp(at, ends, column) for column in line.T]))
+        points.append(interpolated(at, ends, line))
     return cKDTree(np.concatenate(points))
 
 
@@ -155,9 +156,9 @@ def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
 
 def _straight(rows: Array, beside: float) -> Array:
     """Rows between which straight lines pass all the others within ``beside``: halved until they do."""
-    each, knots = np.arange(len(rows)), np.unique([0, len(rows) - 1])
+    each, knots = np.arange(float(len(rows))), np.unique([0, len(rows) - 1])
     while len(knots) > 1:
-        line = np.column_stack([np.interp(each, knots, column) for column in rows[knots].T])
+        line = interpolated(each, knots, rows[knots])
         off = np.flatnonzero(np.abs(rows - line).max(axis=1) > beside)
         if not len(off):
             break

@@ -14,6 +14,7 @@ from scipy import fft
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import ORDER
+from sdp_vs_penalty.signals.runs import interpolated
 
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
@@ -85,10 +86,7 @@ def _valleys(
 
     Between two lags the difference grows linearly, its square has the vertex of a parabola.
     """
-    x, y = (
-        np.stack([np.interp(np.arange(t[0], t[-1], step), t, column) for column in (q / scale).T])
-        for t, q in (a, b)
-    )
+    x, y = (interpolated(np.arange(t[0], t[-1], step), t, q / scale).T for t, q in (a, b))
     middle, (n, M), N = x.mean(axis=1, keepdims=True), x.shape, y.shape[1]
     length = fft.next_fast_len(M + N, real=True)
     spectra = [fft.rfft(z - middle, length) for z in (x, y)]
@@ -111,8 +109,7 @@ def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:
     (t_a, q_a), (t_b, q_b) = a, b
     at = t_a - t_a[0] + lag + t_b[0]
     inside = (at >= t_b[0]) & (at <= t_b[-1])
-    there = np.column_stack([np.interp(at[inside], t_b, column) for column in q_b.T])
-    return _difference(q_a[inside], there, scale) < ALIKE
+    return _difference(q_a[inside], interpolated(at[inside], t_b, q_b), scale) < ALIKE
 
 
 def _difference(q: Array, other: Array, scale: Array) -> float:
