@@ -9,7 +9,6 @@ def verb(
     gravity: str | None = None,
     json_: Path | None = None,
     fix: Path | None = None,
-    verbose: bool = False,
 ) -> None:
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 
@@ -20,7 +19,6 @@ def verb(
     data RUN.csv ...: Runs to check.
     --problem: Built-in name, folder with a problem.toml, or URDF file.
     --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
-    --verbose: Also say which errors this motion could not show.
     """
     from rich.markup import escape
 
@@ -46,8 +44,6 @@ def verb(
     for report in reports:
         console.say(report.verdict, style="bold")
         for f in report.issues:
-            if f.kind == "not visible" and not verbose:
-                continue
             word = f"[{colours[f.severity]}]{f.severity}[/]"
             console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
             fixed = " (--fix does it)" if f.mends else ""
