@@ -98,6 +98,10 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
         lambda run: replace(run, tau=NOISE[: run.tau.size].reshape(run.tau.shape).cumsum(axis=0) / 50.0),
         "torque not explained", "No inertia and friction", "error",
     ),
+    "a clipped torque": (
+        changed("tau", 2, lambda x: np.clip(x, 0.6 * x.min(), 0.6 * x.max())),
+        "saturation", "tau2 is stuck at", "warning",
+    ),
     "a dead channel": (changed("tau", 2, lambda x: 0.25), "dead channel", "tau2 is 0.25", "error"),
 }  # fmt: skip
 
