@@ -23,9 +23,7 @@ def as_told(
 ) -> Problem:
     """The problem named ``source`` with --gravity, --bounds and --filters as they are written."""
     mounting = None if gravity is None else numbers("--gravity", gravity, 3)
-    problem = load_problem(source, mounting)
-    problem = problem if bounds is None else with_bounds(problem, bounds)
-    return problem if filters is None else with_filters(problem, filters)
+    return with_filters(with_bounds(load_problem(source, mounting), bounds), filters)
 
 
 def runs_as_told(

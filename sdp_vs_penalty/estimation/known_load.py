@@ -184,8 +184,8 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
 _SCALES = "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6), or a load"
 
 
-def parsed_known(text: str) -> dict[str, float]:
-    """Known parameters, "kp2=600,kd2=20".
+def parsed_known(text: str | None) -> dict[str, float]:
+    """Known parameters, "kp2=600,kd2=20"; none for None.
 
     >>> parsed_known("kp2=600")
     {'kp2': 600.0}

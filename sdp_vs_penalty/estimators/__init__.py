@@ -28,8 +28,10 @@ def make_estimator(method: str | Estimator) -> Estimator:
     return cast(Estimator, found())
 
 
-def with_solver(method: str, solver_name: str) -> Estimator:
-    """The method with another solver. Raises InputError where it has none."""
+def with_solver(method: str, solver_name: str | None) -> Estimator | str:
+    """The method, its solver exchanged where one is asked for. Raises InputError where it has none."""
+    if solver_name is None:
+        return method
     estimator: Any = make_estimator(method)
     if not hasattr(estimator, "solver"):
         raise InputError(f"--solver {solver_name}: method {method} solves no SDP", "leave --solver out")

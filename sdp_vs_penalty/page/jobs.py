@@ -290,16 +290,12 @@ def robot(asked: Asked) -> Answer:
 
 def fit(asked: Asked) -> Answer:
     """Identify a model and look where it fails."""
-    options, problem = asked["options"], asked.problem
-    solver = options.get("solver")
-    if bounds := options.get("bounds"):
-        problem = with_bounds(problem, bounds)
-    if filters := options.get("filters"):
-        problem = with_filters(problem, filters)
+    options = asked["options"]
+    bounded = with_bounds(asked.problem, options.get("bounds"))
     estimate = identify(
-        problem,
+        with_filters(bounded, options.get("filters")),
         asked.windowed(asked.runs.train),
-        with_solver(asked["method"], solver) if solver else asked["method"],
+        with_solver(asked["method"], options.get("solver")),
         effects=asked["effects"],
         gain_uncertainty=asked.number("gain_uncertainty", 0.0),
         workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),

@@ -287,20 +287,24 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
     return problem if gravity is None else problem.with_gravity(gravity)
 
 
-def with_filters(problem: Problem, cutoffs: str) -> Problem:
-    """The same with other cut-offs [Hz] of the filters, "states,torque"."""
+def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
+    """The same with other cut-offs [Hz] of the filters, "states,torque"; as it is for None."""
+    if cutoffs is None:
+        return problem
     state, torque = numbers("--filters", cutoffs, 2)
     settings = replace(problem.preprocessing, state_cutoff=state, torque_cutoff=torque)
     return replace(problem, preprocessing=settings)
 
 
-def with_bounds(problem: Problem, text: str) -> Problem:
-    """The same with other bounds, "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2].
+def with_bounds(problem: Problem, text: str | None) -> Problem:
+    """The same with other bounds, "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2]; as it is for None.
 
     The names are those of a ``bounds.csv``, and ``total``; an end that is left out is none (a mass has
     zero). A nominal link outside of its new mass comes to the middle. Raises InputError for another
     text, a name of no link, or ends that are swapped.
     """
+    if text is None:
+        return problem
     places, box, total = entries(problem.robot.links), problem.box.copy(), problem.total_mass
     for name, ends in (pairs("--bounds", text) or {}).items():
         low, _, high = ends.partition(":")

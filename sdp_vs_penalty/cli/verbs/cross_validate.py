@@ -33,7 +33,7 @@ def verb(
     with console.progress("reading the measurements") as progress:
         runs = load_measurements(*data, joints=robot.robot.n, names=robot.robot.joint_names)
         how: dict[str, Any] = {"effects": effects, "folds": folds, "seed": seed}
-        how |= {"known": parsed_known(known) if known else {}, "workers": Workers(jobs, scheduler)}
+        how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler)}
         result = cross_validate(robot, runs, method, progress=progress, **how)
     console.say(result.verdict, style="bold")
     console.explain(result.how)

@@ -34,7 +34,7 @@ def verb(
     with console.progress("reading the measurements") as progress:
         loads = [parsed_known_load(text) for text in known_load or []]
         _, runs = runs_as_told(robot, data, window)
-        given = parsed_known(known) if known else {}
+        given = parsed_known(known)
         chosen = PoseOptions(effects, known_loads=loads, known=given, instruments=instruments)
         told = write_posed(robot, runs, out, method, chosen, progress)
     console.written(out, f"{told['method']}: {told['variables']} variables, {told['rows']} rows")

@@ -42,7 +42,7 @@ def verb(
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
 
-    estimator = with_solver(method, solver) if solver else method
+    estimator = with_solver(method, solver)
     robot = runs.as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
         whole, given = runs.runs_as_told(robot, data, window)
@@ -57,10 +57,7 @@ def verb(
         how: dict[str, Any] = {"effects": effects, "instruments": instruments, "proof": proof}
         how |= {"seed": seed, "gain_uncertainty": gain_uncertainty or 0.0, "progress": progress}
         how["known_loads"] = [parsed_known_load(text) for text in known_load or []]
-        how |= {
-            "known": parsed_known(known) if known else {},
-            "workers": Workers(jobs, scheduler, progress),
-        }
+        how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler, progress)}
         noisy = whole if isinstance(whole, Measurements) else None
         try:
             estimate, fit = identified(robot, given, estimator, noise_from=noisy, **how)
