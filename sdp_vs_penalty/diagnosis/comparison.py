@@ -20,7 +20,7 @@ from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.identify import identify as _identify
-from sdp_vs_penalty.estimation.pose import behind_filters, readable
+from sdp_vs_penalty.estimation.pose import behind_filters, logged, readable
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict, judge, noise_level
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem.load import as_problem
@@ -369,8 +369,7 @@ def identified(
         return estimate, None
     fit = compare({estimate.method: estimate}, data, noise_from=noise_from)[0]
     estimate.provenance["verdict"] = fit.verdict.to_dict()
-    log = noise_from or (data.measurements if isinstance(data, FilteredRuns) else data)
-    noise = NoiseFloor(*fit.noise, log.data_hash)
+    noise = NoiseFloor(*fit.noise, (noise_from or logged(data)).data_hash)
     estimate.provenance["noise"] = noise.to_dict()
     return estimate, fit
 

@@ -28,7 +28,15 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.pose import Posed, PoseOptions, behind_filters, in_columns, pose, readable
+from sdp_vs_penalty.estimation.pose import (
+    Posed,
+    PoseOptions,
+    behind_filters,
+    in_columns,
+    logged,
+    pose,
+    readable,
+)
 from sdp_vs_penalty.estimation.shapes import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -310,8 +318,7 @@ def identify(
             raise InputError(what, "choose another method, or leave the proof out")
     if not isinstance(data, BlackBox):
         if refined:
-            log = data.measurements if isinstance(data, FilteredRuns) else data
-            log.require_torque(f"method {OUTPUT_ERROR}")
+            logged(data).require_torque(f"method {OUTPUT_ERROR}")
         data = behind_filters(problem, data, preprocessing)
     options = PoseOptions(effects, preprocessing, weighting, gain_uncertainty, known_loads, seed)
     options = replace(options, known=known or {}, instruments=instruments)

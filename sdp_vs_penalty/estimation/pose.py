@@ -187,6 +187,11 @@ def independent_gains(uncertainty: float | Array, joints: int) -> Array:
     return uncertainty * np.eye(joints)
 
 
+def logged(data: Measurements | FilteredRuns) -> Measurements:
+    """The log itself."""
+    return data.measurements if isinstance(data, FilteredRuns) else data
+
+
 def readable(
     problem: Problem, measurements: Source | FilteredRuns | BlackBox, what: str
 ) -> Measurements | FilteredRuns | BlackBox:
@@ -195,7 +200,7 @@ def readable(
     n, names = problem.robot.n, problem.robot.joint_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(measurements, n, names, what)
-    data = measurements.measurements if isinstance(measurements, FilteredRuns) else measurements
+    data = measurements if isinstance(measurements, BlackBox) else logged(measurements)
     if data.n != n:
         raise other_robot(data.n, n, f"measurements for {problem.name}")
     if isinstance(measurements, Measurements):

@@ -110,8 +110,8 @@ class Task:
         return LeastSquares(self.base, target, 0.0, float(target @ target), len(target))
 
     def minimum_thickness(self, radius: float) -> list[Constraint]:
-        """Sigma_c >= m radius^2 1 for every link."""
-        links = enumerate(self.links, start=1)
+        """Sigma_c >= m radius^2 1 for every link; nothing for radius 0."""
+        links = enumerate(self.links if radius > 0.0 else (), start=1)
         return [build.pseudo_inertia(f"link {k}", indices, radius) for k, indices in links]
 
 

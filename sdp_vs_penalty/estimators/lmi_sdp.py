@@ -64,9 +64,7 @@ class LmiSdp(Estimator):
 
     def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
         """What is minimised, subject to what."""
-        constraints = task.constraints
-        if self.thickness > 0.0:
-            constraints = constraints.plus(task.minimum_thickness(self.thickness))
+        constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
         if self.body:
             constraints = constraints.plus(task.bodies)
         data = with_joint_prior(task, self.joint_prior).data

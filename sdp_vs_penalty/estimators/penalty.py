@@ -234,9 +234,7 @@ class Penalty(Estimator):
 
     def demands(self, task: Task) -> ConstraintSet:
         """The same arrays as the SDP's."""
-        demands = task.constraints
-        if self.thickness > 0.0:
-            demands = demands.plus(task.minimum_thickness(self.thickness))
+        demands = task.constraints.plus(task.minimum_thickness(self.thickness))
         return demands.plus(task.bodies) if self.body else demands
 
     def fit(self, task: Task) -> Fit:
