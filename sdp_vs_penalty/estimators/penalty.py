@@ -423,14 +423,16 @@ def anneal_and_search(
     while spent < budget and lowest > 0.0:
         # SLSQP stops at kinks of the penalty, and its tolerances want values of size 1: start it
         # again with the loss rescaled, while that helps.
-        scale = lowest
-
-        def scaled(v: Array, scale: float = scale) -> tuple[float, Array]:
-            value, gradient = loss.value_and_gradient(v, weight)
-            return value / scale, gradient / scale
-
-        steps = {"maxiter": max(1, (budget - spent) * 4 // 5), "ftol": 1e-9}
-        local = optimize.minimize(scaled, best, jac=True, method="SLSQP", bounds=box, options=steps)
+        told: dict[str, Any] = {"maxiter": max(1, (budget - spent) * 4 // 5), "ftol": 1e-9}
+        local = optimize.minimize(
+            lambda v, scale: loss.value(v, weight) / scale,
+            best,
+            (lowest,),
+            "SLSQP",
+            lambda v, scale: loss.gradient(v, weight) / scale,
+            bounds=box,
+            options=told,
+        )
         spent += int(local.nfev)
         found = np.clip(local.x, 0.0, 1.0)
         value = loss.value(found, weight)
@@ -464,19 +466,13 @@ class PenalisedLoss:
     def value(self, u: Array, weight: float) -> float:
         """loss + weight g at u (d,)."""
         p = self.p(u)
-        value = self.data.loss(self.box.theta(p))
-        return value if weight == 0.0 else value + weight * self.penalty(p)[0]
+        return self.data.loss(self.box.theta(p)) + weight * self.penalty(p)[0]
 
-    def value_and_gradient(self, u: Array, weight: float) -> tuple[float, Array]:
-        """The same, and its gradient (d,)."""
+    def gradient(self, u: Array, weight: float) -> Array:
+        """(d,) of the value."""
         p = self.p(u)
-        residual = self.data.R @ self.box.theta(p) - self.data.rho
-        value = float(residual @ residual) + self.data.residual_norm**2
-        gradient = self.box.pull_back(p, 2.0 * (residual @ self.data.R))
-        if weight != 0.0:
-            g, slope = self.penalty(p)
-            value, gradient = value + weight * g, gradient + weight * slope
-        return value, gradient[self.free] * self.width
+        slope = self.box.pull_back(p, self.data.gradient(self.box.theta(p)))
+        return (slope + weight * self.penalty(p)[1])[self.free] * self.width
 
     def penalty(self, p: Array) -> tuple[float, Array]:
         """g(p), and its (sub)gradient (p,)."""

@@ -11,7 +11,7 @@ An experiment is described by simulation.toml in the problem's folder; a robot w
 its nominal links as truth, mild friction, a random trajectory and white noise, all stated below.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -115,7 +115,7 @@ def simulate(
     trajectory: FourierTrajectory,
     torque: Callable[[Motion], Array],
     sensor: Sensor,
-    seed: int = 0,
+    seed: int | Sequence[int] = 0,
     *,
     name: str = "simulated",
 ) -> Measurements:

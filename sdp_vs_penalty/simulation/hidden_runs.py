@@ -16,6 +16,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
@@ -24,6 +25,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import joint_limits
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
+from sdp_vs_penalty.simulation.experiments import simulate as measured
 from sdp_vs_penalty.simulation.worlds import hidden as makers
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.world import PAUSE, Arm, DryFriction, TrueMotion, World
@@ -182,8 +184,12 @@ def hidden_runs(
 
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:
     """Of run k, on the sitting's clock."""
-    start = k * (DURATION + 2.0 * _BLEND + PAUSE)
-    return TrueMotion(local + start, *trajectory.states(local))
+    return TrueMotion(local + _start(k), *trajectory.states(local))
+
+
+def _start(k: int) -> float:
+    """Of run k, on the sitting's clock [s]."""
+    return k * (DURATION + 2.0 * _BLEND + PAUSE)
 
 
 def _measure(
@@ -194,15 +200,14 @@ def _measure(
     seed: int,
     k: int,
 ) -> Measurements:
-    """One run as the sensor logs it: the log's clock reads what the controller renewed last."""
-    rng = np.random.default_rng([seed, 3, k])
-    local = setup.sensor.instants(trajectory.duration)
-    motion = _motion(trajectory, local, k)
-    torque = world.torque(motion) + sum(h.torque(world, motion) for h in hidden)
-    log, *shown = setup.sensor.log(trajectory.duration, motion.q, torque, rng)
-    inside = (log >= _BLEND) & (log < _BLEND + DURATION)
-    clock = motion.t[0] + log[inside]
-    q, tau = (x[inside] for x in shown)
+    """One run as the sensor logs it, on the sitting's clock."""
+
+    def torque(seen: Motion) -> Array:
+        motion = _motion(trajectory, seen.t, k)
+        return world.torque(motion) + sum(h.torque(world, motion) for h in hidden)
+
+    whole = measured(trajectory, torque, setup.sensor, [seed, 3, k], name=f"run{k + 1}")
+    run = whole.window(_BLEND, _BLEND + DURATION)
+    clock = run.t + _start(k)
     warm = any(h.effect == "warming_friction" for h in hidden)
-    temperature = world.temperature(clock) if warm else None
-    return Measurements(clock, q, tau, names=(f"run{k + 1}",), temperature=temperature)
+    return replace(run, t=clock, temperature=world.temperature(clock) if warm else None)

@@ -1,6 +1,6 @@
 """Figures 1 to 7, of the Panda: its motions, torques and their errors, and physics engines."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -92,15 +92,15 @@ def figure_3(study: Study) -> Any:
     return figure
 
 
-def _present(results: Sequence[table_v.EngineResult]) -> list[table_v.EngineRun]:
+def _present(results: table_v.Played) -> list[table_v.EngineRun]:
     """The runs of the engines at hand, the noisiest first so that it is drawn below the others."""
-    runs = [r.run for r in results if r.run is not None]
+    runs = [run for run in results.values() if not isinstance(run, str)]
     return sorted(runs, key=lambda run: run.engine != "Bullet")
 
 
-def _engines_title(figure: Any, text: str, results: Sequence[table_v.EngineResult]) -> None:
+def _engines_title(figure: Any, text: str, results: table_v.Played) -> None:
     """The title, with the engines that are not there."""
-    absent = [r.engine for r in results if r.run is None]
+    absent = [kind.name for kind, run in results.items() if isinstance(run, str)]
     figure.suptitle(text + (f"\n(absent here: {', '.join(absent)})" if absent else ""))
 
 

@@ -5,8 +5,7 @@ model which torque it should have taken. Published engines stand beside those at
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from operator import attrgetter
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,21 +35,22 @@ class EngineRun:
     """One engine along one motion, beside the model of the same links.
 
     t (N,) middle of each step [s], of which its torque is the mean; torque, model (N, n) of the engine
-    and of recursive Newton-Euler [N m, N]; position [m], angle [rad] (N,) : distance and rotation of the
-    last link's joint frame from where the commanded motion puts it, at the end of each step.
+    and of recursive Newton-Euler [N m, N]; error (N, n) torque less the model's, or less what was
+    measured and is not friction; position [m], angle [rad] (N,) : distance and rotation of the last
+    link's joint frame from where the commanded motion puts it, at the end of each step.
     """
 
     engine: str
     t: Array
     torque: Array
     model: Array
+    error: Array
     position: Array
     angle: Array
 
-    @property
-    def error(self) -> Array:
-        """(N, n) torque of the engine less that of the model."""
-        return self.torque - self.model
+
+#: Of every engine its run along one motion, or why there is none: absent, or it rejects a link.
+Played = dict[type[Engine], EngineRun | str]
 
 
 def sinusoids(robot: Robot) -> Course:
@@ -82,7 +82,7 @@ def play(
     there = robot.poses(q[1:])[:, robot.n - 1]
     away = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
     turned = Rotation.from_matrix(np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3])
-    return EngineRun(kind.name, t, torque, model, away, turned.magnitude())
+    return EngineRun(kind.name, t, torque, model, torque - model, away, turned.magnitude())
 
 
 def inverse_dynamics_error(kind: type[Engine], robot: Robot, links: Array) -> float | None:
@@ -98,34 +98,19 @@ def inverse_dynamics_error(kind: type[Engine], robot: Robot, links: Array) -> fl
     return float(np.abs(torque - robot.inverse_dynamics(np.asarray(links).ravel(), q, dq, ddq)).max())
 
 
-@dataclass(frozen=True)
-class EngineResult:
-    """One engine, with its version, on one motion. run is None where it is absent or rejects the robot:
-    status says so.
-
-    torque_error (N, n) : engine less identified model on sinusoids; engine plus identified friction
-    less measured torque on the real run, both below the torque filter's cut-off.
-    """
-
-    engine: str
-    motion: str
-    status: str
-    run: EngineRun | None = None
-    torque_error: Array | None = None
-    inverse_error: float | None = None
-
-
-def sinusoidal_runs(study: Study) -> list[EngineResult]:
+def sinusoidal_runs(study: Study) -> Played:
     """Sinusoidal velocities over the range, with the links identified from the simulated run."""
     motion = sinusoids(study.problem.robot)
     return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
 
 
-def measured_runs(study: Study) -> list[EngineResult]:
-    """The motion of the real run, with the links identified from it; empty without a real run."""
+def measured_runs(study: Study) -> Played:
+    """The motion of the real run, with the links identified from it.
+
+    error : engine plus identified friction less measured torque, below the torque filter's cut-off.
+    """
     data = study.measured
-    if data is None:
-        return []
+    assert data is not None
     # Decimated: dense enough for splines through the positions.
     rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
     theta = study.theta(METHOD, data).copy()
@@ -133,38 +118,29 @@ def measured_runs(study: Study) -> list[EngineResult]:
     reference = rows.torque - predicted(rows, theta)
     t = rows.motion.t - rows.motion.t[0]
 
-    def less_measured(run: EngineRun) -> Array:
+    def less_measured(run: EngineRun) -> EngineRun:
         at = np.column_stack([np.interp(run.t, t, column) for column in reference.T])
         # From rest to the run's velocity, within the first 0.1 s, is no motion of the robot's.
-        return (run.torque - at)[run.t > 0.1]
+        return replace(run, error=(run.torque - at)[run.t > 0.1])
 
     spline = CubicSpline(t, rows.motion.q)
     motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
-    return _played(study, data, motion, float(t[-1]), MEASURED_STEP, less_measured)
+    found = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
+    return {kind: x if isinstance(x, str) else less_measured(x) for kind, x in found.items()}
 
 
-def _played(
-    study: Study,
-    data: Data,
-    motion: Course,
-    duration: float,
-    step: float,
-    torque_error: Callable[[EngineRun], Array] = attrgetter("error"),
-) -> list[EngineResult]:
-    """Every engine with the links identified from a data set, and its torque error."""
-    links, out = study.links(METHOD, data), []
+def _played(study: Study, data: Data, motion: Course, duration: float, step: float) -> Played:
+    """Every engine with the links identified from a data set."""
+    links, out = study.links(METHOD, data), Played()
     for name, kind in engine_types().items():
-        version = kind.version()
-        if version is None:
-            out.append(EngineResult(name, data.label, f"absent ({kind.install})"))
+        if kind.version() is None:
+            out[kind] = f"absent ({kind.install})"
             continue
         study.progress(f"engine {name}, {data.label} motion")
         try:
-            run = play(kind, study.problem.robot, links, motion, duration, step)
-            more = run, torque_error(run), inverse_dynamics_error(kind, study.problem.robot, links)
-            out.append(EngineResult(f"{name} {version}", data.label, "run", *more))
+            out[kind] = play(kind, study.problem.robot, links, motion, duration, step)
         except InputError as error:
-            out.append(EngineResult(f"{name} {version}", data.label, f"rejected: {error}"))
+            out[kind] = f"rejected: {error}"
     return out
 
 
@@ -178,7 +154,8 @@ def engines(study: Study) -> Table:
     for row in study.problem.published["table_V"]:
         about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
         rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
-    rows += [_row(x, n) for x in (*study.once(sinusoidal_runs), *study.once(measured_runs))]
+    for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
+        rows += [_row(study, data, *each) for each in study.once(runs).items()]
     formulations = "; ".join(f"{name}: {kind.formulation}" for name, kind in engine_types().items())
     return Table(
         f"Table V: physics engines with the identified {study.problem.title}",
@@ -203,13 +180,15 @@ def engines(study: Study) -> Table:
 _NO_RUN: Row = dict.fromkeys(("position_error_mm", "angle_error_mrad", "inverse_dynamics_error"))
 
 
-def _row(result: EngineResult, n: int) -> Row:
-    error, run, figures = result.torque_error, result.run, _NO_RUN
-    if run is not None:
+def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> Row:
+    robot, figures, status = study.problem.robot, _NO_RUN, run
+    means: Any = [None] * robot.n
+    deviations = means
+    if isinstance(run, EngineRun):
+        inverse = inverse_dynamics_error(kind, robot, study.links(METHOD, data))
         both = 1e3 * float(np.max(run.position)), 1e3 * float(np.max(run.angle))
-        figures = dict(zip(_NO_RUN, (*both, result.inverse_error), strict=True))
-    none = [None] * n
-    torque = by_joint(none if error is None else map(np.mean, error.T))
-    torque |= by_joint(none if error is None else map(np.std, error.T), "std_joint")
-    about = {"motion": result.motion, **figures, "status": result.status}
-    return {"engine": result.engine, **torque, **about}
+        figures, status = dict(zip(_NO_RUN, (*both, inverse), strict=True)), "run"
+        means, deviations = (list(map(of, run.error.T)) for of in (np.mean, np.std))
+    about = {"motion": data.label, **figures, "status": status}
+    name = f"{kind.name} {kind.version() or ''}".rstrip()
+    return {"engine": name, **by_joint(means), **by_joint(deviations, "std_joint"), **about}
