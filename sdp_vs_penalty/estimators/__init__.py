@@ -44,7 +44,7 @@ __getattr__ = surface(
     {
         "Fit": "estimator",
         "LmiSdp": "lmi_sdp",
-        "PenaltyPaper": "penalty",
+        "PenaltyPaper": "penalty_paper",
         "PosedSdp": "sdp_fit",
         "Task": "estimator",
         "interior_point": "sdp_fit",

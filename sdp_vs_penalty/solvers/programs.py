@@ -149,10 +149,6 @@ class SdpaProgram(Program):
         **{"maxIteration": 200, "epsilonStar": ACCURACY, "epsilonDash": ACCURACY},
         **{"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9},
     }
-    variants = {  # -pt 1 and -pt 2
-        "fast": {"betaStar": 0.01, "betaBar": 0.02, "gammaStar": 0.95},
-        "stable": {"lambdaStar": 1e4, "betaBar": 0.3, "gammaStar": 0.8, "maxIteration": 1000},
-    }
     claims = SDPA_CLAIMS
     parameters = """{maxIteration} unsigned int maxIteration;
 {epsilonStar} double 0.0 < epsilonStar;

@@ -53,9 +53,8 @@ class Solver(ABC):
     name of a program, where it is not the command's.
     cones : what it takes; what it lacks is rewritten. order : of the kinds of cones, where it wants one;
     full_matrices : whether a psd cone's rows are all entries of the matrix instead of svec's.
-    told : options by the names of its documentation; variants : further sets of these from its manual,
-    by name; claims : what its status claims (of a Solution; else "failed"); finest : the finest accuracy
-    that a loop around it may ask for.
+    told : options by the names of its documentation; claims : what its status claims (of a Solution;
+    else "failed"); finest : the finest accuracy that a loop around it may ask for.
     """
 
     name: ClassVar[str]
@@ -66,7 +65,6 @@ class Solver(ABC):
     order: ClassVar[tuple[str, ...]] = ()
     full_matrices: ClassVar[bool] = False
     told: ClassVar[Mapping[str, Any]]
-    variants: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     claims: ClassVar[Mapping[str, str]] = {}
     finest: ClassVar[float] = 1e-10
 
@@ -74,16 +72,15 @@ class Solver(ABC):
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
         """Its answer to a problem that is written as it wants it."""
 
-    def options(self, accuracy: float, variant: str = "") -> dict[str, Any]:
+    def options(self, accuracy: float) -> dict[str, Any]:
         """What it is told for an accuracy, relative, of gap and feasibility."""
-        told = {**self.told, **self.variants.get(variant, {})}
-        return {name: accuracy if value is ACCURACY else value for name, value in told.items()}
+        return {name: accuracy if value is ACCURACY else value for name, value in self.told.items()}
 
-    def solve(self, problem: ConicProblem, accuracy: float, variant: str = "") -> Solution:
+    def solve(self, problem: ConicProblem, accuracy: float) -> Solution:
         """Its answer to any problem; raises NotApplicableError for cones that it cannot be given."""
         form = suited(problem, self.cones, self.order)
         sent = (full_matrices if self.full_matrices else unchanged)(form.problem)
-        found = self.run(sent.problem, self.options(accuracy, variant))
+        found = self.run(sent.problem, self.options(accuracy))
         x, z = sent.back(found.x, found.z)
         x, z = form.back(x, z)
         return replace(found, x=x, z=z)

@@ -33,15 +33,21 @@ def warm_up() -> None:
 
 class ThroughCvxpy(Solver):
     """A solver of CVXPY's, called there by our name in capitals; group : the argument that holds its
-    options, "" where each is an argument."""
+    options, "" where each is an argument; licences : files of which it needs one, or port@server."""
 
     extra = "its vendor, with a licence"
     full_matrices = True
     group: ClassVar[str] = ""
+    licences: ClassVar[tuple[str, ...]]
     claims = CLAIMS
 
     def warm_up(self) -> None:
         warm_up()
+
+    def licence(self) -> str:
+        found = (Path(os.path.expandvars(path)).expanduser() for path in self.licences)
+        there = any("@" in path.name or path.is_file() for path in found)
+        return "" if there else f"no licence in {', '.join(self.licences)}"
 
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
         import cvxpy as cp
@@ -97,14 +103,7 @@ class Mosek(ThroughCvxpy):
     requires = "package", "mosek"
     group = "mosek_params"
     told = {f"MSK_DPAR_INTPNT_CO_TOL_{what}": ACCURACY for what in ("REL_GAP", "PFEAS", "DFEAS")}
-
-    def licence(self) -> str:
-        named = os.environ.get("MOSEKLM_LICENSE_FILE")
-        if named and ("@" in named or Path(named).exists()):  # a file, or port@server
-            return ""
-        if (Path.home() / "mosek" / "mosek.lic").is_file():
-            return ""
-        return "no licence in MOSEKLM_LICENSE_FILE or ~/mosek/mosek.lic"
+    licences = "$MOSEKLM_LICENSE_FILE", "~/mosek/mosek.lic"
 
 
 class Copt(ThroughCvxpy):
@@ -113,10 +112,4 @@ class Copt(ThroughCvxpy):
     name = "copt"
     requires = "package", "coptpy"
     told = dict.fromkeys(("RelGap", "FeasTol", "DualTol"), ACCURACY)
-
-    def licence(self) -> str:
-        named = (os.environ.get(name) for name in ("COPT_LICENSE_DIR", "COPT_HOME"))
-        folders = [*(Path(folder) for folder in named if folder), Path.home() / "copt"]
-        if any((folder / "license.dat").is_file() for folder in folders):
-            return ""
-        return "no license.dat in COPT_LICENSE_DIR, COPT_HOME or ~/copt"
+    licences = tuple(f"{home}/license.dat" for home in ("$COPT_LICENSE_DIR", "$COPT_HOME", "~/copt"))

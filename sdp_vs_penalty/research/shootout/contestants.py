@@ -128,7 +128,7 @@ def contestants() -> dict[str, Contestant]:
             options=None,
             promise=max(Contestant.promise, 10.0 * finest),
         )
-        found += [own, certified, *(_conic(conic, v) for v in conic.variants)]
+        found += [own, certified]
     return {c.name: c for c in sorted(found, key=lambda c: c.name)}
 
 
@@ -148,12 +148,12 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     return [everyone[name] for name in names], []
 
 
-def _conic(solver: Solver, variant: str = "") -> Contestant:
-    """A solver of the library; variant : another parameter set of its manual."""
+def _conic(solver: Solver) -> Contestant:
+    """A solver of the library."""
 
     def solve(instance: Instance, accuracy: float) -> Answer:
         sdp = instance.sdp
-        solution = solver.solve(sdp.conic, accuracy, variant)
+        solution = solver.solve(sdp.conic, accuracy)
         return Answer(
             sdp.theta(solution),
             solution.claims,
@@ -162,14 +162,13 @@ def _conic(solver: Solver, variant: str = "") -> Contestant:
             sdp.entropy_slopes(solution),
         )
 
-    about = f"{solver.name} with the parameter set {variant} of its manual"
     return Contestant(
-        f"{solver.name} {variant}".rstrip(),
-        about if variant else solver.description,
+        solver.name,
+        solver.description,
         solve,
         solver.version,
         solver.absent,
-        partial(solver.options, variant=variant),
+        solver.options,
         entropy="exp" in solver.cones,
         warm_up=lambda: None if solver.absent else solver.warm_up(),
     )

@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.problem.published import VARIABLE, measured_runs
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.research.tables.study import FOLDS, Study, torque_errors
-from sdp_vs_penalty.research.tables.table import Row, Table, makes
+from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
@@ -49,20 +49,7 @@ def emps(study: Study) -> Table:
     return Table(
         "EMPS, the electro-mechanical positioning system of nonlinearbenchmark.org",
         rows,
-        (
-            "force_error: 100 |F - F_hat| / |F| below 20 Hz, the inverse dynamics along the measured "
-            "motion. position_rmse: the benchmark's own terms, the position simulated from the control "
-            "voltage alone, open loop from the first sample, M a = g v - F_v v - F_va |v| - F_c sign(v) "
-            "- offset.",
-            f"unseen_force_error: {FOLDS} folds by phase of the first file, whose motion repeats every "
-            "6.24 s; the pulses' motion is the same but for 0.2 mm, so that its force error is one of "
-            "repeatability.",
-            f"{OUTPUT_ERROR} minimises the simulated position of the tracking file under all "
-            "constraints. Stribeck friction, a position-dependent one, a spring and hysteresis did less "
-            "for halves of that file; an offset that drifts with time fits it to 0.6 mm and does not "
-            "carry over (9 mm on the pulses), so that it is not used.",
-            "Open loop nothing pulls a simulated position back: small errors of the force add up.",
-        ),
+        notes("emps", folds=FOLDS, method=OUTPUT_ERROR),
         f"Simulated position on the test file: {min(errors):.3g} mm at best, {errors[0]:.3g} mm "
         "with the authors' values.",
         caption="Measured: both public files, 24.8 s at 1 kHz each; estimated from the first "

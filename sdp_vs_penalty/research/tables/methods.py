@@ -9,7 +9,7 @@ from sdp_vs_penalty.estimation.identify import consistent, positive_mass_matrice
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.research.tables.study import FOLDS, WITH_PRIOR, Data, Frozen, Result, Study
-from sdp_vs_penalty.research.tables.table import Row, Table, makes
+from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 from sdp_vs_penalty.robot import inertia
 
 
@@ -26,29 +26,7 @@ def methods(study: Study) -> Table:
     return Table(
         f"Methods compared on {study.problem.title}",
         rows,
-        (
-            "excess_loss_percent: loss over the certified lower bound of the constrained optimum (that "
-            "of lmi-sdp-plain); negative only for what is not feasible. penalty-two-step and "
-            "penalty-paper-two-step minimise the distance to the OLS base parameters; the last step of "
-            "lmi-sdp-two-step is the SDP of lmi-sdp-plain. Bodies, minimum thickness and entropy cost "
-            "some loss by design; 'joint prior' is lmi-sdp's pull of friction and offsets to zero, by "
-            "itself. Measured rows are fitted to the first 14 s of the run.",
-            "worst_violation: over every constraint family of the problem, in that family's units, "
-            "those included that the method did not receive; smallest_eigenvalue: of the links' "
-            "pseudo-inertias.",
-            "unseen_error_percent: on motion that was not trained on: the simulated validation "
-            f"trajectories, or the real run's {FOLDS} folds by phase (each leaves out a stretch of the "
-            "motion, all its repetitions and what the filters reach around it; "
-            "worst_fold_error_percent: the largest of them). repeatability_error_percent: fitted to the "
-            "first 14 s, judged from 14.2 s on, where the real run repeats its beginning. "
-            "reverse-engineering has the links of the simulated black box, friction refitted on the "
-            "training part: on measured data it says how far the published p_hat is from the real "
-            "arm.",
-            "positive_definite_percent: share of 10 000 random poses at which M(q) is positive "
-            "definite. seconds: to fit from compressed data, on the machine that wrote this table.",
-            "runs: independent starts of one fit; feasible_runs end with every violation below 1e-6; "
-            f"budget {study.budget}.",
-        ),
+        notes("methods", folds=FOLDS, budget=study.budget),
         f"On unseen motion ({last[0]['data']}): {', '.join(errors)}.",
         digits=3,
     )

@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimation.resampling import CrossValidation, FoldData, Split, judged
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, make_task, no_progress
-from sdp_vs_penalty.estimators.penalty import PAPER_BUDGET, PenaltyPaper
+from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
@@ -226,13 +226,13 @@ class Study:
         self._made.update(zip(new, made, strict=True))
 
     @property
-    def about_priors(self) -> list[str]:
+    def about_priors(self) -> str:
         """A note on what the names of columns and rows say of the prior."""
         said = (
             "joint_prior: lmi-sdp-plain and penalty with the pull of friction and offsets to zero that "
             "lmi-sdp has, and nothing else of it; optimisers compare among methods with it, or without."
         )
-        return [said] if set(WITH_PRIOR) & set(self.methods.values()) else []
+        return said if set(WITH_PRIOR) & set(self.methods.values()) else ""
 
     @cached_property
     def sentence(self) -> str:

@@ -148,6 +148,14 @@ class Table:
         return [Path(f"{base}{suffix}") for suffix in forms]
 
 
+def notes(table: str, **values: object) -> list[str]:
+    """What a table says below itself: the paragraphs of notes/TABLE.md beside this file with the values
+    in their places, without those that are empty then."""
+    written = Path(__file__).with_name("notes") / f"{table}.md"
+    said = (" ".join(part.split()) for part in written.read_text().split("\n\n"))
+    return [note for note in (part.format(**values) for part in said) if note]
+
+
 def text(cell: Cell, digits: int = 4) -> str:
     """A cell as written: printed text untouched, numbers to ``digits`` significant digits."""
     if isinstance(cell, str | int):

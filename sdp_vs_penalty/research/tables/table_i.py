@@ -22,7 +22,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes
+from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes, notes
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
@@ -200,29 +200,19 @@ def sigmoid_friction(study: Study) -> Table:
     intervals = count * study.problem.robot.n
     # Half width [%] of the 95 % range of a share counted from so many intervals.
     expected = 196.0 * float(np.sqrt(0.95 * 0.05 / intervals))
-    notes = _steps("simulated", fits[0])
+    steps = {"simulated": _steps("simulated", fits[0]), "measured": ""}
     if study.measured is not None:
         study.progress("sigmoid friction of the real run")
         fit = _fit(study, study.measured, study.measured.train)
         rows += _rows_of("measured", fit)
-        notes += _steps("measured", fit)
+        steps["measured"] = _steps("measured", fit)
     for data in study.judged:
         for name, errors in _held_out(study, data):
             rows.append(_row(name, errors, "N*m", f"{data.label}, held-out RMSE"))
     return Table(
         f"Table I: sigmoid friction of {study.problem.title}",
         rows,
-        (
-            "Fitted together with the base parameters of the links: W pi + f(dq; phi) = tau, "
-            "f = phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)).",
-            "lower, upper: 95 % intervals from the Jacobian of the whole fit; of phi_3 many are wide, "
-            "and one that holds zero leaves the sign open. covered_percent: how many of them hold the "
-            f"truth, over all joints and {count} simulated runs with different noise "
-            f"({intervals} intervals: 95 % +- {expected:.0f} % expected).",
-            *notes,
-            "Held out: the residual of each friction model on the judged data, fitted on the training "
-            "part by ordinary least squares; shapes too are chosen on the training part.",
-        ),
+        notes("I", count=count, intervals=intervals, expected=expected, **steps),
         digits=5,
     )
 
@@ -243,11 +233,11 @@ def _rows_of(what: str, fit: SigmoidFit, covered: Array | None = None, ends: boo
     return rows
 
 
-def _steps(what: str, fit: SigmoidFit) -> list[str]:
+def _steps(what: str, fit: SigmoidFit) -> str:
     """A note on the joints whose data want a step."""
     joints = ", ".join(map(str, np.flatnonzero(fit.at_bound) + 1))
     said = "phi_2 ran to the end of its range: the data want a step, and the interval means nothing."
-    return [f"{what}: on joint(s) {joints} {said}"] if joints else []
+    return f"{what}: on joint(s) {joints} {said}" if joints else ""
 
 
 def _rows_in(data: Data, run: Measurements) -> RowsOf:

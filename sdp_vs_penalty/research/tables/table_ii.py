@@ -6,7 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Row, Table, makes
+from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 
 
 @makes("II", "panda")
@@ -38,17 +38,7 @@ def exciting_trajectory(study: Study) -> Table:
     return Table(
         f"Table II: exciting trajectory of {study.problem.title}",
         rows,
-        (
-            f"All: L = {paper.a.shape[1]} harmonics, w_f = {paper.frequency / np.pi:.3g} pi rad/s, "
-            f"{paper.duration:g} s with raised-cosine blends of {paper.blend:g} s.",
-            "a_l, b_l [rad/s], q_0 [rad]. Condition numbers are of the stacked base regressor in the "
-            "paper's symbols, all joints in N m; the paper prints 121.88 for its regressor with "
-            "friction.",
-            "within the paper's extremes: no joint leaves the range, exceeds the velocity or the "
-            "acceleration that the published trajectory itself uses; within the robot's limits: "
-            "Franka's position and velocity limits, accelerations that reach the velocity limit in "
-            "0.25 s. Collisions are not looked at.",
-        ),
+        notes("II", harmonics=paper.a.shape[1], over_pi=paper.frequency / np.pi, paper=paper),
         digits=5,
         caption="Published coefficients, and trajectories optimised by this program; nothing here is "
         "measured.",

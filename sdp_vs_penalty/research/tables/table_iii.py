@@ -10,9 +10,10 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table import Row, Table, makes
+from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 
 _CONDITION, _ERROR = "condition number", "relative error [%]"
+_DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
 #: Figures of the paper's two fits that are in its text: condition number, relative error [%].
 _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
 
@@ -32,40 +33,25 @@ def base_parameter_table(study: Study) -> Table:
     )
     keys = [*base, *dict.fromkeys(others), _CONDITION, _ERROR]
     rows = _published(study, keys) or _own_rows(study, keys)
-    truth, box = study.base @ study.experiment.links.ravel(), study.reverse_engineered
+    truth, found = study.base @ study.experiment.links.ravel(), study.reverse_engineered
     ours = {
         "true_simulated": dict(zip(base, truth, strict=True)),
-        "re_simulated": dict(zip(base, study.base @ box.theta, strict=True))
-        | {_CONDITION: box.details["condition_number"], _ERROR: box.details["relative_error_percent"]},
+        "re_simulated": dict(zip(base, study.base @ found.theta, strict=True))
+        | {key: found.details[name] for key, name in _DETAILS.items()},
     }
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
         ours |= _estimates(study, data, base)
+    box, authors = study.black_box
+    where = "the authors' 1010" if authors else f"{box.samples} random (the authors' file is absent)"
     shown = [f"{method}_{d.label}" for d in study.whole for method in ("ols", DEFAULT_METHOD)]
     names = (name.replace("-", "_") for name in shown)
     errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
     return Table(
         f"Table III: base parameters of {study.problem.title}",
         pandas.DataFrame(rows, keys, dtype=object).join(pandas.DataFrame(ours)),
-        _notes(study),
+        notes("III", where=where, priors=study.about_priors),
         f"Relative error on the training data: {', '.join(errors)}.",
-    )
-
-
-def _notes(study: Study) -> tuple[str, ...]:
-    box, authors = study.black_box
-    where = "the authors' 1010" if authors else f"{box.samples} random (the authors' file is absent)"
-    return (
-        f"re_simulated is identified from a simulated black box at {where} configurations. Its relative "
-        "error is rounding, because the simulated box has exactly this model: it says nothing beside "
-        "the paper's 0.0315 % on the real one.",
-        "sigma_pct: percent standard deviations of least squares (eq. 14 of the paper), with filtered "
-        "rows counted once per independent sample; the paper counts every sample of its log, which "
-        "makes its percentages smaller.",
-        "Relative error: on the training data, behind the filters. Condition number: of the regressor "
-        "in these parameters, all joints in N m, without joint weights.",
-        "true_simulated is the truth of the simulation; its friction is not linear and has no entries.",
-        *study.about_priors,
     )
 
 

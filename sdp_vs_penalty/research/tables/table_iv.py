@@ -7,7 +7,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Frozen, Study
-from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes
+from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes, notes
 from sdp_vs_penalty.research.tables.table_i import SigmoidFriction
 
 #: Rows whose sensitivity to the filter is told.
@@ -83,29 +83,21 @@ def _judgement(study: Study) -> str:
     )
 
 
-def _notes(study: Study, rows: Sequence[Row]) -> tuple[str, ...]:
-    cutoff = study.simulated.preprocessing.torque_cutoff
-    notes = [
-        f"Both torques behind the same filters (below {cutoff:g} Hz); relative_error_percent is 100 "
-        "|tau - tau_hat| / |tau| over all joints.",
-        "Published links (p_real, p_hat with its errata corrected, delta as printed) are frozen; "
-        "friction and offsets linear in their parameters are refitted by least squares on the "
-        "training part.",
-        *study.about_priors,
-    ]
+def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
+    printed, sigmoid, published, sensitivity = "table_IV" in study.problem.published, "", "", ""
     if study.experiment.friction is not None:
-        notes.append(
+        sigmoid = (
             "p_hat_table_I keeps the published sigmoid friction as well; in the simulation that is the "
             "truth, and its MSE the noise that is left behind the filters."
         )
-    if "table_IV" in study.problem.published:
-        notes.append(
-            "The published rows are of the paper's own trajectories and filters, whose data "
-            "are not public."
-        )
-    if study.run is not None and "table_IV" in study.problem.published:
-        notes.append(_sensitivity(study, rows))
-    return tuple(notes)
+    if printed:
+        where = "whose data are not public"
+        published = f"The published rows are of the paper's own trajectories and filters, {where}."
+    if printed and study.run is not None:
+        sensitivity = _sensitivity(study, rows)
+    more = {"sigmoid": sigmoid, "published": published, "sensitivity": sensitivity}
+    cutoff = study.simulated.preprocessing.torque_cutoff
+    return notes("IV", cutoff=cutoff, priors=study.about_priors, **more)
 
 
 def _sensitivity(study: Study, rows: Sequence[Row]) -> str:

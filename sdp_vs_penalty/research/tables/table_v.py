@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes
+from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes, notes
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.signals.filtered import FilteredRun
@@ -160,19 +160,7 @@ def engines(study: Study) -> Table:
     return Table(
         f"Table V: physics engines with the identified {study.problem.title}",
         rows,
-        (
-            "joint_k: mean torque error [N m]; std_joint_k: its standard deviation (not published). "
-            "Published rows: four engines inside V-REP, which is not on a package index; its versions "
-            "and drivers are not ours, so that rows of the same engine need not agree.",
-            f"simulated: sinusoidal velocities over 90 % of each joint's range, links of {METHOD} from "
-            f"the simulated run, engine less identified model, step 1 ms. measured: the "
-            f"filtered motion of the real run, links of {METHOD} from it, engine less measured torque "
-            f"less identified friction, step {1e3 * MEASURED_STEP:g} ms.",
-            "position and angle: largest distance of the last joint's frame from where the commanded "
-            "motion puts it. inverse_dynamics_error: largest difference to Pinocchio's torque over 100 "
-            "random states [N m]; ODE has no inverse dynamics.",
-            f"Formulations: {formulations}.",
-        ),
+        notes("V", method=METHOD, step=1e3 * MEASURED_STEP, formulations=formulations),
         digits=3,
     )
 

@@ -18,7 +18,7 @@ from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.research.tables import study as shared
 from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Data, Study
-from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes
+from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes, notes
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 
@@ -56,26 +56,7 @@ def data_needed(study: Study) -> Table:
     return Table(
         f"How much data each method needs: {study.problem.title}",
         rows,
-        (
-            "error_percent: relative torque error over all joints on motion that was not trained on: "
-            "simulated validation trajectories, or the rest of the real run's motion beyond the "
-            "filters' reach of the window. seconds: of the motion; what the real run shows twice counts "
-            "once, and both are used.",
-            f"Up to {most} windows of filtered rows of each length, evenly spread over "
-            "the run, on the real one around its period.",
-            "links_error_percent: the same with friction and offsets refitted on the test part: what is "
-            "left is due to the links.",
-            "Within a second or two some joints do not reverse: Coulomb friction and offset have the "
-            "same column, the optimal set of lmi-sdp-plain (and of penalty) is flat, and which of its "
-            "points comes out is chance (large spread). lmi-sdp and lmi-sdp-entropic pull friction "
-            "to zero with the weight of one sample; 'joint prior' gives another method that and nothing "
-            "else: compare optimisers among rows with it or among rows without, never across.",
-            "No weight is tuned, on the test part or elsewhere: weight 1 means that the nominal robot "
-            "counts like one filtered torque row a link, and a friction parameter that alone would make "
-            "all of its joint's torque like one row. That a prior on friction is needed at all was seen "
-            "on windows like these; its weight and scale are that definition, not the best found on "
-            "them.",
-        ),
+        notes("data", most=most),
         f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion: {', '.join(said)}.",
         digits=3,
     )
@@ -157,15 +138,7 @@ def unseen(study: Study) -> Table:
     return Table(
         f"Errors on unseen motion of {study.problem.title}",
         rows,
-        (
-            f"Folds by phase: each of the {FOLDS} leaves out a stretch of the motion, all its "
-            "repetitions and what the filters reach around it, and is judged on that stretch, whose "
-            "seconds of the motion's clock are given. all: every row, each judged by the fold that has "
-            f"not seen it. repeatability: fitted to the first {CUT[0]:g} s, judged from "
-            f"{CUT[1]:g} s on, where the run repeats its beginning.",
-            "RMSE in N m behind the problem's filters. Added effects have their default shape "
-            "constants, on all joints where none is named.",
-        ),
+        notes("unseen", folds=FOLDS, cut=CUT),
         f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {friction:.3g} % with pre-sliding "
         f"hysteresis, {all_of_it:.3g} % with a gain on joint 6 as well.",
         digits=3,

@@ -19,13 +19,14 @@ from numpy.typing import ArrayLike
 from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyPaper
+from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Table, makes
+from sdp_vs_penalty.research.tables.table import Table, makes, notes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
@@ -212,30 +213,11 @@ def wrench_table(study: Study) -> Table:
             columns[f"{name}_max"] = np.max(errors, axis=0)
     of = [(j + 1, *component) for j in range(study.problem.robot.n) for component in COMPONENTS.items()]
     rows = pandas.DataFrame(of, columns=["joint", "component", "unit"])
+    groups = {"runs": w.penalty_runs, "boxed": w.boxed, "unbounded": w.unbounded}
+    counts = {name: len(each) for name, each in groups.items()}
     return Table(
         f"Internal joint wrenches of {study.problem.title}",
         rows.assign(**{name: values.ravel() for name, values in columns.items()}),
-        (
-            "Force and moment about the joint's origin, in the joint frame, that a joint bears "
-            "(recursive Newton-Euler), its own torque being the component nz: the largest over "
-            f"{len(w.t)} instants of the exciting trajectory.",
-            "interval: the smallest and largest value over all feasible parameters that make exactly "
-            "the true torques in every motion, by two SDPs a component and instant; attained ends and "
-            f"ends certified from the dual differ by {w.intervals.slack:.1e} of the widest. "
-            "interval_deviation: the farthest such parameters are from the truth.",
-            "The interval is over the convex constraints: of the upper bounds on inertias about the "
-            "centres of mass it has the convex consequence, so that it contains what the originals "
-            "allow.",
-            f"spread_of_penalty_runs: largest difference among {len(w.penalty_runs)} runs of the exact "
-            "penalty from random feasible starts; spread_of_estimates: among the estimates of all "
-            "methods.",
-            "Columns named after methods: deviation of an estimate from the truth; these saw a noisy "
-            "run, so that their torques differ a little too.",
-            f"unfeasible: {len(w.boxed)} and {len(w.unbounded)} relaxed retrievals (no triangle "
-            "inequality, no shape) from random starts that reproduce pi_2R to 1e-8 and are physically "
-            "inconsistent, within the box bounds and without any. Without bounds the error is whatever "
-            "the search happens to end at: wrenches are linear along the directions that torque does "
-            "not see.",
-        ),
+        notes("wrenches", instants=len(w.t), slack=w.intervals.slack, **counts),
         digits=3,
     )
