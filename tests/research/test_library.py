@@ -10,7 +10,7 @@ from commands import run_cli
 from sdp_readers import read_cbf
 
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty.research.shootout import instances
+from sdp_vs_penalty.research.shootout import catalogue
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.rewrite import reorder
 
@@ -39,14 +39,14 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
 
 
 def test_two_hundred_instances_need_no_measurements():
-    everything = instances.library()
+    everything = catalogue.library()
     assert sum(not item.measured for item in everything) >= 200
     assert len({item.folder for item in everything}) == len(everything)
     assert len({item.name for item in everything}) == len(everything)
     for robot in ("panda", "ur10e", "emps", "tx40"):
         assert {item.measured for item in everything if item.group == robot} == {True, False}
     with pytest.raises(InputError, match="gurobi"):
-        instances.selected(["gurobi"], everything)
+        catalogue.selected(["gurobi"], everything)
 
 
 def test_every_file_is_its_sum_and_every_proof_is_accepted(written):

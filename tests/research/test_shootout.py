@@ -20,8 +20,9 @@ from sdp_vs_penalty import InputError
 from sdp_vs_penalty import parallel as cluster
 from sdp_vs_penalty.research.shootout import runner, summary
 from sdp_vs_penalty.research.shootout.augmented_lagrangian import Chart
+from sdp_vs_penalty.research.shootout.catalogue import catalogue, instance
 from sdp_vs_penalty.research.shootout.contestants import chosen, contestants
-from sdp_vs_penalty.research.shootout.instances import Instance, _task, catalogue, in_units, instance
+from sdp_vs_penalty.research.shootout.instances import Instance, in_units
 from sdp_vs_penalty.research.shootout.judge import (
     CLASSES,
     Answer,
@@ -61,7 +62,6 @@ def test_instances_are_deterministic_and_differ():
     names = [n for n, e in catalogue().items() if e.quick and e.group != "chains"]
     first = {n: instance(n).hash for n in names}
     instance.cache_clear()
-    _task.cache_clear()
     assert {n: instance(n).hash for n in names[::3]} == {n: first[n] for n in names[::3]}
     assert len(set(first.values())) == len(first)
 

@@ -59,9 +59,9 @@ def verb(
 
 
 def _export(folder: Path, groups: list[str] | None) -> None:
-    from sdp_vs_penalty.research.shootout import instances, library
+    from sdp_vs_penalty.research.shootout import catalogue, library
 
-    wanted, _ = instances.selected(groups, instances.library())
+    wanted, _ = catalogue.selected(groups, catalogue.library())
     with console.progress("writing instances") as say:
         told = lambda what, done, total: say(f"{done} of {total}: {what}")  # noqa: E731
         rows = library.write_library(folder, wanted, told)
@@ -72,8 +72,8 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 
 
 def _list() -> None:
+    from sdp_vs_penalty.research.shootout.catalogue import catalogue
     from sdp_vs_penalty.research.shootout.contestants import contestants
-    from sdp_vs_penalty.research.shootout.instances import catalogue
 
     rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
     console.listing(("instance", "group", ""), rows)

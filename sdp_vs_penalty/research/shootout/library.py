@@ -19,7 +19,8 @@ import pandas
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.files import write_bytes, write_text
-from sdp_vs_penalty.research.shootout.instances import Entry, Instance
+from sdp_vs_penalty.research.shootout.catalogue import Entry
+from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.research.shootout.judge import proved
 from sdp_vs_penalty.research.shootout.runner import Shootout
 from sdp_vs_penalty.solvers.conic import ConicProblem

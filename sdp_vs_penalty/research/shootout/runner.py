@@ -30,8 +30,9 @@ import pandas
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import alone, read_text, write_text
 from sdp_vs_penalty.parallel import end_with, spread
+from sdp_vs_penalty.research.shootout.catalogue import Entry, catalogue, instance, selected
 from sdp_vs_penalty.research.shootout.contestants import Contestant, chosen, contestants
-from sdp_vs_penalty.research.shootout.instances import Entry, Instance, catalogue, instance, selected
+from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.research.shootout.judge import Answer, Judgement, Reference, judge, reference
 
 Row = dict[str, Any]
