@@ -46,19 +46,21 @@ def slow(rng: np.random.Generator, count: int, n: int) -> Array:
     return np.asarray(signal.lfilter([np.sqrt(1 - a**2)], [1.0, -a], noise, axis=0)[2000:])
 
 
+def rubbed(friction: Array, v: Array, known: float = 1.0) -> Array:
+    """Viscous friction, ``known`` of dry friction and the offset at velocities (..., n)."""
+    viscous, dry, offset = friction
+    return np.asarray(viscous * v + known * dry * np.tanh(v / TURN) + offset)
+
+
 def drive(
-    problem: Problem,
-    links: Array,
-    friction: Array,
-    plan: tuple[Array, ...],
-    rng: np.random.Generator,
+    problem: Problem, links: Array, friction: Array, plan: tuple[Array, ...], rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """Measured positions and the motor's torque (N, n) of an arm under its controller."""
     q, dq, ddq = plan
-    n, viscous, dry, offset = q.shape[1], *friction
+    viscous, dry, _ = friction
     rigid = problem.robot.inverse_dynamics(links, q, dq, ddq)
-    disturbance = rng.uniform(0.005, 0.02) * rigid.std(axis=0) * slow(rng, len(q), n)
-    feed = rigid + viscous * dq + 0.7 * dry * np.tanh(dq / TURN) + offset
+    disturbance = rng.uniform(0.005, 0.02) * rigid.std(axis=0) * slow(rng, *q.shape)
+    feed = rigid + rubbed(friction, dq, 0.7)
     terms = problem.robot.mass_and_bias(links)
     inertia = np.mean([np.diag(terms(x[None], 0 * x[None])[0][0]) for x in q[::1000]], axis=0)
     gain = inertia * (2.0 * np.pi * BANDWIDTH) ** 2
@@ -70,17 +72,16 @@ def drive(
         seen[k] = np.round((x + noise[k]) / QUANTUM) * QUANTUM
         torque = feed[k] + gain * (q[k] - seen[k]) + damp * (dq[k] - v)
         mass, bias = terms(x[None], v[None])
-        lost = viscous * v + dry * np.tanh(v / TURN) + offset + disturbance[k]
         # Implicit in all that damps: the slope of dry friction is steep where it turns round.
         slope = damp + viscous + dry / TURN / np.cosh(np.clip(v / TURN, -20, 20)) ** 2
-        change = np.linalg.solve(mass[0] + STEP * np.diag(slope), torque - bias[0] - lost)
+        push = torque - bias[0] - rubbed(friction, v) - disturbance[k]
+        change = np.linalg.solve(mass[0] + STEP * np.diag(slope), push)
         motion[:, k] = x, v + 0.5 * STEP * change, change
         v = v + STEP * change
         x = x + STEP * v
     # The torque that this motion takes: what the implicit steps applied in all, without their error.
-    x, v = motion[0], motion[1]
-    lost = viscous * v + dry * np.tanh(v / TURN) + offset + disturbance
-    return seen, problem.robot.inverse_dynamics(links, *motion) + lost
+    taken = problem.robot.inverse_dynamics(links, *motion) + rubbed(friction, motion[1])
+    return seen, taken + disturbance
 
 
 def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
@@ -96,20 +97,17 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
         seen, torque = drive(problem, links, friction, plan, rng)
     else:
         noisy = plan[0] + JITTER * rng.normal(size=plan[0].shape)
-        seen, (viscous, dry, offset) = np.round(noisy / QUANTUM) * QUANTUM, friction
-        torque = problem.robot.inverse_dynamics(links, *plan) + viscous * plan[1] + offset
-        torque = torque + dry * np.tanh(plan[1] / TURN)
+        seen = np.round(noisy / QUANTUM) * QUANTUM
+        torque = problem.robot.inverse_dynamics(links, *plan) + rubbed(friction, plan[1])
     noise = rng.normal(size=torque.shape) if rng.random() < 0.5 else slow(rng, len(t), n)
     measured = torque + rng.uniform(0.005, 0.05) * torque.std(axis=0) * noise
     run = Measurements(t[::EVERY], seen[::EVERY], measured[::EVERY], names=(f"draw {seed}",))
     estimate = identify(problem, run, effects=EFFECTS)
-    theta = np.concatenate([links.ravel(), friction.ravel()])
-    rows = base_rows(problem, estimate.model).rows
-    rigid = len(rows) - 3 * n
+    base, own = base_rows(problem, estimate.model).rows[: -3 * n], estimate.uncertainty
     out = {}
     for name, truth, intervals in (
-        ("base parameters", (rows @ theta)[:rigid], estimate.uncertainty.base[:rigid]),
-        ("friction", theta[-3 * n :], estimate.uncertainty.standard[-3 * n :]),
+        ("base parameters", base @ np.append(links, friction), own.base[: len(base)]),
+        ("friction", friction.ravel(), own.standard[-3 * n :]),
     ):
         pairs = [(x, i) for x, i in zip(truth, intervals, strict=True) if np.isfinite(i.std)]
         held = float(np.mean([i.lower <= x <= i.upper for x, i in pairs]))
@@ -123,18 +121,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("results", "coverage_in_life.md"))
     chosen = parser.parse_args()
-    seeds = range(chosen.seed, chosen.seed + chosen.draws)
-    found = {
-        word: [draw(k, word == "closed loop") for k in seeds] for word in ("planned", "closed loop")
-    }
-    lines = []
-    for word, draws in found.items():
+    seeds, lines = range(chosen.seed, chosen.seed + chosen.draws), []
+    for word in ("planned", "closed loop"):
+        draws = [draw(k, word == "closed loop") for k in seeds]
         for name in draws[0]:
-            shares = [d[name][0] for d in draws]
-            low, high = wilson(float(np.sum(shares)), len(shares))
-            cells = f"{100 * np.mean(shares):.1f}", f"{100 * low:.1f} to {100 * high:.1f}"
-            width = f"{np.median([d[name][1] for d in draws]):.2g}"
-            lines.append([word, str(len(draws)), name, *cells, width])
+            shares, widths = zip(*(d[name] for d in draws), strict=True)
+            ends = " to ".join(f"{100 * x:.1f}" for x in wilson(float(np.sum(shares)), len(shares)))
+            cells = f"{100 * np.mean(shares):.1f}", ends, f"{np.median(widths):.2g}"
+            lines.append([word, str(len(draws)), name, *cells])
     head = ["situation", "draws", "quantity", "coverage [%]", "Wilson 95 %", "median width"]
     about = (__doc__ or "").split("\n\n")[2]
     call = f"    python benchmarks/coverage_in_life.py --draws {chosen.draws} --seed {chosen.seed}"

@@ -21,16 +21,12 @@ SIGN_WIDTH = 0.01
 
 def read(folder: Path, joints: int) -> tuple[Array, Array, Array]:
     """t (N,), q (N, n), tau (N, n) from the authors' text files, resampled to 1 kHz."""
-    t, q, tau = (
+    t, *channels = (
         np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in ("time", "positions", "torques")
     )
-    q, tau = q.reshape(-1, joints), tau.reshape(-1, joints)
-    grid = np.arange(t[0], t[-1], 0.001)
-    return (
-        grid,
-        np.column_stack([np.interp(grid, t, x) for x in q.T]),
-        np.column_stack([np.interp(grid, t, x) for x in tau.T]),
-    )
+    grid, columns = np.arange(t[0], t[-1], 0.001), (x.reshape(-1, joints).T for x in channels)
+    q, tau = (np.column_stack([np.interp(grid, t, x) for x in channel]) for channel in columns)
+    return grid, q, tau
 
 
 def kept(samples: int) -> slice:
@@ -54,14 +50,12 @@ def rows(model: Any, q: Array, tau: Array) -> tuple[Array, Array]:
     """Y (M, n, 13 n) and tau (M, n) of every kept sample."""
     from scipy import signal
 
-    b, a = signal.butter(4, 5.0 / 500.0)
-    q = signal.filtfilt(b, a, q, axis=0)
+    pairs = (q, 5.0), (tau, 8.0)  # Hz
+    q, tau = (signal.filtfilt(*signal.butter(4, f / 500.0), x, axis=0) for x, f in pairs)
     dq = np.gradient(q, 0.001, axis=0)
-    ddq = np.gradient(dq, 0.001, axis=0)
-    b, a = signal.butter(4, 8.0 / 500.0)
-    tau = signal.filtfilt(b, a, tau, axis=0)
+    states = q, dq, np.gradient(dq, 0.001, axis=0)
     few = kept(len(q))
-    return columns(model, q[few], dq[few], ddq[few]), tau[few]
+    return columns(model, *(x[few] for x in states)), tau[few]
 
 
 def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:

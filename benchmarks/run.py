@@ -35,25 +35,21 @@ import pandas
 from sdp_vs_penalty import Estimate, cross_validate, identify, load_measurements, load_problem
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimation.identify import build_estimate, versions
 from sdp_vs_penalty.estimation.identify import identify as estimated
 from sdp_vs_penalty.estimation.pose import pose
-from sdp_vs_penalty.estimators.estimator import joint_weights, make_task, sample_variance
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.research.shootout.instances import chain_task
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
+from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.signals.phases import phase_folds
-from sdp_vs_penalty.solvers.objective import Objective
 
 #: Measured once, by scripts that left (the commit that had them): they stay in the table.
-LEFT = {"solvers": "8fe364a0", "rivals": "ffa8cd7", "growth": "204ffd3f"}
+LEFT = {"renewed": "49a864c1", "workers": "49a864c1", "solvers": "8fe364a0", "rivals": "ffa8cd7"}
+LEFT |= {"growth": "204ffd3f"}
 NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
 #: One figure: what, ours, another way's beside it or None, unit, note.
 Row = tuple[str, float, float | None, str, str]
@@ -122,32 +118,6 @@ def fits(problem: Problem, run: Measurements) -> list[Row]:
     return rows
 
 
-def renewed(problem: Problem, run: Measurements) -> list[Row]:
-    """A fit to similar data, blocks of time drawn anew, from the last one's central path."""
-    model = problem.model()
-    regression = compress(FilteredRuns.of(run, problem.preprocessing.resolve(run)), model)
-    task = make_task(problem, model, regression)
-    weights = joint_weights(regression, make_task(problem, model, regression, "none").ols)
-    objective, constraints = LmiSdp().posed(task)
-    posed = PosedSdp(task, objective, constraints)
-    last, prior, rng = posed.fit(objective), sample_variance(task), np.random.default_rng(0)
-    spent = []
-    for _ in range(40):
-        drawn = regression.select(rng.integers(0, len(regression.blocks), len(regression.blocks)))
-        assert task.joint_scale is not None
-        data = drawn.least_squares(weights).with_prior(task.joint_scale, prior)
-        again = Objective(data, objective.entropy)
-        certified = (
-            lambda near=near, data=again: posed.fit(data, 1e-9, near).gap for near in (last, None)
-        )
-        spent.append([1e3 * cpu(call) for call in certified])
-    note = "from the last fit; other: from the nominal robot"
-    one, many = (cpu(partial(bootstrap, problem, run, k), 3) for k in (1, 101))
-    draw = 10.0 * (many - one), None, "ms", "one of 100, its data included"
-    fit = *np.median(spent, axis=0).tolist(), "ms", note
-    return [("renewed certified fit, CPU", *fit), ("certified draw of a bootstrap, CPU", *draw)]
-
-
 PROGRAM = [sys.executable, "-m", "sdp_vs_penalty"]
 #: Run by a small process: a child's peak begins with the memory of the process that starts it.
 _WORK = """
@@ -185,19 +155,6 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
     least, note = used[1:].min(axis=0).tolist(), f"other: a process that does `{bare[2]}`"
     pairs = list(zip(commands, least, strict=True))[1:]
     return [(f"{key} as a process, CPU", x, least[0], "s", note) for key, x in pairs]
-
-
-def workers(problem: Problem, run: Measurements) -> list[Row]:
-    """Whole commands by one process and by two, on the wall: only where nothing else works."""
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        log = str(Path(folder, "run.csv"))
-        save(run, Path(log))
-        asked = f"cross-validate {problem.name} --method penalty --folds 20 --data {log}"
-        for words in (asked.split(), ["tables", "III", "--out", folder]):
-            one, two = (measured([*PROGRAM, *words, "--jobs", jobs])[2] for jobs in "12")
-            rows.append((f"{words[0]} by two processes, wall", two, one, "s", "other: by one"))
-    return rows
 
 
 def recorded(path: Path, rows: int, model: Estimate) -> None:
@@ -246,7 +203,7 @@ def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[R
     return rows
 
 
-PARTS = {part.__name__: part for part in (text, fits, renewed, processes, workers, memory)}
+PARTS = {part.__name__: part for part in (text, fits, processes, memory)}
 
 
 def measure(part: str, data: Path, counts: Sequence[int]) -> pandas.DataFrame:
