@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.problem.problem import barycentric_names
 from sdp_vs_penalty.problem.published import box_tables, errata
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table import Maker, Row, Table, makes, text
+from sdp_vs_penalty.research.tables.table import Maker, Row, Table, makes, notes, text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -60,27 +60,19 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
     for data in study.whole:
         for method_name, method in study.methods.items():
             rows[f"{method_name}_{data.label}"] = by_name(study.links(method, data))
-    notes = [
-        "Inertias are about the centres of mass, in the link frames. Torque determines base "
-        "parameters only: other entries are what each method fills in, OLS with the point nearest to "
-        "the problem's nominal robot, in general not physically consistent.",
-        f"nominal: the robot that {DEFAULT_METHOD} is pulled to, guessed masses not yet scaled. Columns "
-        f"named source: whether the data or that pull know an entry better, at {DEFAULT_METHOD}'s "
-        "estimate and to first order.",
-        *study.about_priors,
-    ]
+    said = notes("links", method=DEFAULT_METHOD, priors=study.about_priors)
     if rows.index.str.startswith("I").any():
-        notes += _bounds_received(study)
+        said += _bounds_received(study)
     for erratum in errata(study.problem):
         if erratum.cell and erratum.cell["row"] in rows.index:
-            notes.append(
+            said.append(
                 f"{erratum.where}: printed {erratum.printed}; the other tables need "
                 f"{erratum.corrected}, which true_simulated has."
             )
     return Table(
         f"Table {name}: {title} of {study.problem.title}",
         rows,
-        notes,
+        said,
         f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the nominal robot.",
     )
 
@@ -108,12 +100,7 @@ def _bounds_received(study: Study) -> list[str]:
         for name, method in study.methods.items():
             found = study.task(data).constraints.worst(study.result(method, data).theta)
             worst.append(f"{name}_{data.label} {text(found['barycentric inertia'], 2)}")
-    return [
-        "Bounds on these inertias: penalty and penalty_paper received them as they are; the SDPs their "
-        "convex consequence J_aa <= upper + m max(c_b^2 + c_c^2), because the originals are not convex "
-        "in the parameters that torque is linear in; OLS none.",
-        f"Worst violation of the originals afterwards [kg m^2]: {', '.join(worst)}.",
-    ]
+    return notes("bounds", worst=", ".join(worst))
 
 
 def by_name(links: Array) -> pandas.Series:
