@@ -29,13 +29,8 @@ from sdp_vs_penalty.estimation.identify import (
     versions,
 )
 from sdp_vs_penalty.estimation.pose import independent_gains
-from sdp_vs_penalty.estimation.shapes import (
-    ShapeEstimate,
-    free_constants,
-    sensitivities,
-    settled,
-    with_shapes,
-)
+from sdp_vs_penalty.estimation.sensitivity import free_constants, sensitivities, settled
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.uncertainty import beside_held
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.regression.base_parameters import base_rows

@@ -2,7 +2,7 @@
 
 Sizes are least squares on white rows beside the model and all other findings. Their covariance is the
 sandwich A^-1 S A^-1 with a column for each shape constant
-(:mod:`~sdp_vs_penalty.estimation.shapes`) and S over the clusters of rows that make it largest,
+(:mod:`~sdp_vs_penalty.estimation.sensitivity`) and S over the clusters of rows that make it largest,
 at least that of independent rows; the gains of the torque channels and a model that is held fixed are in
 doubt.
 """
@@ -29,12 +29,8 @@ from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums, model_co
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import (
-    ShapeEstimate,
-    ShapeSensitivity,
-    prior_deviation,
-    sensitivities,
-)
+from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, prior_deviation, sensitivities
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array

@@ -8,8 +8,8 @@ __getattr__ = surface(
         "Certificate": "certificate",
         "Limits": "excitation",
         "bootstrap": "resampling",
-        "free_constants": "shapes",
-        "prior_deviation": "shapes",
+        "free_constants": "sensitivity",
+        "prior_deviation": "sensitivity",
         "verify_proof_file": "identify",
     },
 )

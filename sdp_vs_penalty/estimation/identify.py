@@ -37,7 +37,7 @@ from sdp_vs_penalty.estimation.pose import (
     pose,
     readable,
 )
-from sdp_vs_penalty.estimation.shapes import with_sensitivities
+from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import (

@@ -27,12 +27,8 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
 from sdp_vs_penalty.estimation.known_load import balanced
-from sdp_vs_penalty.estimation.shapes import (
-    estimate_shapes,
-    prior_deviation,
-    with_sensitivities,
-    with_shapes,
-)
+from sdp_vs_penalty.estimation.sensitivity import prior_deviation, with_sensitivities
+from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task
 from sdp_vs_penalty.problem.problem import Problem

@@ -4,8 +4,7 @@ For every constant u (the velocity over which Coulomb friction turns round) the 
 those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of the constants alone
 (Golub, Pereyra, SIAM J. Numerical Analysis 1973), minimised with the Jacobian of Kaufman (BIT 1975).
 Columns are computed on a grid of u once, and are cubic splines of ln u between its values
-(:func:`estimate_shapes`). Where data tell a constant more finely, and where several take what is each
-other's, :func:`settled` computes them at the value itself: a step is a pass over the data.
+(:func:`estimate_shapes`); where data tell a constant more finely, on a grid that holds what was found.
 
 Every fold k of the motion is left out once, constants are found anew from the rest (one step of Gauss
 and Newton), and the fold is predicted with a constant as found there and as the model has it. With r
@@ -13,19 +12,14 @@ what the former leaves and d the difference of the two, sum_k |d_k|^2 + 2 r_k'd_
 squared error. A constant is confirmed where that exceeds Student's 95 % quantile times its deviation:
 sqrt(sum_k (2 r_k'd_k)^2), for noise of any colour, at least that of white noise; else the model's own
 value stays, the simpler model (Breiman et al., Classification and Regression Trees, 1984, 3.4.3).
-
-To first order an error ds of a constant s of the columns Y(s) is one more linear parameter, whose column
-is (dY/ds) theta (:class:`ShapeSensitivity`): with it in the regression the covariance of theta is no
-longer conditional on s (Seber, Wild, Nonlinear Regression 1989, ch. 5). Before anything is measured a
-constant lies in its range, uniformly in its own scale.
+What an error of a constant makes is in sensitivity.py.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from typing import Any, Self
 
 import numpy as np
@@ -34,27 +28,27 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
-from sdp_vs_penalty.effects.model import Model, turning
-from sdp_vs_penalty.estimation.constants import AT_END, DIFFERENCE, SHAPE_FOLDS
-from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
+from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.partial import (
     UNSEEN,
     deviations,
     least_squares,
-    partialled,
-    smallest,
     span,
     visible,
 )
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress_cells, triangular
+from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
+#: An effect, its joint (from 0), and the constant that is open there.
+_Open = tuple[Effect, int, str]
 
 
 @dataclass(frozen=True)
@@ -112,42 +106,37 @@ def estimate_shapes(
     ]
     if not wanted:
         return []
+    folds = PhaseFolds(motion_clocks(tracks_of(runs.measurements)), SHAPE_FOLDS)
+
+    def profile_of(model: Model, wanted: Sequence[_Open]) -> _Profile:
+        """One pass over the chosen rows, in blocks by folds of the motion."""
+        wide, base, banks = _with_banks(model, wanted, widest)
+        cells = compress_cells(runs, wide, _Cells(folds, chosen), workers)
+        cells = cells.select(sorted({f.block for f in cells.factors if f.block < SHAPE_FOLDS}))
+        return _Profile(cells, weighting, base, banks)
+
     model = model.reference_free
-
-    def compressed(part: Model, count: int = 1) -> Regression:
-        """The chosen rows in the columns of a model, a block a fold of the motion that has some."""
-        cells = _Cells(PhaseFolds(clocks if count > 1 else (), count), chosen)
-        found = compress_cells(runs, part, cells, workers)
-        return found.select(sorted({f.block for f in found.factors if f.block < count}))
-
-    clocks = motion_clocks(tracks_of(runs.measurements))
-    wide, base, banks = _with_banks(model, wanted, widest)
-    folds = compressed(wide, SHAPE_FOLDS)
-    weights = np.ones(model.robot.n)
-    if weighting == "noise":
-        whole = folds.least_squares()
-        theta = scipy.linalg.lstsq(whole.R, whole.rho, 1e-10, lapack_driver="gelsy")[0]
-        weights = joint_weights(folds, theta)
-    profile = _Profile(folds, weights, base, banks)
-    u, moves, refused = profile.from_grid(), np.ones(len(banks), bool), np.ones(1, bool)
-    while refused.any():  # those that together explain most, and that folds that are left out confirm
-        u = profile.best(np.where(moves, u, profile.now), np.flatnonzero(moves))
-        found = profile.estimates(u)
-        gains, needed = profile.held_out(found)
-        refused = moves & ~(gains > needed)
-        moves = moves & ~refused
-    found = [replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)]
-    fine = {  # for which interpolation in the grid, good to a per cent, is not enough
-        (s.effect, s.joint, s.shape)
+    found = profile_of(model, wanted).confirmed()
+    # Splines in the grid are good to a per cent: what is told more finely is found once more, about
+    # itself, where they are exact.
+    known = {
+        (s.effect, s.joint, s.shape): s.after
         for s in found
         if s.after != s.before and not s.at_end and s.std < 0.01 * s.after
     }
-    if not fine:
-        return found
-    near = replace(model, effects=with_shapes(model.effects, found))
-    best = settled(near, fine, compressed, weighting).model
-    values = {(e.name, j, key): x for e in best.effects for j in e.joints for key, x in e.shape.items()}
-    return [replace(s, after=values[s.effect, s.joint, s.shape]) for s in found]
+    if known:
+        near = replace(model, effects=with_shapes(model.effects, found))
+        again = [
+            (e, j, key)
+            for e in near.effects
+            for j in e.joints
+            for key in e.estimated
+            if (e.name, j, key) in known
+        ]
+        profile = profile_of(near, again)
+        best = profile.best(profile.now, np.arange(len(again)))
+        known = {(s.effect, s.joint, s.shape): s.after for s in profile.estimates(best)}
+    return [replace(s, after=known.get((s.effect, s.joint, s.shape), s.after)) for s in found]
 
 
 @dataclass(frozen=True)
@@ -162,7 +151,7 @@ class _Cells:
         return [(0, 0.0, 0.0)] * (self.folds.count + 1)
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
-        fold = self.folds.fold(run, t) if self.folds.count > 1 else np.zeros(len(t), np.intp)
+        fold = self.folds.fold(run, t)
         return fold if self.chosen is None else np.where(self.chosen(run, t), fold, self.folds.count)
 
 
@@ -188,7 +177,7 @@ class _Bank:
 
 
 def _with_banks(
-    model: Model, wanted: Sequence[tuple[Effect, int, str]], widest: float
+    model: Model, wanted: Sequence[_Open], widest: float
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid; where all other
     columns stand; the grids."""
@@ -245,11 +234,16 @@ class _Profile:
     """
 
     def __init__(
-        self, folds: Regression, weights: Array, base: NDArray[np.intp], banks: list[_Bank]
+        self, folds: Regression, weighting: str, base: NDArray[np.intp], banks: list[_Bank]
     ) -> None:
         """Of all blocks; base : where the other columns stand, before the banks'."""
-        self.folds, self.weights, self.banks = folds, weights, banks
-        data = folds.least_squares(weights)
+        self.folds, self.banks = folds, banks
+        data = folds.least_squares()
+        self.weights = np.ones(folds.joints)
+        if weighting == "noise":
+            theta = scipy.linalg.lstsq(data.R, data.rho, 1e-10, lapack_driver="gelsy")[0]
+            self.weights = joint_weights(folds, theta)
+            data = folds.least_squares(self.weights)
         both = np.column_stack([data.R[:, len(base) :], data.rho])
         shown, self.shown = visible(data.R[:, base])
         made = shown.T @ both
@@ -285,71 +279,49 @@ class _Profile:
         slopes = D * theta
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
-    @cached_property
-    def _by_joint(self) -> tuple[Array, list[tuple[NDArray[np.intp], Array, Array, NDArray[np.intp]]]]:
-        """(F, k, k) products, in each fold, of what the other columns make in the directions that data
-        show. Of each joint the folds that show it, what the others make there (F, r, k), its banks'
-        columns and its torque (F, r, c + 1), and their places."""
-        (b, k), p, out = self.shown.shape, self.count, []
-        seen = np.zeros((len(self.folds.blocks), k, k))
+    def _products(self, T: Array) -> Array:
+        """(F, k + d, k + d) in each fold of what all other columns make in the directions that data
+        show, and of combinations T (P + 1, d) of the banks' columns and the torque."""
+        (b, k), p = self.shown.shape, self.count
+        out = np.zeros((len(self.folds.blocks), k + T.shape[1], k + T.shape[1]))
         for joint, indices, blocks, rows in self.folds.by_joint():
-            others, weight = int(np.sum(indices < b)), self.weights[joint]  # they come first
-            made = rows[..., :others] @ (weight * self.shown[indices[:others]])
-            seen[blocks] += made.swapaxes(1, 2) @ made
-            out.append((blocks, made, weight * rows[..., others:], np.append(indices[others:] - b, p)))
-        return seen, out
-
-    def _left_out(self, T: Array) -> tuple[Array, Array, Array, Array]:
-        """Of combinations T (P + 1, d) of the banks' columns and the torque: (F, d, d) products in each
-        fold and in all others, less what the other columns, fitted to these others, take of them; (d,)
-        their squares in all, and the sums of what these are the sums of."""
-        seen, by_joint = self._by_joint
-        (count, k, _), d = seen.shape, T.shape[1]
-        both, own, most = np.zeros((count, k, d)), np.zeros((count, d, d)), np.zeros(d)
-        for blocks, made, rest, at in by_joint:
-            combined = rest @ T[at]
-            both[blocks] += made.swapaxes(1, 2) @ combined
-            own[blocks] += combined.swapaxes(1, 2) @ combined
-            every, part = np.abs(np.sum(rest.swapaxes(1, 2) @ rest, axis=0)), np.abs(T[at])
-            most += np.einsum("cd,cd->d", part, every @ part)
-        others = [x.sum(axis=0) - x for x in (seen, both, own)]
-        fit = np.linalg.solve(others[0] + UNSEEN * np.eye(k), others[1])
-        found = []
-        for squares, mixed, mine in ((seen, both, own), others):
-            crossed = fit.swapaxes(1, 2) @ (mixed - 0.5 * squares @ fit)
-            found.append(mine - crossed - crossed.swapaxes(1, 2))
-        return found[0], found[1], np.einsum("fdd->d", own), most
+            first = int(np.sum(indices < b))  # the others come first
+            made = rows[..., :first] @ self.shown[indices[:first]]
+            combined = rows[..., first:] @ T[np.append(indices[first:] - b, p)]
+            both = self.weights[joint] * np.concatenate([made, combined], axis=2)
+            out[blocks] += both.swapaxes(1, 2) @ both
+        return out
 
     def held_out(self, found: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
         """(B,) what each constant alone takes from the squared error of the folds that are left out, in
         variances, and what noise would."""
         moved = [k for k, s in enumerate(found) if s.after != s.before]
-        count = len(self.folds.blocks)
+        count, k = len(self.folds.blocks), self.shown.shape[1]
         taken, needed = np.zeros((2, len(found)))
         if not moved or count < 2:
             return taken, needed
-        # Combinations T (P + 1, d + 1) of columns in which a fit near what was found is linear:
-        # each bank's at the value that the model has, and, of a constant that moves, those at its new
-        # value and, within its range, their derivative. Of these whose each is, and whether it is new.
-        parts = list[tuple[Array, int, bool]]()
-        for k, (bank, s) in enumerate(zip(self.banks, found, strict=True)):
-            parts.append((bank.weights(self.now[k])[0], k, False))
-            if s.after != s.before:
-                several = bank.weights(float(np.log(s.after)))
-                parts += [(x, k, True) for x in several[: 1 if s.at_end else 2]]
-        of, new = (np.array([part[i] for part in parts]) for i in (1, 2))
+        # Columns in which a fit near what was found is linear: all others, each bank's at the value that
+        # the model has, and, of a constant that moves, those at its new value and, within its range,
+        # their derivative. Of these whose each is (-1: of no bank), and whether it is new.
+        parts = list[Array]()
+        of, new = [-1] * k, [False] * k
+        for j, (bank, s) in enumerate(zip(self.banks, found, strict=True)):
+            several = bank.weights(float(np.log(s.after)))[: 1 if s.at_end else 2]
+            own = [bank.weights(self.now[j])[0], *(several if s.after != s.before else ())]
+            of += [j] * len(own)
+            new += [False, *[True] * (len(own) - 1)]
+            parts += own
         T = np.zeros((self.count + 1, len(parts) + 1))
-        for out, (weights, k, _) in zip(T.T, parts, strict=False):
-            out[self.banks[k].columns - len(self.shown)] = weights
+        for out, weights, j in zip(T.T, parts, of[k:], strict=False):
+            out[self.banks[j].columns - len(self.shown)] = weights
         T[-1, -1] = 1.0  # the torque
-        grams, rest, square, least = self._left_out(T)
-        # Of a direction that hardly changes anything, rounding leaves as much as of none.
-        size = or_one(np.sqrt(np.where(square > len(T) * np.finfo(float).eps * least, square, 0.0)))
-        grams, rest = (x / (size * size[:, None]) for x in (grams, rest))
-        rest += UNSEEN * np.eye(len(size))
+        grams = self._products(T)
+        size = or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
+        grams /= size * size[:, None]
+        rest = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
         fits = np.zeros((len(moved) + 1, count, len(size)))
-        for fit, k in zip(fits, (-1, *moved), strict=True):  # none of them, each alone
-            used = np.flatnonzero(np.where(of == k, new, ~new))
+        for fit, j in zip(fits, (-2, *moved), strict=True):  # none of them, each alone
+            used = np.flatnonzero(np.where(np.equal(of, j), new, np.logical_not(new)))
             fit[:, used] = np.linalg.solve(rest[:, used[:, None], used], rest[:, used, -1:])[..., 0]
         fits[..., -1] = -1.0
         both = fits, fits[1:] - fits[0]
@@ -359,6 +331,17 @@ class _Profile:
         noise = np.maximum(np.sum((gains - changes) ** 2, axis=1), 4.0 * changes.sum(axis=1))
         taken[moved], needed[moved] = gains.sum(axis=1), stdtrit(count - 1, 0.975) * np.sqrt(noise)
         return taken, needed
+
+    def confirmed(self) -> list[ShapeEstimate]:
+        """The constants that together explain most, of those that folds that are left out confirm."""
+        u, moves, refused = self.from_grid(), np.ones(len(self.banks), bool), np.ones(1, bool)
+        while refused.any():
+            u = self.best(np.where(moves, u, self.now), np.flatnonzero(moves))
+            found = self.estimates(u)
+            gains, needed = self.held_out(found)
+            refused = moves & ~(gains > needed)
+            moves = moves & ~refused
+        return [replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)]
 
     def from_grid(self) -> Array:
         """(B,) ln u, each in turn at the value of its grid that leaves least."""
@@ -427,215 +410,3 @@ def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]
         asked.setdefault(e.name if open_ else e.text, []).extend(str(j + 1) for j in e.joints if open_)
     every = effects[0].robot.n if effects else 0
     return [f"{x}:{'+'.join(own)}" if 0 < len(own) < every else x for x, own in asked.items()]
-
-
-#: Kinds of parameters of :class:`ShapeSensitivity`: constants that are refined, and those that only have
-#: the values of a grid.
-REFINED, ON_A_GRID = "refined constant", "constant on a grid"
-
-
-def free_constants(effect: Effect) -> tuple[str, ...]:
-    """The shape constants that measurements can tell and that vary continuously in a range."""
-    own = (key for key in effect.searched if not effect.shapes[key].choices)
-    return tuple(key for key in own if prior_deviation(effect, key) > 0.0)
-
-
-def prior_deviation(effect: Effect, key: str) -> float:
-    """Standard deviation of a constant that lies anywhere in its range, in the scale in which it is
-    spaced (natural logarithm or value): (high - low) / sqrt(12). Zero where it has no range."""
-    shape = effect.shapes[key]
-    low, high = shape.bounds or (min(shape.grid, default=1.0), max(shape.grid, default=1.0))
-    return float((np.log(high / low) if shape.scale == "log" else high - low) / np.sqrt(12.0))
-
-
-class ShapeSensitivity(Effect):
-    """The torque of a unit error of each free shape constant of an effect with parameters theta (k,).
-
-    The unit is the standard deviation of the prior, (range) / sqrt(12): a prior of these parameters is
-    a standard normal. Columns are central differences (Y(s + h) - Y(s - h)) theta / 2h. ``finer`` :
-    effects, with their parameters, that have the constant as well, or whose signs turn over it.
-    """
-
-    name = "shape_sensitivity"
-    equation = "(dY/ds) theta"
-    explanation = "What an error of an effect's shape constant makes of torque."
-    reference = "Seber, Wild, Nonlinear Regression 1989, ch. 5"
-
-    def __init__(self, effect: Effect, theta: Array, finer: Sequence[tuple[Effect, Array]] = ()) -> None:
-        super().__init__(effect.robot)
-        self.effect, self.theta = effect, np.asarray(theta, float)
-        self.keys, self.finer = free_constants(effect), tuple(finer)
-        every = (effect, *(e for e, _ in finer))
-        #: For each constant the effect a step above and below, and the unit over their distance.
-        self.varied = [
-            (
-                moved(effect, key, DIFFERENCE),
-                moved(effect, key, -DIFFERENCE),
-                0.5 * prior_deviation(effect, key) / DIFFERENCE,
-            )
-            for key in self.keys
-        ]
-        # Of what is varied, not of the class.
-        self.has_memory = any(e.has_memory for e in every)  # type: ignore[misc]
-        self.needs_torque = any(e.needs_torque for e in every)  # type: ignore[misc]
-        self.needs_links = any(e.needs_links for e in every)  # type: ignore[misc]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        e = self.effect
-        kinds = {key: ON_A_GRID if e.shapes[key].bounds is None else REFINED for key in self.keys}
-        return tuple(Parameter(f"{key} of {e.text}", "-", kind, 0) for key, kind in kinds.items())
-
-    def blocks(self, motion: Motion) -> list[Block]:
-        columns: dict[tuple[int, int], Array] = {}
-        for k, (upper, lower, unit) in enumerate(self.varied):
-            up, down = turning(motion, upper), turning(motion, lower)
-            pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
-            for e, theta in self.finer:
-                if e.shape_of:
-                    own = [e.with_shape(**{c: x.shape[c] for c in e.shape}) for x in (upper, lower)]
-                    pairs.append((own[0].blocks(motion), own[1].blocks(motion), theta))
-                elif up is not motion:
-                    pairs.append((e.blocks(up), e.blocks(down), theta))
-            for above_all, below_all, theta in pairs:
-                for above, below in zip(above_all, below_all, strict=True):
-                    change = unit * (above.columns - below.columns) @ theta[above.parameters]
-                    where = above.joint, k
-                    columns[where] = columns.get(where, 0.0) + change
-        return [Block(j, np.array([k]), column[:, None]) for (j, k), column in columns.items()]
-
-
-def moved(effect: Effect, key: str, step: float) -> Effect:
-    """The effect with a shape constant changed by a step in its own scale."""
-    value = effect.shape[key]
-    new = value * np.exp(step) if effect.shapes[key].scale == "log" else value + step
-    return effect.with_shape(**{key: float(new)})
-
-
-def sensitivities(effects: Sequence[Effect], thetas: Sequence[Array]) -> tuple[ShapeSensitivity, ...]:
-    """One for each of the effects, with its parameters, that has a free shape constant."""
-    both = list(zip(effects, thetas, strict=True))
-    finer = [[b for b in both if e.name in (*b[0].refines, b[0].shape_of)] for e in effects]
-    every = zip(both, finer, strict=True)
-    return tuple(ShapeSensitivity(*own, fine) for own, fine in every if free_constants(own[0]))
-
-
-def with_sensitivities(
-    model: Model, theta: Array, wanted: Callable[[Effect], bool] = lambda effect: True
-) -> Model:
-    """The model with a parameter more for each free shape constant of the effects that are wanted;
-    itself where there is none."""
-    every = sensitivities(model.effects, [theta[k] for k in model.indices])
-    extra = tuple(e for e in every if wanted(e.effect))
-    if not extra:
-        return model
-    reference = model.reference
-    if reference is not None:
-        reference = np.concatenate([reference, np.zeros(sum(len(e.parameters) for e in extra))])
-    return replace(model, effects=(*model.effects, *extra), reference=reference)
-
-
-#: Effect, joint and name of a shape constant.
-Key = tuple[str, int, str]
-
-
-@dataclass(frozen=True)
-class Settled:
-    """model : with constants at their joint optimum; std : their standard deviations in their own
-    scales; error : the squared error that is left."""
-
-    model: Model
-    std: dict[Key, float]
-    error: float
-
-
-def settled(
-    model: Model,
-    wanted: Collection[Key],
-    compressed: Callable[[Model], Regression],
-    weighting: str = "noise",
-) -> Settled:
-    """The model with its ``wanted`` constants where they together leave the least squared error, from
-    where they are and, of those that only have the values of a grid, from each of these: Gauss-Newton
-    steps of those that have a range, in their own scales.
-
-    compressed : the measurements in the columns of a model; weighting : of the joints' rows, "noise" or
-    "none". Effects with a wanted constant act on one joint each.
-    """
-    first, weights, p = compressed(model), np.ones(model.robot.n), len(model.parameters)
-    data = first.least_squares()
-    white = max(white_variance(data, first.oversampling), 1e-24 * data.tau_squared / max(data.rows, 1))
-
-    def solved(wide: Regression) -> tuple[LeastSquares, Array]:
-        """Least squares of all columns, and theta (p,) of the parameters, which come first, alone."""
-        data = wide.least_squares(weights)
-        if np.isfinite(model.plausible).any():
-            data = data.with_prior(np.append(model.plausible, np.full(wide.p - p, np.inf)), white)
-        return data, smallest(data.R[:, :p], data.rho)
-
-    _, start = solved(first)
-    if weighting == "noise":
-        weights = joint_weights(first, start)
-
-    def keys_of(effect: Effect) -> list[Key]:
-        """All free constants of an effect of which one is wanted."""
-        own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
-        return [] if set(own).isdisjoint(wanted) else own
-
-    every = [(k, key) for k, effect in enumerate(model.effects) for key in keys_of(effect)]
-    ranged = [model.effects[k].shapes[key[2]].bounds is not None for k, key in every]
-    #: Which of the constants' columns behind the parameters' are of those that move.
-    mine = np.array([key in wanted and has for (_, key), has in zip(every, ranged, strict=True)])
-    free = [x for x, moving in zip(every, mine, strict=True) if moving]
-    gridded = [x for x, has in zip(every, ranged, strict=True) if not has and x[1] in wanted]
-    unit = np.array([prior_deviation(model.effects[k], key[2]) for k, key in free])
-
-    def descended(begin: tuple[Effect, ...]) -> Settled:
-        """Where no step (d,) lowers the squared error any more."""
-        theta, variances = start, dict[bytes, float]()
-
-        def at(steps: Array) -> Model:
-            out = list(begin)
-            for (k, key), step in zip(free, steps.tolist(), strict=True):
-                out[k] = moved(out[k], key[2], step)
-            return replace(model, effects=tuple(out))
-
-        def left(steps: Array) -> tuple[Array, Array]:
-            """What least squares leave (m,), and its slopes (m, d) with the parameters eliminated."""
-            nonlocal theta
-            wide = compressed(with_sensitivities(at(steps), theta, lambda e: bool(keys_of(e))))
-            data, theta = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
-            variances[steps.tobytes()] = white_variance(data, wide.oversampling)
-            columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
-            rest = np.append(data.rho - data.R[:, :p] @ theta, data.residual_norm)
-            return rest, np.vstack([columns, np.zeros((1, len(free)))])
-
-        if not free:
-            return Settled(at(unit), {}, float(np.sum(left(unit)[0] ** 2)))
-        low, high = np.transpose([_room(begin[k], key[2]) for k, key in free])
-        best, rest, slopes = least_squares(left, 0.0 * unit, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
-        spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
-        std = np.sqrt(variances[best.tobytes()] * spread)
-        # With as many digits of its constants as a written effect has.
-        digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in at(best).effects]
-        found = tuple(e.with_shape(**own) for e, own in zip(begin, digits, strict=True))
-        deviations = dict(zip((key for _, key in free), std.tolist(), strict=True))
-        return Settled(replace(model, effects=found), deviations, float(rest @ rest))
-
-    found = []
-    for values in product(*(model.effects[k].shapes[key[2]].grid for k, key in gridded)):
-        effects = list(model.effects)
-        for (k, key), value in zip(gridded, values, strict=True):
-            effects[k] = effects[k].with_shape(**{key[2]: value})
-        found.append(descended(tuple(effects)))
-    return min(found, key=lambda s: s.error)
-
-
-def _room(effect: Effect, key: str) -> tuple[float, float]:
-    """How far a constant may move down and up, in its own scale: within its range; where it is outside
-    of that, towards it."""
-    shape, value = effect.shapes[key].on(effect.robot.joints[effect.joints[0]].kind), effect.shape[key]
-    assert shape.bounds is not None
-    ends = np.array([min(shape.bounds[0], value), max(shape.bounds[1], value)])
-    low, high = (np.log(ends / value) if shape.scale == "log" else ends - value).tolist()
-    return min(low, -1e-9), max(high, 1e-9)

@@ -34,7 +34,7 @@ from scipy.special import stdtrit
 
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
-from sdp_vs_penalty.estimation.shapes import ON_A_GRID
+from sdp_vs_penalty.estimation.sensitivity import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import Task, white_variance
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.regression.base_parameters import BaseParameters

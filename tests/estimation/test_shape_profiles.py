@@ -11,7 +11,7 @@ from sdp_vs_penalty import Estimate, Measurements, Problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
 from sdp_vs_penalty.estimation import free_constants, prior_deviation
-from sdp_vs_penalty.estimation.shapes import ShapeSensitivity, settled
+from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, settled
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.signals.filtered import FilteredRuns
