@@ -35,13 +35,11 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 @dataclass(frozen=True)
 class Split:
     """Rows to fit to, and rows to judge on, in the columns of a model and of effects; of a frozen model:
-    what it leaves, in those of the effects. there (n, M, p + 1) : columns and torque; counts (M, n) :
-    which rows do."""
+    what it leaves, in those of the effects."""
 
     effects: tuple[Effect, ...]
     train: Regression
-    there: Array
-    counts: NDArray[np.bool_]
+    test: Regression
 
     def squares(self, estimate: Estimate, frozen: bool, chosen: Sequence[int]) -> Array:
         """(n,) squared errors with some of the effects."""
@@ -50,9 +48,8 @@ class Split:
         picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
         own, left = exchanged(() if frozen else estimate.model.effects, new)
         wanted = np.append(left, picked).astype(bool)
-        theta = np.append(np.zeros(len(wanted)), -1.0)
-        theta[:-1][wanted] = fitted_parameters(estimate, own, new, self.train.keeping(wanted), frozen)
-        return np.asarray(np.sum((self.there @ theta) ** 2 * self.counts.T, axis=1))
+        theta = fitted_parameters(estimate, own, new, self.train.keeping(wanted), frozen)
+        return self.test.keeping(wanted).joint_losses(theta)
 
 
 @dataclass
@@ -70,7 +67,7 @@ class HeldOut:
         key = tuple(sorted(chosen))
         if key not in self._known:
             squares = sum(s.squares(self.estimate, self.frozen, key) for s in self.splits)
-            rows = sum(s.counts.sum(axis=0) for s in self.splits)
+            rows = sum(s.test.joint_rows() for s in self.splits)
             self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._known[key]
 
@@ -127,28 +124,29 @@ class Judge:
             every = [model_columns(rows, estimate, self.frozen), *columns, torque.T[:, :, None]]
             return np.concatenate(every, axis=2)
 
-        def split(both: Array, fit: NDArray[np.bool_], there: Array, counts: NDArray[np.bool_]) -> Split:
-            """fit (M, n) : the rows to fit to."""
-            parts = [x[mine] for x, mine in zip(both, fit.T, strict=True)]
+        def compressed(both: Array, keep: NDArray[np.bool_]) -> Regression:
+            """Of the rows keep (M, n)."""
+            parts = [x[mine] for x, mine in zip(both, keep.T, strict=True)]
             triangles = [triangular([x]) if len(x) else x for x in parts]
             every = np.arange(len(parameters))
             pairs = zip(triangles, parts, strict=True)
             factors = tuple(Factor(j, 0, every, x, len(part)) for j, (x, part) in enumerate(pairs))
-            train = Regression(parameters, rows.n, ((0, 0.0, 0.0),), factors, oversampling=1.0)
-            return Split(tuple(effects), train, there, counts)
+            return Regression(parameters, rows.n, ((0, 0.0, 0.0),), factors, oversampling=1.0)
 
-        whole = table(rows, effects)
+        whole, every = table(rows, effects), tuple(effects)
         if self.test is not None:
             test = with_estimate(self.test, estimate)
-            only = split(whole, rows.keep, table(test, effects), test.keep)
+            there = compressed(table(test, effects), test.keep)
+            only = Split(every, compressed(whole, rows.keep), there)
             return HeldOut(estimate, self.frozen, (only,), "test")
         fold, splits = folds_of(rows, THIRDS), list[Split]()
         for f in range(fold.max() + 1):
             if by_fold:
                 shaped = [by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)]
                 whole = table(rows, shaped)
-            out = fold == f
-            splits.append(split(whole, rows.keep & ~out[:, None], whole[:, out], rows.keep[out]))
+            out = (fold == f)[:, None]
+            both = (compressed(whole, rows.keep & x) for x in (~out, out))
+            splits.append(Split(every, *both))
         return HeldOut(estimate, self.frozen, splits, "folds")
 
     def outside(self, effect: Effect) -> float:

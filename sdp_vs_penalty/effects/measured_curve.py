@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,30 +119,6 @@ def _variable(own: Mapping[str, float], axis: str, joint: int) -> Variable | Non
     return Variable(word, first - 1 if first else joint, other - 1, own.get(f"{axis}c", 1.0))
 
 
-def corners(x: Array, low: float, high: float, count: int) -> tuple[Array, NDArray[np.intp]]:
-    """(N, 2) weights of linear interpolation between ``count`` equally spaced knots, constant outside
-    [low, high], and the (N, 2) knots that they belong to. One knot: itself, twice."""
-    place = np.clip((x - low) / (high - low), 0.0, 1.0) * (count - 1)
-    below = np.minimum(place.astype(np.intp), max(count - 2, 0))
-    share = place - below
-    above = np.minimum(below + 1, count - 1)
-    return np.column_stack([1.0 - share, share]), np.column_stack([below, above])
-
-
-@lru_cache(maxsize=8)
-def _nearest(rows: int, columns: int, known: tuple[int, ...]) -> NDArray[np.intp]:
-    """(rows columns,) the place among the known values (from 1) of the nearest one: what is missing of
-    a table (no measurement lay there) is as that."""
-    every = np.array(list(np.ndindex(rows, columns)), float)
-    have = np.array(known) - 1
-    out = np.zeros(len(every), np.intp)
-    out[have] = np.arange(len(have))
-    left = np.setdiff1d(np.arange(len(every)), have)
-    apart = every[left, None, :] - every[have]
-    out[left] = np.argmin(np.sum(apart**2, axis=2), axis=1)
-    return out
-
-
 class MeasuredCurve(JointEffect):
     name = "measured_curve"
     equation = "s f(x) or s f(x, y), f interpolated linearly between the values v1, v2, ... of a table"
@@ -179,10 +154,18 @@ class MeasuredCurve(JointEffect):
         words = {v.word for v in self.variables(at)}
         self.needs_torque, self.follows_clock = "tau" in words, "t" in words
         self.needs_temperature = "temp" in words
-        nearest = _nearest(int(own["xn"]), int(own["yn"]), tuple(known))
-        self._table = np.array([self.shape[key] for key in values])[nearest]
-        self._missing = np.ones(len(nearest))
-        self._missing[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
+        table = np.full((int(own["xn"]), int(own["yn"])), np.nan)
+        table.flat[[k - 1 for k in known]] = [self.shape[key] for key in values]
+        self._missing = np.ones(table.shape)
+        self._missing.flat[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
+        if np.isnan(table).any():  # where no measurement lay it is as at the nearest value
+            from scipy.ndimage import distance_transform_edt
+
+            nearest = distance_transform_edt(
+                np.isnan(table), return_distances=False, return_indices=True
+            )
+            table = table[tuple(nearest)]
+        self._table = table
 
     def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""
@@ -253,14 +236,14 @@ class MeasuredCurve(JointEffect):
         return self._interpolated(self._table, motion, joint)
 
     def _interpolated(self, table: Array, motion: Motion, joint: int) -> Array:
-        """(N,) linear interpolation of values (xn yn,) at the corners of the cell of each instant."""
-        weights, index = np.ones((len(motion.t), 1)), np.zeros((len(motion.t), 1), int)
-        for axis, over in zip("xy", self.variables(joint), strict=False):
+        """(N,) linear interpolation of values (xn, yn), those at the ends held constant outside."""
+        from scipy.ndimage import map_coordinates
+
+        places = np.zeros((2, len(motion.t)))
+        for axis, place, over in zip("xy", places, self.variables(joint), strict=False):
             low, high, count = (self.shape[axis + key] for key in ("low", "high", "n"))
-            own, at = corners(over.along(motion), low, high, int(count))
-            weights = (weights[:, :, None] * own[:, None, :]).reshape(len(motion.t), -1)
-            index = (int(count) * index[:, :, None] + at[:, None, :]).reshape(len(motion.t), -1)
-        return np.asarray(np.sum(weights * table[index], axis=1))
+            place[:] = (over.along(motion) - low) / (high - low) * (count - 1)
+        return np.asarray(map_coordinates(table, places, order=1, mode="nearest"))
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
         """(N,) where a variable lies outside of the table, or in a part of it of which nothing is known,
