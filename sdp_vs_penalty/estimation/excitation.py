@@ -11,42 +11,24 @@ Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step of the s
 programming (in a trust region, x in units of the limits) keeps. Collisions are not looked at: choose
 position limits within which the robot is free. :func:`payload_run` weighs a load: a short motion of the
 wrist, d-optimal for its ten parameters.
-
-:func:`separate` finds the run that would tell two hypotheses about a robot: on which they differ most
-(T-optimality).
-
-With X the model's columns, A and B those of the two effects, all white, the torque of A by theta differs
-from everything that the model with B can make by
-
-    delta^2 = theta' A' (1 - P_[X B]) A theta                     (Atkinson, Fedorov, Biometrika 1975)
-
-and the wrong model is taken for the right one with probability Phi(-delta / 2), but for what their
-parameters cost; delta^2 grows with the run. theta has the size that a user names, in the direction of
-A's parameters that B can make best; the smaller of A against B and B against A counts. Of one effect
-alone the other hypothesis is that it is not there.
-
-Motions go from point to point within the limits of position, velocity, acceleration, jerk and torque,
-without touching the arm itself: random ones, the best of which is changed at random as long as that
-helps (a (1 + 1) evolution strategy: Rechenberg 1973).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import optimize
 
-from sdp_vs_penalty.effects import parse_effects
-from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.errors import InputError, unknown
-from sdp_vs_penalty.estimation.constants import DIFFERENCE, LEVEL
+from sdp_vs_penalty.estimation.constants import DIFFERENCE
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
@@ -55,21 +37,16 @@ from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.partial import deviations
-from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.robot.trajectory import (
     FourierTrajectory,
     PointTrajectory,
     random_trajectory,
-    shortest_moves,
 )
 
 #: Rate at which motions are looked at [Hz].
-_RATE = 20.0
-#: Random motions to begin with; how slow a move may be over the fastest, and how long a pause [s].
-_DRAWN, _SLOWEST, _PAUSE = 30, 10.0, 0.8
-#: Shares of the limits that a motion uses.
-_SHARE = 0.95
+RATE = 20.0
 
 
 @dataclass(frozen=True)
@@ -85,7 +62,7 @@ class Regressor:
         wide = np.stack(list(self.model.wide(Motion(t, q, dq, ddq))[..., self.columns]), axis=1)
         return wide * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
 
-    def along(self, trajectory: FourierTrajectory, rate: float = _RATE) -> Array:
+    def along(self, trajectory: FourierTrajectory, rate: float = RATE) -> Array:
         """W of a trajectory, sampled at ``rate`` [Hz]."""
         t = np.arange(0.0, trajectory.duration, 1.0 / rate)
         return self.at(t, *trajectory.states(t)).reshape(-1, len(self.columns))
@@ -367,7 +344,7 @@ def independent_rate(estimate: Estimate) -> float:
     return 2.0 * (estimate.preprocessing.torque_cutoff or 8.0)
 
 
-def _noise(estimate: Estimate) -> Array:
+def noise_of_model(estimate: Estimate) -> Array:
     """(n,) of the torque that a model has left [N m, N]."""
     return np.maximum(estimate.uncertainty.torque_noise, 1e-12)
 
@@ -408,216 +385,8 @@ def payload_run(
     start = random_trajectory(robot, seed, duration, harmonics, 2 * np.pi / duration, 0.125 * duration)
     still = np.setdiff1d(np.arange(robot.n), moving)
     start.a[still], start.b[still], start.q_0[still] = 0.0, 0.0, limits.middle[still]
-    scale, rate = 1.0 / _noise(estimate), independent_rate(estimate)
+    scale, rate = 1.0 / noise_of_model(estimate), independent_rate(estimate)
     regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), scale)
     found = optimised(regressor, limits, start, "d-optimal", iterations, moving, progress)
     each = (deviations(regressor.along(x, rate)) for x in (found.trajectory, start))
     return PayloadRun(found.trajectory, *each)
-
-
-States = Callable[[Array], tuple[Array, Array, Array]]
-
-
-@dataclass(frozen=True)
-class Separation:
-    """trajectory : the best motion found; delta2, default_delta2 : squared distance of the hypotheses on
-    it and on the default excitation of the same length; right, default_right : probability of the right
-    decision then; seconds, default_seconds : of each motion, repeated, that are needed for LEVEL;
-    sizes : of the effects, as they were taken; collisions : whether the arm's shapes are known."""
-
-    trajectory: PointTrajectory
-    delta2: float
-    default_delta2: float
-    right: float
-    default_right: float
-    seconds: float
-    default_seconds: float
-    sizes: tuple[float, ...]
-    collisions: bool
-
-
-class Hypotheses:
-    """Two effects beside a model, or one and none, and how large the noise is.
-
-    Of effects as they are written, each of ``level`` times the noise of its joint (root mean square) on
-    the default excitation. Raises InputError for more than two effects, or one that the model has.
-    """
-
-    def __init__(self, estimate: Estimate, texts: str, level: float) -> None:
-        self.estimate, self.effects = estimate, tuple(parse_effects(texts, estimate.robot))
-        self.noise, self.row_rate = _noise(estimate), independent_rate(estimate)
-        if not 1 <= len(self.effects) <= 2:
-            what = f"--separate {texts!r} names {len(self.effects)} effects"
-            raise InputError(what, 'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one')
-        own = {p.name for p in estimate.model.parameters}
-        for effect in self.effects:
-            if twice := own & {p.name for p in effect.parameters}:
-                what = f"the model has {effect.name} already ({min(twice)})"
-                raise InputError(what, "separate effects that it lacks")
-        motion = self.motion(default_excitation(estimate, 20.0, 0), 20.0)
-        # Mean squares of unit parameters over the noise, of the joint that each effect moves most.
-        squares = ((self._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max() for e in self.effects)
-        self.scale = tuple(level / float(or_one(np.sqrt(x))) for x in squares)
-
-    def motion(self, states: States, duration: float) -> Motion:
-        """A motion with the model's torque and links, sampled."""
-        t = np.arange(0.0, duration, 1.0 / _RATE)
-        return self.estimate.model.seen_along(self.estimate.theta, Motion(t, *states(t)))
-
-    def _white(self, effect: Effect, motion: Motion) -> Array:
-        """(n, N, k)."""
-        out = np.zeros((self.estimate.robot.n, len(motion.t), len(effect.parameters)))
-        for block in effect.blocks(motion):
-            out[block.joint][:, block.parameters] += block.columns / self.noise[block.joint]
-        return out
-
-    def distance(self, motion: Motion) -> float:
-        """delta^2 of a motion, counted in independent rows."""
-        wide = self.estimate.model.wide(replace(motion, torque=None, current=None))
-        X = (wide / self.noise[:, None, None]).reshape(-1, wide.shape[2])
-        parts = [
-            self._white(effect, motion).reshape(len(X), -1) * scale
-            for effect, scale in zip(self.effects, self.scale, strict=True)
-        ]
-        pairs = [(parts[0], parts[1]), (parts[1], parts[0])] if parts[1:] else [(parts[0], X[:, :0])]
-        return min(_apart(X, A, B) for A, B in pairs) * self.row_rate / _RATE
-
-    def right(self, delta2: float, seconds: float) -> float:
-        """Probability that the sum of squares decides rightly, whichever of the two is true."""
-        counts = [len(e.parameters) for e in self.effects] + [0]
-        price = abs(counts[0] - counts[1]) * np.log(max(self.row_rate * seconds, 2.0))
-        return float(special.ndtr((delta2 - price) / (2.0 * np.sqrt(or_least(delta2)))))
-
-    def needed(self, delta2: float, seconds: float) -> float:
-        """Seconds of the motion, repeated, for LEVEL; infinity where it never tells."""
-
-        def short(log: float) -> float:
-            return self.right(delta2 * np.exp(log) / seconds, np.exp(log)) - LEVEL
-
-        first, last = np.log([1e-3, 1e7])
-        if short(last) < 0.0:
-            return float("inf")
-        found = first if short(first) >= 0.0 else optimize.brentq(short, first, last, xtol=1e-4)
-        return float(np.exp(found))
-
-
-def _apart(X: Array, A: Array, B: Array) -> float:
-    """delta^2 of A against everything that X and B make, in the direction of A that B makes best; A's
-    directions have unit parameters."""
-    XB = np.hstack([X, B])
-    norms = np.linalg.norm(XB, axis=0)
-    gram_columns = XB[:, norms > 0.0] / norms[norms > 0.0]
-    values, vectors = np.linalg.eigh(gram_columns.T @ gram_columns)
-    good = values > 1e-9 * values[-1]
-    part = (vectors[:, good] / np.sqrt(values[good])).T @ (gram_columns.T @ A)
-    left = A.T @ A - part.T @ part
-    return float(max(np.linalg.eigvalsh(left)[0], 0.0))
-
-
-def default_excitation(estimate: Estimate, duration: float, seed: int) -> States:
-    """What `excite` begins with: a random Fourier series within the limits."""
-    robot = estimate.robot
-    return shrunk(random_trajectory(robot, seed, duration), Limits.of_robot(robot)).states
-
-
-def separate(
-    estimate: Estimate,
-    effects: str,
-    *,
-    duration: float = 20.0,
-    level: float = 1.0,
-    iterations: int = 200,
-    seed: int = 0,
-    limits: Limits | None = None,
-    free: Callable[[Array], bool] | None = None,
-    progress: Progress = no_progress,
-) -> Separation:
-    """The motion of ``duration`` [s] on which two effects differ most.
-
-    effects : two, as they are written, or one, to be told from nothing; level : root mean square of
-    each over the noise of its joint on the default excitation; iterations : changes that are tried;
-    limits : default the robot's own; free : whether the arm touches itself at none of poses (N, n)
-    (:func:`~sdp_vs_penalty.robot.geometry.self_collision`). Raises InputError for hypotheses that
-    cannot be separated.
-    """
-    told, rng = Hypotheses(estimate, effects, level), np.random.default_rng(seed)
-    bounds = Limits.of_robot(estimate.robot) if limits is None else limits
-    low, high = (bounds.middle + s * _SHARE * bounds.half for s in (-1.0, 1.0))
-    # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
-    limited = bounds.velocity, bounds.acceleration, bounds.acceleration / 0.1
-    effort, looked = np.array([j.effort for j in estimate.robot.joints]), 0
-    best: tuple[float, PointTrajectory | None, _Plan] = -1.0, None, (low[None], low, low)
-
-    def improves(plan: _Plan) -> bool:
-        """Whether a motion is allowed and better than the best."""
-        nonlocal best, looked
-        points, slow, pauses = plan
-        moves = slow * shortest_moves(points, *(_SHARE * x for x in limited))
-        # As many points as fit; the rest of the time goes into the moves.
-        fit = int(np.searchsorted(np.cumsum(moves + pauses[1:]) + pauses[0], duration))
-        if fit < 2:
-            return False
-        moves, rests = moves[:fit], pauses[: fit + 1]
-        moves = moves * (duration - rests.sum()) / moves.sum()
-        trajectory = PointTrajectory(points[: fit + 1], moves, rests)
-        motion = told.motion(trajectory.states, duration)
-        if np.any(np.abs(motion.model_torque) > _SHARE * effort):
-            return False
-        looked += 1
-        value = told.distance(motion)
-        poses = trajectory.states(np.arange(0.0, duration, 0.1))[0]
-        if value <= best[0] or (free is not None and not free(poses)):
-            return False
-        best = value, trajectory, plan
-        return True
-
-    for _ in range(20 * _DRAWN):
-        improves(_drawn(rng, low, high))
-        if best[0] >= 0.0 and looked >= _DRAWN:
-            break
-    reach = 0.3
-    for k in range(iterations if best[0] >= 0.0 else 0):
-        better = improves(_changed(rng, best[2], low, high, reach))
-        reach = min(0.5, reach * 1.3) if better else max(0.02, reach * 0.93)
-        if k % 20 == 19:
-            progress(f"separating: {k + 1} of {iterations} changes, delta {best[0] ** 0.5:.2f}")
-    value, trajectory, _ = best
-    if trajectory is None:
-        remedy = "widen the limits of position or torque, or lengthen the motion with --duration"
-        raise InputError("no motion from point to point keeps the limits", remedy)
-    usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
-    default = float(np.median([told.distance(told.motion(s, duration)) for s in usual]))
-    return Separation(
-        trajectory,
-        delta2=value,
-        default_delta2=default,
-        right=told.right(value, duration),
-        default_right=told.right(default, duration),
-        seconds=told.needed(value, duration),
-        default_seconds=told.needed(default, duration),
-        sizes=told.scale,
-        collisions=free is not None,
-    )
-
-
-#: Points (W, n), slowness (W - 1,) of each move over the fastest, pauses (W,) [s].
-_Plan = tuple[Array, Array, Array]
-
-
-def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
-    count, n = int(rng.integers(6, 40)), len(low)
-    points = rng.uniform(low, high, (count, n))
-    still = rng.random(n) < rng.choice([0.0, 0.3, 0.7])
-    points[:, still] = points[0, still]
-    slow = np.exp(rng.uniform(0.0, np.log(_SLOWEST), count - 1) * rng.random())
-    return points, slow, rng.uniform(0.0, _PAUSE, count) * rng.random()
-
-
-def _changed(rng: np.random.Generator, now: _Plan, low: Array, high: Array, reach: float) -> _Plan:
-    points, slow, pauses = now
-    share = rng.choice([0.1, 0.3, 1.0])
-    step = reach * (high - low) * rng.normal(size=points.shape)
-    points = np.clip(points + step * (rng.random(points.shape) < share), low, high)
-    which = rng.random(len(slow)) < share
-    slow = np.clip(slow * np.exp(which * reach * 2.0 * rng.normal(size=len(slow))), 1.0, _SLOWEST)
-    return points, slow, np.clip(pauses + reach * _PAUSE * rng.normal(size=len(pauses)), 0.0, _PAUSE)

@@ -21,7 +21,7 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.findings import Finding
-from sdp_vs_penalty.estimation import excitation
+from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.simulation import hidden_runs
 
@@ -33,8 +33,8 @@ Run = Callable[..., str]
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
     """Run a line, in an empty folder, then every command that it prints; what it printed itself."""
     monkeypatch.chdir(tmp_path)
-    search = excitation.separate  # that a motion is found, not how good a one
-    monkeypatch.setattr(excitation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 20}))
+    search = separation.separate  # that a motion is found, not how good a one
+    monkeypatch.setattr(separation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 20}))
     reported: set[tuple[str, ...]] = set()
 
     def call(line: str) -> str:

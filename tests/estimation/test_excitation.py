@@ -11,7 +11,7 @@ from scipy import special
 
 from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
-from sdp_vs_penalty.estimation import Limits, excitation
+from sdp_vs_penalty.estimation import Limits, excitation, separation
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.robot import FourierTrajectory, Robot, random_trajectory
 from sdp_vs_penalty.robot.geometry import self_collision
@@ -147,7 +147,7 @@ def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits():
 
 
 def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):
-    found = excitation.separate(small, PAIR, duration=10.0, level=0.5, iterations=30)
+    found = separation.separate(small, PAIR, duration=10.0, level=0.5, iterations=30)
     limits = Limits.of_robot(small.robot)
     t = np.linspace(0.0, 10.0, 4001)
     q, dq, ddq = found.trajectory.states(t)
@@ -164,8 +164,8 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small
 
 def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     """Least squares of both models on noise drawn anew, beside a calculation of the distance by QR."""
-    hypotheses = excitation.Hypotheses(small, PAIR, 0.5)
-    trajectory = excitation.separate(small, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
+    hypotheses = separation.Hypotheses(small, PAIR, 0.5)
+    trajectory = separation.separate(small, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
     motion = hypotheses.motion(trajectory.states, 10.0)
     columns = zip(small.model.columns(motion), hypotheses.noise, strict=True)
     X = np.vstack([c.wide(len(small.theta)) / noise for c, noise in columns])
@@ -207,10 +207,10 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
         ("objective", lambda small: excitation.excite(small.problem, objective="loud")),
         ("duration", lambda small: excitation.excite(small.problem, duration=0.5)),
         ("joints that move: 9", lambda small: excitation.payload_run(small, joints=[8])),
-        ("names 3 effects", lambda small: excitation.separate(small, f"{PAIR},joint_spring:1")),
+        ("names 3 effects", lambda small: separation.separate(small, f"{PAIR},joint_spring:1")),
         (
             "has viscous_friction already",
-            lambda small: excitation.separate(small, "viscous_friction:1,joint_spring:1"),
+            lambda small: separation.separate(small, "viscous_friction:1,joint_spring:1"),
         ),
     ],
 )

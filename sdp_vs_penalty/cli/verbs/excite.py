@@ -97,7 +97,8 @@ def _separate(model: Path, effects: str, out: Path, urdf: Path | None, **setting
     """The run that would tell: trajectory as CSV and, beside it, as ROS text."""
     from sdp_vs_penalty.estimation.constants import LEVEL
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.estimation.excitation import save_trajectory, separate
+    from sdp_vs_penalty.estimation.excitation import save_trajectory
+    from sdp_vs_penalty.estimation.separation import separate
     from sdp_vs_penalty.files import write_text
     from sdp_vs_penalty.robot.geometry import self_collision
     from sdp_vs_penalty.robot.trajectory import joint_trajectory
