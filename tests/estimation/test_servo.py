@@ -1,15 +1,15 @@
 """Logs without torque: the servo's law, its delay, the scale, and instruments against noise.
 
-The truth is a slide with a position servo, integrated here.
+The truth is a slide with a position servo, integrated in tests/helpers/servo_log.py.
 """
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from commands import run_cli
 from lxml import etree
+from servo_log import COULOMB, EFFECTS, KD, KP, MASS, OFFSET, VISCOUS, log, write_slide
 
 from sdp_vs_penalty import (
     Estimate,
@@ -32,58 +32,10 @@ from sdp_vs_penalty.page.jobs import Asked, summary
 from sdp_vs_penalty.signals import Preprocessing
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
-URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="2"/>
-<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="x" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
-<limit lower="-2" upper="2" effort="500" velocity="9"/></joint></robot>"""
-EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.05,torque_offset"
-MASS, KP, KD, VISCOUS, COULOMB, OFFSET = 3.0, 500.0, 40.0, 4.0, 2.0, 1.0
-
-
-def command(t: np.ndarray, seed: int) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    q = np.zeros_like(t)
-    for k in range(1, 6):
-        a, b = 0.2 * rng.normal(size=2) / k
-        q += a * np.sin(1.3 * k * t) + b * (np.cos(1.3 * k * t) - 1.0)
-    return q * (1.0 - np.exp(-t))
-
-
-@cache
-def log(
-    noise: float = 0.0,
-    ki: float = 0.0,
-    kh: float = 0.0,
-    delay: float = 0.0,
-    seed: int = 0,
-    torque: bool = False,
-    load: float = 0.0,
-) -> Measurements:
-    """20 s at 100 Hz; steps of 0.5 ms; load [kg]."""
-    h = 5e-4
-    t = np.arange(0.0, 20.0, h)
-    told, late = command(t, seed), command(np.maximum(t - delay, 0.0), seed)
-    q, tau = np.empty((2, len(t)))
-    x, v, sums, start = told[0], 0.0, OFFSET / ki if ki else 0.0, told[0]
-    for k in range(len(t)):
-        q[k] = x
-        sums += h * (late[k] - x)
-        drive = KP * (late[k] - x) - KD * v + ki * sums - kh * (x - start)
-        tau[k] = drive
-        v += h * (drive - VISCOUS * v - COULOMB * np.tanh(v / 0.05) - OFFSET) / (MASS + load)
-        x += h * v
-    rng = np.random.default_rng(seed + 1)
-    logged = q[::20] + noise * rng.normal(size=len(t[::20]))
-    groups = {"q": logged[:, None], "qcmd": told[::20, None]}
-    groups |= {"tau": tau[::20, None]} if torque else {}
-    return Measurements.of(t[::20], groups, (f"run{seed}",))
-
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("servo") / "slide.urdf"
-    path.write_text(URDF)
-    return str(path)
+    return write_slide(tmp_path_factory.mktemp("servo"))
 
 
 @pytest.fixture(scope="module")

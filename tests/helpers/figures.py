@@ -1,0 +1,268 @@
+"""Small logs, what identification and diagnosis make of them, and what of it is kept."""
+
+import re
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from arms import THREE, run_of_widths, scara, write_urdf
+from challenge.worlds.conditions import Conditions, SensorNoise
+from challenge.worlds.runs import draw_motion, draw_world, log_run, urdf_of
+from effect_contract import robots, steady_motion, told, variants, wide_columns
+from random_robots import repeating_run, sines
+from servo_log import EFFECTS as LOOP
+from servo_log import log, write_slide
+from small_runs import small_run
+
+from sdp_vs_penalty import (
+    Estimate,
+    Measurements,
+    add,
+    compare,
+    cross_validate,
+    diagnose,
+    follow,
+    identify,
+    load_problem,
+    where_it_fails,
+)
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.effects import Seen, effect_types
+from sdp_vs_penalty.estimation import bootstrap, excitation, separation
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+
+#: Of an estimate's provenance, what changes from day to day.
+PASSING = "versions", "data_hash"
+
+
+def model(estimate: Estimate) -> dict[str, Any]:
+    """What model.json holds but for what was put in, and a band of torques."""
+    said = estimate.to_dict()
+    motion = told(steady_motion(estimate.robot))
+    torque, std = estimate.uncertainty.band(estimate.theta, estimate.model.columns(motion))
+    provenance = {k: v for k, v in said["provenance"].items() if k not in PASSING}
+    kept = {k: said[k] for k in ("parameters", "certificate", "effects", "preprocessing", "details")}
+    base = said["uncertainty"]["base"]
+    return {**kept, "base": base, "provenance": provenance, "band": [torque[::20], std[::20]]}
+
+
+def two_link_with(tau: Callable[[Measurements], Any], seconds: float = 24.0) -> Measurements:
+    run = repeating_run(load_problem("two_link"), 0, noise=0.05, seconds=seconds)
+    return replace(run, tau=run.tau + tau(run))
+
+
+def effects_of(which: str) -> dict[str, Any]:
+    """Of each effect how it is searched, what it makes of a motion, and what is said of it."""
+    robot, out = robots()[which], {}
+    t = np.arange(0.0, 6.0, 0.01)
+    moved = sines(np.random.default_rng(3), robot.n, t, 0.1, 5)
+    torque = robot.inverse_dynamics(steady_motion(robot).model_links, moved.q, moved.dq, moved.ddq)
+    warm = 25.0 + 3.0 * moved.q
+    moved = replace(moved, torque=torque + 0.3 * moved.dq, current=steady_motion(robot).current)
+    moved = told(replace(moved, temperature=warm, motors=1.1 * moved.ddq, sign_width=0.02))
+    for name in effect_types():
+        every = variants(name, robot)
+        first, few = every[0], every[:: 1 + len(every) // 9]
+        seen = [Seen(), Seen(0.5, 0.01, 0.5), Seen(5.0, 1e-4, 0.01)]
+        out[name] = {
+            "texts": [e.text for e in every],
+            "shapes": {k: [s.default, s.grid, s.bounds] for k, s in first.shapes.items()},
+            "plausible": first.plausible,
+            "nominal": first.nominal,
+            "limits": [[c.name, c.constant] for c in first.constraints(np.arange(len(first.nominal)))],
+            "columns": [np.abs(wide_columns(e, moved)).mean(axis=(1, 2)) for e in few],
+            "ends": np.sum(wide_columns(first, moved)[:, [7, -7]], axis=2),
+            "said": [first.constants, first.brief, first.remark(0.3), first.as_sized(0.1)]
+            + [first.looks_like(size, s) for size in (0.01, 2.0) for s in seen],
+            "undone": first.undone(np.full(len(first.nominal), 0.02), t, moved.torque)[[50, 300]],
+        }
+    return out
+
+
+def identified(folder: Path) -> dict[str, Any]:
+    two, run = load_problem("two_link"), two_link_with(lambda r: 0.0)
+    plain = identify(two, run)
+    problem = load_problem(scara(folder))
+    widths = run_of_widths(problem, (0.02, 0.003, 0.001, 0.08), 12.0)
+    return {
+        "two_link": model(plain),
+        "gains": model(identify(two, run, "ols", gain_uncertainty=0.02)),
+        "widths": model(identify(problem, widths, "ols", check=False)),
+        "drawn": bootstrap(two, run, 2).to_numpy(),
+        "folds": cross_validate(two, run, "ols", folds=3).to_dict(),
+        "simulated": model(
+            identify(two, run.window(0.0, 4.0), "output-error", effects="rigid_body", check=False)
+        ),
+    }
+
+
+def of_servos(folder: Path) -> dict[str, Any]:
+    arm, run = write_slide(folder), log(1e-4, ki=700.0, delay=0.02, torque=True)
+    beside = identify(arm, run, effects=f"{LOOP},servo_position,servo_integral", check=False)
+    silent = Measurements.of(run.t, {"q": run.q, "qcmd": run.commanded["qcmd"]}, ("run",))
+    found = identify(arm, silent, effects=LOOP, known={"m1": 3.0})
+    loads = [(log(1e-4, seed=5, load=1.5), 1.5)]
+    loaded = identify(arm, log(1e-4), effects=LOOP, known_loads=loads, instruments="none")
+    open_ = identify(arm, log(1e-4, kh=50.0, ki=500.0))
+    return {
+        "beside": beside.details,
+        "silent": model(found),
+        "loaded": model(loaded),
+        "open": model(open_),
+        "followed": follow(found, log(seed=3).window(0.0, 2.0), drive="servo").free[0].rms,
+        "compared": compare(found, silent)[0].to_dict(),
+    }
+
+
+def of_loads(folder: Path) -> dict[str, Any]:
+    problem = load_problem(write_urdf(folder / "arm.urdf", "arm", THREE))
+    run, heavy = (small_run(problem, 16.0, seed) for seed in (0, 1))
+    links = np.zeros((3, 10))
+    links[-1] = 1.5 * np.array([1.0, 0.05, -0.02, 0.1, 0.013, 0, 0.013, 0, 0, 0.005])
+    t = heavy.t
+    rates = heavy.dq, np.gradient(heavy.dq, t, axis=0)
+    more = replace(heavy, tau=heavy.tau + problem.robot.inverse_dynamics(links, heavy.q, *rates))
+    estimate = identify(problem, run, "ols", gain_uncertainty=0.01)
+    return {
+        "gains": model(identify(problem, run, "ols", known_loads=[(more, 1.5)], check=False)),
+        "added": model(add(estimate, "payload", more)),
+        "found": diagnose(estimate, more, frozen=True).to_dict(),
+        "run": [*vars(excitation.payload_run(estimate, iterations=3)).values()][1:],
+        "compared": compare(estimate, more)[0].to_dict(),
+    }
+
+
+def motions() -> dict[str, Any]:
+    two = load_problem("two_link")
+    estimate = identify(two, two_link_with(lambda r: 0.0), "ols")
+    found = [
+        excitation.excite(two, duration=6.0, iterations=3, objective=x) for x in excitation.OBJECTIVES
+    ]
+    told = separation.separate(
+        estimate, "torque_ripple:2@k=2,joint_spring:2", duration=6.0, iterations=10
+    )
+    alone = separation.separate(estimate, "stribeck_friction:1", duration=6.0, level=0.3, iterations=5)
+    kept = "delta2", "default_delta2", "right", "default_right", "seconds", "default_seconds", "sizes"
+    return {
+        "excited": [[e.history, e.trajectory.a, e.trajectory.b, e.trajectory.q_0] for e in found],
+        "separated": [{k: getattr(x, k) for k in kept} for x in (told, alone)],
+    }
+
+
+def failures() -> dict[str, Any]:
+    """Where a model fails: at reversals, with a wave, at rest."""
+
+    def missing(r: Measurements) -> Any:
+        late = np.tanh(np.gradient(r.q, r.t, axis=0) / 0.3) * [0.0, 1.0]
+        return late + [[0.0, 0.6]] * np.sin(40.0 * r.q) + [[0.4, 0.0]] * np.sin(r.q[:, ::-1])
+
+    run = two_link_with(missing)
+    estimate = identify(load_problem("two_link"), two_link_with(lambda r: 0.0), "ols")
+    shown = compare(estimate, run)
+    return {
+        "causes": [f.to_dict() for f in where_it_fails(estimate, run)],
+        "said": where_it_fails(estimate, run)._summary(),
+        "compared": shown[0].to_dict(),
+        "frame": shown.to_frame().to_numpy(),
+    }
+
+
+def hidden(*named: tuple[str, list[int]], test: bool, **told: Any) -> dict[str, Any]:
+    made = hidden_runs(load_problem("two_link"), list(named), "strong", seed=24)
+    data = concatenate(made.runs[:2])
+    tau = data.tau.copy()
+    tau[1200:1240, 1] += told.get("knock", 0.0)
+    tau[:, 0] += told.get("hum", 0.0) * np.sin(2.0 * np.pi * 3.3 * data.t + (data.t > 30.0))
+    data = replace(data, tau=tau)
+    estimate = identify(made.problem, data, "ols", effects=made.truth["model_effects"], check=False)
+    found = diagnose(estimate, data, made.runs[3] if test else None, check=False)
+    out = {"found": found.to_dict(), "said": [found.headline, found.advice, found.unknown]}
+    if found.effects or found.retuned:
+        out["added"] = model(add(estimate, found, data))
+    return out
+
+
+def in_a_curve() -> dict[str, Any]:
+    """A torque that no effect is, on a two-axis SCARA with some noise of colour."""
+    rng = np.random.default_rng(7)
+    noise = SensorNoise(colour=0.6, tails=5.0)
+    world = draw_world(Conditions("scara", runs=2, duration=12.0, noise=noise, law="dahl"), rng)
+    runs = []
+    for k in range(2):
+        motion = draw_motion(world, k, rng)
+        extra = np.zeros_like(motion.q)
+        extra[:, 1] = 0.4 * motion.q[:, 1] * motion.dq[:, 1]
+        runs.append(log_run(world, motion, rng, [extra]).run)
+    data = concatenate(runs)
+    found = diagnose(
+        identify(load_problem(urdf_of("scara")), data, "ols", check=False), data, check=False
+    )
+    return {"found": found.to_dict(), "said": [found.headline, found.advice]}
+
+
+CASES: Mapping[str, Callable[[Path], Any]] = {
+    "effects_arm": lambda _: effects_of("arm"),
+    "effects_gantry": lambda _: effects_of("gantry"),
+    "identified": identified,
+    "servos": of_servos,
+    "loads": of_loads,
+    "motions": lambda _: motions(),
+    "failures": lambda _: failures(),
+    "hysteresis": lambda _: hidden(("presliding_hysteresis", [0]), test=False, knock=3.0),
+    "pair": lambda _: hidden(("stribeck_friction", [0]), ("joint_spring", [1]), test=True, hum=0.5),
+    "curve": lambda _: in_a_curve(),
+}
+
+
+def brief(value: Any) -> Any:
+    """What is kept: names, numbers, of many numbers their count, two root mean squares and their mean;
+    of sentences the numbers in them, of tables their columns."""
+    if isinstance(value, str):
+        return brief(_numbers(value)) if " " in value else value
+    if isinstance(value, Mapping):
+        return {str(k): brief(x) for k, x in value.items()}
+    if value is None or isinstance(value, bool):
+        return value
+    if not isinstance(value, np.ndarray | list | tuple):
+        return float(f"{float(value):.6g}")
+    every = list(value)
+    if every and all(isinstance(x, Mapping) and x.keys() == every[0].keys() for x in every):
+        return {k: brief([x[k] for x in every]) for k in every[0]}
+    leaves = list(_leaves(every))
+    if any(isinstance(x, Mapping) for x in leaves):
+        return [brief(x) for x in every]
+    if words := [x for x in leaves if isinstance(x, str) and " " not in x]:
+        return {"words": words if len(words) < 5 else zlib.crc32(" ".join(words).encode())}
+    found = [y for x in leaves for y in (_numbers(x) if isinstance(x, str) else [x])]
+    x = np.nan_to_num(np.array(found, float), nan=-1.0, posinf=1e9, neginf=-1e9)
+    sizes = [np.sqrt(np.mean(y**2)) for y in (x, x * np.linspace(1.0, 2.0, len(x)))] if found else []
+    figures = [*sizes, x.mean()] if len(x) > 3 else x
+    return {"count": len(x), "figures": [float(f"{y:.6g}") for y in figures]}
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(x) for x in re.findall(r"\d+\.?\d*", text)]
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    if not isinstance(value, np.ndarray | list | tuple):
+        yield value
+        return
+    for x in value:
+        yield from _leaves(x)
+
+
+def differences(kept: Any, found: Any, where: str = "", least: float = 1e-7) -> list[str]:
+    """Where two of them differ: numbers by more than processors round."""
+    if isinstance(kept, dict) and isinstance(found, dict) and kept.keys() == found.keys():
+        return [d for k in kept for d in differences(kept[k], found[k], f"{where}.{k}")]
+    if isinstance(kept, list) and isinstance(found, list) and len(kept) == len(found):
+        pairs, first = enumerate(zip(kept, found, strict=True)), found[0] if found else 0.0
+        least = 3e-4 * abs(first) + 1e-7 if isinstance(first, float) else 1e-7
+        return [d for k, both in pairs for d in differences(*both, f"{where}[{k}]", least)]
+    number = isinstance(kept, float | int) and isinstance(found, float | int)
+    near = number and abs(kept - found) <= max(least, 3e-4 * abs(found))
+    return [] if near or kept == found else [f"{where}: {kept} is now {found}"]
