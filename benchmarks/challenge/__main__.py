@@ -5,12 +5,19 @@ python benchmarks/challenge --classes clean --nuisance sign,dahl --cases 4 --see
 
 import argparse
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 sys.path[0] = str(Path(__file__).parents[1])  # for this process and its workers
 
-from challenge.cases import run_challenge  # noqa: E402
+from challenge.cases import CLASSES, run_challenge, wanted  # noqa: E402
+from challenge.worlds.conditions import NUISANCES  # noqa: E402
 from sdp_vs_penalty.parallel import Workers  # noqa: E402
+
+
+def some_of(known: Sequence[str]) -> Callable[[str], list[str]]:
+    """Reads a,b: the parser tells the ValueError of a name that is none."""
+    return lambda text: [known[known.index(name)] for name in text.split(",")]
 
 
 def main() -> None:
@@ -19,11 +26,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("results"), help="folder for challenge.*")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--classes", type=lambda text: text.split(","), help="a,b; default: all")
-    parser.add_argument("--nuisance", type=lambda text: text.split(","), help="a,b; default: all")
+    for word, known in (("--classes", [*CLASSES]), ("--nuisance", [*NUISANCES])):
+        parser.add_argument(word, type=some_of(known), default=known, help="a,b; default: all")
     told = parser.parse_args()
-    chosen = Workers(told.jobs), told.classes, told.nuisance, lambda x: print(x, end="\r")
-    print(*run_challenge(told.cases, told.seed, told.out, *chosen), sep="\n")
+    every = wanted(told.cases, told.seed, told.classes, told.nuisance)
+    show = lambda text: print(text, end="\r")  # noqa: E731
+    print(*run_challenge(every, told.seed, told.out, Workers(told.jobs), show), sep="\n")
 
 
 if __name__ == "__main__":

@@ -21,13 +21,14 @@ from challenge.truth import energies, judged_curve, true_floor
 from challenge.worlds.conditions import NUISANCES, Conditions, draw_conditions, fair
 from challenge.worlds.hidden_unknown import disturbance, nameless, unknown
 from challenge.worlds.motion import thinned
-from challenge.worlds.runs import Logged, Site, draw_motion, draw_world, log_run, urdf_of
+from challenge.worlds.runs import Logged, draw_motion, draw_world, log_run, urdf_of
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
-from sdp_vs_penalty.parallel import ALONE, Workers, spread
+from sdp_vs_penalty.parallel import Workers, spread
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.simulation.worlds.hidden import FRICTION, FROZEN, LEVELS, MACHINE, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
@@ -119,20 +120,9 @@ class Case:
         return np.random.default_rng([self.seed, self.index, zlib.crc32(self.key.encode())])
 
 
-@dataclass(frozen=True)
-class Sitting:
-    """A case as it is simulated: the last of the runs is the test run."""
-
-    world: Site
-    hidden: Sequence[Hidden]
-    motions: Sequence[TrueMotion]
-    logged: Sequence[Logged]
-    effects: tuple[str, ...]
-    unloaded: Sequence[Logged] = ()
-
-
-def simulate_case(case: Case) -> Sitting:
-    """The world of a case and its runs."""
+def run_case(case: Case) -> tuple[str, Record]:
+    """The case's key and its record, which is plain JSON: its world and runs, the last of which is the
+    test run, what the diagnosis says of them, in how many seconds of the processor, and the truth."""
     kind, rng = CLASSES[case.kind], case.generator()
     conditions = kind.conditions(draw_conditions(case.nuisance, rng))
     names = kind.names(case.seed, case.index, rng)
@@ -142,44 +132,37 @@ def simulate_case(case: Case) -> Sitting:
     motions = [draw_motion(world, k, rng) for k in range(conditions.runs + 1)]
     hidden = kind.hidden(names, world, motions[:-1], rng)
     logged = [log_run(world, m, rng, [h.torque(world, m) for h in hidden]) for m in motions]
-    unloaded = []
+    learnt: Sequence[Logged] = logged[:-1]
     if kind.frozen:  # the model was identified in another sitting, without the load
         others = [draw_motion(world, k, rng) for k in range(conditions.runs)]
-        unloaded = [log_run(world, m, rng) for m in others]
-    effects = tuple(name for name in USUAL if name not in names)
-    return Sitting(world, hidden, motions, logged, effects, unloaded)
-
-
-def run_case(case: Case) -> tuple[str, Record]:
-    """The case's key and its record, which is plain JSON."""
-    kind, sitting = CLASSES[case.kind], simulate_case(case)
-    allowed, abstains = fair(sitting.world.conditions)
+        learnt = [log_run(world, m, rng) for m in others]
+    allowed, abstains = fair(conditions)
     record: Record = {
         "class": case.kind,
         "nuisance": case.nuisance,
-        "conditions": asdict(sitting.world.conditions) | {"dry": sitting.world.dry.to_dict()},
-        "truth": [h.to_dict() for h in sitting.hidden],
-        "deviation": [h.deviation(sitting.world, sitting.motions[0]) for h in sitting.hidden],
+        "conditions": asdict(conditions) | {"dry": world.dry.to_dict()},
+        "truth": [h.to_dict() for h in hidden],
+        "deviation": [h.deviation(world, motions[0]) for h in hidden],
         "fair": sorted(allowed),
         "abstains": abstains,
         **{name: [] for name in ("found", "retuned", "events", "after", "energy")},
     }
+    effects = [name for name in USUAL if name not in names]
+    problem, begin = load_problem(urdf_of(conditions.arm)), time.process_time()
     try:
-        record |= _diagnosed(kind, sitting)
+        estimate = identify(problem, concatenate([x.run for x in learnt]), "ols", effects=effects)
+        record |= _diagnosed(kind, estimate, logged, hidden, time.process_time() - begin)
     except InputError as error:
         record |= {"verdict": "refused", "error": str(error)}
     return case.key, rounded(record)
 
 
-def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
-    """What the diagnosis says, in how many seconds of the processor, and the truth beside it."""
-    *logged, test = sitting.logged
-    data = concatenate([x.run for x in logged])
-    learnt = concatenate([x.run for x in sitting.unloaded]) if kind.frozen else data
-    problem = load_problem(urdf_of(sitting.world.conditions.arm))
-    begin = time.process_time()
-    estimate = identify(problem, learnt, "ols", effects=list(sitting.effects))
-    between = time.process_time()
+def _diagnosed(
+    kind: CaseClass, estimate: Estimate, logged: Sequence[Logged], hidden: Sequence[Hidden], spent: float
+) -> Record:
+    """spent : on identifying [s]."""
+    *runs, test = logged
+    data, begin = concatenate([x.run for x in runs]), time.process_time()
     diagnosis = diagnose(estimate, data, test.run, frozen=kind.frozen)
     result = diagnosis.to_dict()
     record: Record = {
@@ -187,14 +170,14 @@ def _diagnosed(kind: CaseClass, sitting: Sitting) -> Record:
         "found": [{name: f[name] for name in _KEPT} for f in result["effects"]],
         "retuned": result.get("retuned", []),
         "events": result["events"],
-        "identify_seconds": between - begin,
-        "seconds": time.process_time() - between,
+        "identify_seconds": spent,
+        "seconds": time.process_time() - begin,
         "curves": [{"joint": c.joint, "of": c.of, "formula": c.formula} for c in diagnosis.curves],
     }
     if kind.what == "curves":
-        record["curve"] = judged_curve(diagnosis, sitting.hidden[0], sitting.logged, estimate, data)
-    if sitting.hidden:
-        record["energy"] = energies(logged, estimate, kind.frozen)
+        record["curve"] = judged_curve(diagnosis, hidden[0], logged, estimate, data)
+    if hidden:
+        record["energy"] = energies(runs, estimate, kind.frozen)
     if kind.what in ("none", "effects"):
         settled = replace(estimate, preprocessing=estimate.preprocessing.resolve(test.run))
         record["after"] = (np.array(result["held_out_rmse"]) / true_floor(test, settled)).tolist()
@@ -215,21 +198,9 @@ VERSION = 3
 
 
 def run_challenge(
-    cases: int,
-    seed: int,
-    out: Path,
-    workers: Workers = ALONE,
-    classes: Sequence[str] | None = None,
-    nuisances: Sequence[str] | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    todo: Sequence[Case], seed: int, out: Path, workers: Workers, progress: Callable[[str], None]
 ) -> list[Path]:
-    """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.md.
-
-    cases : of each class; of clean robots, of each nuisance; workers : who simulates. Raises InputError
-    for a class or a nuisance that does not exist.
-    """
-    kinds = _known("class", classes, CLASSES)
-    conditions = _known("nuisance", nuisances, NUISANCES)
+    """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.md."""
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     store, report = out / "challenge.json", out / "challenge.md"
@@ -238,7 +209,7 @@ def run_challenge(
         if store.is_file():
             kept = json.loads(store.read_text())
             records = kept["cases"] if kept.get("version") == VERSION else {}
-        todo = [c for c in wanted(cases, seed, kinds, conditions) if c.key not in records]
+        todo = [c for c in todo if c.key not in records]
         found = spread(run_case, todo, workers.scheduler, workers.jobs)
         for done, (key, record) in enumerate(found, start=1):
             records = dict(sorted({**records, key: record}.items(), key=lambda pair: _order(pair[0])))
@@ -256,13 +227,6 @@ def wanted(cases: int, seed: int, kinds: Sequence[str], conditions: Sequence[str
         drawn = np.random.default_rng([seed, list(CLASSES).index(kind), k]).choice(conditions)
         out += [Case(kind, x, seed, k) for x in (conditions if kind == "clean" else [str(drawn)])]
     return out
-
-
-def _known(what: str, names: Sequence[str] | None, known: Mapping[str, Any]) -> list[str]:
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"{what} {name!r} is unknown", f"choose among: {', '.join(known)}")
-    return list(names or known)
 
 
 def _order(key: str) -> tuple[int, int, int, int]:
