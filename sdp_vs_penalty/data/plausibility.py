@@ -32,9 +32,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         _check_derivative(robot, run)
         _check_side(robot, run)
         far = far_outside(robot, run.q)
-        for j, (joint, low, high) in enumerate(zip(robot.joints, *extremes(run.q), strict=True)):
-            q, travel, turns = run.q[:, j], high - low, joint.kind == "revolute"
-            limited = np.isfinite(joint.lower) and np.isfinite(joint.upper)
+        for j, (joint, travel) in enumerate(zip(robot.joints, np.ptp(run.q, axis=0), strict=True)):
+            q, turns = run.q[:, j], joint.kind == "revolute"
             motors = _MOTORS if turns else ""
             if j in far:
                 worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
@@ -44,7 +43,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                 remedy = f"convert {units}{motors}, or choose the problem that belongs to this file"
                 raise InputError(f"{_place(run, worst)}, {what}", remedy)
             # A motion to and fro over many turns, not a shaft that goes on turning.
-            if not limited and turns and travel > 8.0 * math.tau and abs(q[-1] - q[0]) < 0.5 * travel:
+            free = turns and not np.isfinite(joint.upper - joint.lower)
+            if free and travel > 8.0 * math.tau and abs(q[-1] - q[0]) < 0.5 * travel:
                 where = f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}"
                 what = f"joint {j + 1} swings through {travel / math.tau:.0f} turns"
                 what += ": positions look like degrees"
@@ -54,12 +54,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
 def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     """Joints farther outside their ranges than an encoder's zero or a turn brings them: twice their
     travel on a straight axis."""
-    far = []
-    for j, (joint, low, high) in enumerate(zip(robot.joints, *extremes(q), strict=True)):
-        most = math.tau if joint.kind == "revolute" else 2.0 * (joint.upper - joint.lower)
-        if np.isfinite(most) and max(joint.lower - low, high - joint.upper) > most:
-            far.append(j)
-    return tuple(far)
+    most = [math.tau if j.kind == "revolute" else 2.0 * (j.upper - j.lower) for j in robot.joints]
+    return tuple(np.flatnonzero(_beyond(robot, q) > most).tolist())
 
 
 def _place(run: Measurements, k: int) -> str:
@@ -78,27 +74,18 @@ def check_torque(run: Measurements) -> None:
 def _check_side(robot: Robot, run: Measurements) -> None:
     """Positions of motors, where the robot's transmission is known and brings them into the ranges."""
     gears = robot.transmission
-    if gears is None or not np.any(_outside(robot, *extremes(run.q))) or beside_range(robot, run.q):
+    if gears is None or np.all(_beyond(robot, run.q) <= _ZERO) or beside_range(robot, run.q):
         return
     joints = np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T
-    if not np.any(_outside(robot, *extremes(joints))):
+    if np.all(_beyond(robot, joints) <= _ZERO):
         what = "the positions are those of the motors: through the transmission they are in the ranges"
         raise InputError(what, "convert the log with `convert --motor-side`", run.names[0])
 
 
-def extremes(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) least and (n,) largest of positions (N, n), in the memory of a part of them."""
-    # A joint after the other: several times as fast as row by row.
-    columns = (np.ascontiguousarray(part.T) for _, part in parts(q))
-    ends = [(part.min(axis=1), part.max(axis=1)) for part in columns]
-    low, high = zip(*ends, strict=True)
-    return np.min(low, axis=0), np.max(high, axis=0)
-
-
-def _outside(robot: Robot, least: np.ndarray, largest: np.ndarray) -> np.ndarray:
-    """(n,) by how much each joint leaves its range, less what an encoder's zero may be wrong."""
+def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """(n,) how far positions (N, n) come beyond each joint's range; negative inside it."""
     low, high = np.transpose([(j.lower, j.upper) for j in robot.joints])
-    return np.maximum(np.maximum(low - least, largest - high) - _ZERO, 0.0)
+    return np.maximum(low - q.min(axis=0), q.max(axis=0) - high)
 
 
 def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
@@ -106,12 +93,9 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
 
     Where many joints are outside, or travel farther than they can, something else is wrong with all.
     """
-    low, high = extremes(q)
-    outside = np.flatnonzero(_outside(robot, low, high))
-    width = np.array([j.upper - j.lower for j in robot.joints])
-    if not len(outside) or len(outside) > max(1, robot.n // 2) or np.any(high - low > width + _ZERO):
-        return ()
-    return tuple(outside.tolist())
+    outside = np.flatnonzero(_beyond(robot, q) > _ZERO)
+    fits = np.ptp(q, axis=0) <= [j.upper - j.lower + _ZERO for j in robot.joints]
+    return tuple(outside.tolist()) if len(outside) <= max(1, robot.n // 2) and np.all(fits) else ()
 
 
 def _check_derivative(robot: Robot, run: Measurements) -> None:

@@ -18,8 +18,8 @@ from sdp_vs_penalty.errors import unknown
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.partial import span
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, nearest_least_squares
+from sdp_vs_penalty.regression.partial import smallest, span
+from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
@@ -98,7 +98,7 @@ class Task:
     @cached_property
     def ols(self) -> Array:
         """The unconstrained least-squares theta nearest to the nominal one."""
-        return nearest_least_squares(self.data, self.nominal, self.bound)
+        return smallest(self.data.R, self.data.rho, self.nominal)
 
     @cached_property
     def base_distance(self) -> LeastSquares:
@@ -153,7 +153,7 @@ def make_task(
     if weighting not in ("noise", "none"):
         raise unknown("weighting", weighting, ("noise", "none"))
     data = with_plausible(regression.least_squares(), model, regression.oversampling)
-    first, weights = nearest_least_squares(data, nominal, bound), np.ones(regression.joints)
+    first, weights = smallest(data.R, data.rho, nominal), np.ones(regression.joints)
     if weighting == "noise":
         weights = joint_weights(regression, first)
         data = with_plausible(regression.least_squares(weights), model, regression.oversampling)

@@ -73,46 +73,42 @@ standstill = 0.01
 [base_parameters]
 independent = ["Izz1", "mx2"]
 """
+_FIELDS = tomllib.loads(EXAMPLE)
 _NEEDED = re.findall(r"^(\w+) = .*# needed", EXAMPLE, re.MULTILINE)
 
 
-def check_fields(data: Mapping[str, Any]) -> None:
-    """InputError naming the section and the field that is unknown, missing or of the wrong kind; checked
-    before anything is built."""
-    whole = tomllib.loads(EXAMPLE)
-    for section, example in {"": whole, **whole}.items():
-        many = isinstance(example, list) and isinstance(example[0], dict)
-        if not (many or isinstance(example, dict)):
-            continue
-        where = f"[[{section}]]" if many else f"[{section}]" if section else "the top level"
-        if section and section not in data:
-            if section == "kinematics":
-                remedy = "give the robot's DH table or its URDF"
-                raise InputError("the section [kinematics] is missing", remedy)
-            continue
-        given = data[section] if section else data
-        parts, fields = (given, example[0]) if many else ([given], example)
-        if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
-            what = f"{section} is no {'list of sections' if many else 'section'}"
-            raise InputError(what, f"write {where} above its fields")
-        for part in parts:
-            for key in part:
-                if key not in fields:
-                    raise InputError(
-                        f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}"
-                    )
-            for key, like in fields.items():
-                if key in part:
-                    _check(f"{where} {key}" if section else key, part[key], key, like, part)
-                elif key in _NEEDED and "urdf" not in part:
-                    raise InputError(f"the field {key!r} is missing in {where}", "add it")
+def check_fields(
+    data: Mapping[str, Any], fields: Mapping[str, Any] = _FIELDS, section: str = ""
+) -> None:
+    """InputError naming the section and the field that is unknown, missing or of another kind than in
+    the example ``fields``; checked before anything is built."""
+    where = section or "the top level"
+    for key in data:
+        if key not in fields:
+            raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}")
+    for key, like in fields.items():
+        many, one = isinstance(like, list), like[0] if isinstance(like, list) else like
+        if key == "kinematics" and key not in data:
+            raise InputError(
+                "the section [kinematics] is missing", "give the robot's DH table or its URDF"
+            )
+        if key not in data:
+            if key in _NEEDED and "urdf" not in data:
+                raise InputError(f"the field {key!r} is missing in {where}", "add it")
+        elif isinstance(one, dict):
+            head, parts = f"[[{key}]]" if many else f"[{key}]", data[key] if many else [data[key]]
+            if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
+                what = f"{key} is no {'list of sections' if many else 'section'}"
+                raise InputError(what, f"write {head} above its fields")
+            for part in parts:
+                check_fields(part, one, head)
+        else:
+            _check(f"{section} {key}".lstrip(), data[key], key, like, data)
 
 
 def _check(label: str, value: Any, key: str, like: Any, part: Mapping[str, Any]) -> None:
-    """InputError for a value of another kind or length than its example; sections are not looked at."""
+    """InputError for a value of another kind or length than its example."""
     several, one = isinstance(like, list), like[0] if isinstance(like, list) else like
-    if isinstance(one, dict):
-        return
     word = {str: "text", int: "whole number", float: "number"}[type(one)]
     hint = f"write {key} = {json.dumps(like)}"
     if several and not isinstance(value, list):

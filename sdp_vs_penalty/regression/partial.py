@@ -31,10 +31,12 @@ def visible(A: Array) -> tuple[Array, Array]:
     return u[:, good], V
 
 
-def smallest(A: Array, b: Array) -> Array:
-    """The smallest theta (p,) that minimises |A theta - b|, in the directions that A (r, p) shows."""
+def smallest(A: Array, b: Array, near: Array | float = 0.0) -> Array:
+    """The theta (p,) nearest to ``near`` that minimises |A theta - b|: moved in the directions that
+    A (r, p) shows, columns at unit norm."""
     U, V = visible(A)
-    return np.asarray(V @ (U.T @ b))
+    start = np.broadcast_to(near, A.shape[1])
+    return np.asarray(start + V @ (U.T @ (b - A @ start)))
 
 
 def deviations(A: Array) -> Array:

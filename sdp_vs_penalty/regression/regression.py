@@ -19,14 +19,14 @@ from itertools import pairwise
 from typing import Protocol, TypeAlias
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.regression.partial import deviations
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
 
@@ -124,20 +124,7 @@ class LeastSquares:
         What a unit of the parameter makes that no other parameter can cancel: 1 / sqrt of the
         diagonal of (R^T R)^-1, zero for what the data do not determine.
         """
-        norms = self.column_norms
-        unit = or_one(norms)
-        scaled = np.where(norms > 0.0, self.R, 0.0) / unit
-        if not scaled.any():
-            return np.zeros(len(norms))
-        # scaled P = Q [T S]: what is combined with nothing that is invisible lies apart by T alone.
-        r, pivots = scipy.linalg.qr(scaled, mode="r", pivoting=True, check_finite=False)
-        rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-13 * abs(r[0, 0])))
-        back = scipy.linalg.solve_triangular(r[:rank, :rank], np.eye(rank), check_finite=False)
-        unseen = np.vstack([-back @ r[:rank, rank:], np.eye(len(pivots) - rank)])
-        hidden, spread = np.ones(len(norms), bool), np.ones(len(norms))
-        hidden[pivots] = np.sum(np.linalg.qr(unseen)[0] ** 2, axis=1) > 1e-12
-        spread[pivots[:rank]] = np.sum(back**2, axis=1)
-        return np.where(hidden, 0.0, norms / np.sqrt(np.where(hidden, 1.0, spread)))
+        return 1.0 / deviations(self.R)
 
 
 @dataclass(frozen=True)
@@ -255,17 +242,6 @@ class Regression:
     def joint_rows(self) -> NDArray[np.int64]:
         """(joints,) number of rows of each joint."""
         return np.array([f.rows for f in self.per_joint], np.int64)
-
-
-def nearest_least_squares(data: LeastSquares, reference: Array, scale: Array) -> Array:
-    """argmin |R theta - rho|, among the minimisers the one nearest to reference (scaled)."""
-    norms = data.column_norms
-    size = or_one(norms)
-    unit = np.where(norms > 0.0, 1.0 / size, scale)
-    scaled = np.where(norms > 0.0, data.R * unit, 0.0)
-    left = data.rho - data.R @ reference
-    step = scipy.linalg.lstsq(scaled, left, 1e-9, lapack_driver="gelsy", check_finite=False)[0]
-    return np.asarray(reference + unit * step)
 
 
 def triangular(parts: Sequence[Array]) -> Array:

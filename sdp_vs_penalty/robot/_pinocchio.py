@@ -13,16 +13,12 @@ except ImportError as error:
     remedy = "run `pip install 'pin>=4,<5'` (PyPI's `pinocchio` is another package; uninstall it)"
     raise InputError(what, remedy) from error
 
-_where = getattr(pinocchio, "__file__", None) or "a namespace package"
-if not hasattr(pinocchio, "computeJointTorqueRegressor"):
-    what = f"`import pinocchio` finds {_where}, which is not the robotics library"
-    remedy = "run `pip uninstall pinocchio`, then `pip install --force-reinstall 'pin>=4,<5'`"
-    raise InputError(what, remedy)
-if not pinocchio.__version__.startswith("4."):
+if not (hasattr(pinocchio, "rnea") and pinocchio.__version__.startswith("4.")):
+    found = getattr(pinocchio, "__file__", None) or "a namespace package"
     raise InputError(
-        f"`import pinocchio` finds version {pinocchio.__version__} in {_where}, 4.x is needed",
-        "take that folder off PYTHONPATH (a ROS set-up script puts it there), or run `pip "
-        "install 'pin>=4,<5'`",
+        f"`import pinocchio` finds {found}, which is not Pinocchio 4",
+        "take that folder off PYTHONPATH (a ROS set-up script puts it there), or run `pip uninstall "
+        "pinocchio` (another package), then `pip install --force-reinstall 'pin>=4,<5'`",
     )
 
 pin = pinocchio

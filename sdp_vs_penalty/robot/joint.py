@@ -98,22 +98,20 @@ def following(
     free = [k for k, name in enumerate(names) if name not in followers]
     if not followers and not massless:
         return tuple(tree), None
-    matrix, offset = np.zeros((len(tree), len(free))), np.zeros(len(tree))
+    unit = np.eye(len(tree) + 1)
+    step = unit.copy()  # each joint, and a constant 1, as whom it follows says
     for k, name in enumerate(names):
-        at, ratio, shift, seen = name, 1.0, 0.0, {name}
-        while at in followers:
-            leader, multiplier, constant = followers[at]
-            shift += ratio * constant
-            ratio *= multiplier
-            if leader in seen:
-                raise InputError(f"joint {name!r} mimics itself through others", "correct its <mimic>")
+        if name in followers:
+            leader, ratio, shift = followers[name]
             if leader not in names:
-                what = f"joint {at!r} mimics {leader!r}, which is no moving joint of the robot"
+                what = f"joint {name!r} mimics {leader!r}, which is no moving joint of the robot"
                 raise InputError(what, "correct its <mimic>")
-            seen.add(leader)
-            at = leader
-        matrix[k, free.index(names.index(at))], offset[k] = ratio, shift
-    return tuple(tree[k] for k in free), Mechanism(tuple(tree), matrix, offset, tuple(massless))
+            step[k] = ratio * unit[names.index(leader)] + shift * unit[-1]
+    whole = np.linalg.matrix_power(step, len(tree))[:-1]  # through all that others follow
+    for k in np.flatnonzero(np.delete(whole, [*free, -1], axis=1).any(axis=1)).tolist():
+        raise InputError(f"joint {names[k]!r} mimics itself through others", "correct its <mimic>")
+    mechanism = Mechanism(tuple(tree), whole[:, free], whole[:, -1], tuple(massless))
+    return tuple(tree[k] for k in free), mechanism
 
 
 def parse_mechanism(
