@@ -181,46 +181,22 @@ class Regression:
         return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
 
     @cached_property
-    def _often(self) -> NDArray[np.intp]:
-        """(p,) on how many joints' torque each parameter acts."""
-        own = {f.joint: f.indices for f in self.factors}
-        return np.bincount(np.concatenate([np.arange(0), *own.values()]), minlength=self.p)
-
-    @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
-        """All blocks of each joint merged into one factor, columns that no other joint has first."""
+        """All blocks of each joint merged into one factor."""
         merged, none = [], Factor(0, 0, np.arange(0), np.zeros((0, 1)), 0)
         for joint in range(self.joints):
             parts = [f for f in self.factors if f.joint == joint] or [none]
-            order = np.argsort(self._often[parts[0].indices] > 1, kind="stable")
-            rows = np.vstack([f.triangle for f in parts]).take([*order, -1], axis=1)
-            own = parts[0].indices[order], triangular([rows]), sum(f.rows for f in parts)
-            merged.append(Factor(joint, 0, *own))
+            triangle = triangular([f.triangle for f in parts])
+            merged.append(Factor(joint, 0, parts[0].indices, triangle, sum(f.rows for f in parts)))
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
-        """The stack over joints, joint j's rows multiplied by weights[j] (default: all 1).
-
-        The first rows of a joint's triangle hold the columns that no other joint has, and stay what they
-        are; the others are factorised together in the columns that joints share.
-        """
-        scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
-        own, rest, shared = list[Array](), list[Array](), self._often > 1
-        place, count = np.append(np.cumsum(shared) - 1, shared.sum()), int(shared.sum())
+        """The stack over joints, joint j's rows multiplied by weights[j] (default: all 1)."""
+        scale, stack = np.ones(self.joints) if weights is None else np.asarray(weights, float), []
         for factor in self.per_joint:
-            rows, indices = scale[factor.joint] * factor.triangle, np.append(factor.indices, self.p)
-            first = int(np.sum(~shared[factor.indices]))
-            above, below = rows[:first], rows[first:, first:]
-            own.append(np.zeros((len(above), self.p + 1)))
-            own[-1][:, indices] = above
-            rest.append(np.zeros((len(below), count + 1)))
-            rest[-1][:, place[indices[first:]]] = below
-        both = LeastSquares.stacked(rest, sum(f.rows for f in self.per_joint))
-        wide, alone = np.zeros((len(both.R), self.p)), np.vstack(own)
-        wide[:, shared] = both.R
-        R, rho = np.vstack([alone[:, :-1], wide]), np.append(alone[:, -1], both.rho)
-        squared = both.tau_squared + float(alone[:, -1] @ alone[:, -1])
-        return replace(both, R=R, rho=rho, tau_squared=squared)
+            stack.append(np.zeros((len(factor.triangle), self.p + 1)))
+            stack[-1][:, [*factor.indices, self.p]] = scale[factor.joint] * factor.triangle
+        return LeastSquares.stacked(stack, sum(f.rows for f in self.per_joint))
 
     def by_joint(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp], Array]]:
         """Of each joint its number, its columns' parameters (k,), the blocks that show it, and their
