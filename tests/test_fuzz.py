@@ -195,3 +195,25 @@ def test_a_second_of_the_same_files_each_time(tmp_path):
     sources = sound_files(tmp_path)
     for seed in range(500):
         read_mutated(seed, sources, tmp_path)
+
+
+@pytest.mark.parametrize("path", sorted(CORPUS.iterdir()), ids=lambda path: path.name)
+def test_what_the_reader_takes_the_check_can_judge(path, two_link):
+    """Files that broke a reader once."""
+    runs, reports, size = list[Measurements](), list[Any](), path.stat().st_size
+    outcome(f"{path.name} read", lambda: runs.append(load_measurements(path, joints=2)), size)
+    outcome(f"{path.name} checked", lambda: reports.extend(check(two_link, path)), size)
+    if not reports:
+        assert not runs or not np.any(np.abs(runs[0].tau) > 1e-12)
+    elif not runs:
+        assert all(report.meaningless for report in reports)
+
+
+def test_a_models_own_filters_keep_the_budget(two_link, tmp_path):
+    run = small_run(two_link, seconds=5.0)
+    identify(two_link, run).save(tmp_path / "model.json")
+    content = json.loads((tmp_path / "model.json").read_text())
+    content["preprocessing"]["state_cutoff"] = 1e-4
+    (tmp_path / "model.json").write_text(json.dumps(content))
+    model = load_estimate(tmp_path / "model.json")
+    assert outcome("filters of hours", lambda: compare(model, run), 0.0) == "sentence"

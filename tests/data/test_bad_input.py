@@ -7,16 +7,14 @@ import bz2
 import contextlib
 import json
 import struct
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from commands import peak_memory, run_cli
+from commands import peak_memory
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -497,51 +495,3 @@ def test_joints_behind_one_prefix_are_the_robots(two_link, tmp_path):
     assert np.allclose(read.q, run.q)
     with pytest.raises(InputError, match=r"there are: .*panda_joint1"):
         read_run(tmp_path / "bag", 2, ["axis1", "axis2"])
-
-
-CORPUS = Path(__file__).parent / "corpus"
-FILES = sorted(CORPUS.iterdir())
-#: Ten times what a verb usually takes of a small file [CPU s]; a loaded machine doubles it.
-SECONDS = 20.0
-
-
-@contextmanager
-def within_budget(*files: Path) -> Iterator[None]:
-    """Fails where more memory is taken, or more time, than the budget gives for these files."""
-    size = sum(file.stat().st_size for file in files)
-    begin = time.process_time()
-    with peak_memory() as peak:
-        yield
-    assert peak[0] < 10 * size + 500e6
-    assert time.process_time() - begin < SECONDS
-
-
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_past_findings(path, two_link):
-    """Reader and check: what the reader takes the check can judge."""
-    with within_budget(path):
-        try:
-            read = load_measurements(path, joints=2)
-        except InputError:
-            read = None
-        try:
-            reports = check(two_link, path)
-        except InputError:
-            reports = None
-    assert read is None or isinstance(read, Measurements)
-    if reports is None:
-        assert read is None or not np.any(np.abs(read.tau) > 1e-12)
-    elif read is None:
-        assert all(report.meaningless for report in reports)
-
-
-def test_a_models_own_filters_keep_the_budget(two_link, tmp_path):
-    run, model = tmp_path / "run.csv", tmp_path / "model.json"
-    save(small_run(two_link, seconds=5.0), run)
-    identify(two_link, run).save(model)
-    content = json.loads(model.read_text())
-    assert "state_cutoff" in content["preprocessing"]
-    content["preprocessing"]["state_cutoff"] = 1e-4
-    model.write_text(json.dumps(content))
-    with within_budget(run, model):
-        assert run_cli("compare", model, "--data", run) == 2

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from commands import run_cli
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, sines, tree
 
-from sdp_vs_penalty import InputError, Problem, identify, load_estimate, load_problem
+from sdp_vs_penalty import InputError, Problem, identify, load_problem
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
@@ -194,14 +193,6 @@ def test_measured_runs_are_refused_with_what_is_needed(two_link):
         identify(two_link, experiment(two_link).training_run(), "reverse-engineering")
 
 
-def test_a_consistent_model_from_a_black_box(two_link):
-    estimate = identify(two_link, answers(two_link, 40), "lmi-sdp-plain")
-    assert estimate.certificate.violations["pseudo-inertia"] == 0.0
-    base, _ = base_parameters(two_link.model("rigid_body"), two_link.independent)
-    truth = base @ experiment(two_link).links.ravel()
-    np.testing.assert_allclose(base @ estimate.theta, truth, atol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -231,17 +222,6 @@ def test_another_robots_file_and_several_files_are_refused(panda, tmp_path):
     assert load_answers([tmp_path / "run.csv"]) is None
     (tmp_path / "torn.npz").write_bytes(file.read_bytes()[:100])
     assert load_answers(tmp_path / "torn.npz") is None
-
-
-def test_the_command_line_takes_a_black_box(panda, tmp_path, capsys):
-    box, file = answers(panda, 30), tmp_path / "blackbox.npz"
-    np.savez(file, q=box.q, gravity=box.gravity, mass_matrix=box.mass_matrix)
-    words = ["identify", "panda", "--data", str(file), "--method", "reverse-engineering"]
-    assert run_cli(*words, "--out", tmp_path / "model.json") == 0
-    assert "reverse-engineering" in capsys.readouterr().out
-    base, _ = base_parameters(panda.model("rigid_body"), panda.independent)
-    theta = load_estimate(tmp_path / "model.json").theta
-    np.testing.assert_allclose(base @ theta, base @ experiment(panda).links.ravel(), atol=1e-8)
 
 
 def test_a_block_that_several_runs_show_comes_once():
