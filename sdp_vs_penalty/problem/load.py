@@ -161,7 +161,7 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     bounds, none, box = data.get("bounds", {}), np.zeros((robot.links, 10)), open_box(robot.links)
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
-    low, high = (float(v) for v in bounds.get("total_mass", (0.0, np.inf)))
+    low, high = (float(v) for v in bounds.get("total_mass", Problem.total_mass))
     base, effects = data.get("base_parameters", {}).get("independent"), data.get("effects")
     problem = Problem(
         folder.name,

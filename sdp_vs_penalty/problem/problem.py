@@ -370,7 +370,7 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     Raises InputError for bounds that contradict themselves or the robot, KeyError, TypeError or
     ValueError for a field that is missing or of another kind.
     """
-    places, box = entries(robot.links), open_box(robot.links, -np.inf)
+    places, box = entries(robot.links), open_box(robot.links)
     for name, pair in data["bounds"].items():
         if name not in places:
             what = f"bounds: {name!r} is no parameter of a link of this robot"

@@ -4,7 +4,6 @@ Named cases first, then Hypothesis: no reader raises anything but InputError, wh
 """
 
 import bz2
-import contextlib
 import json
 import struct
 from collections.abc import Callable, Iterator
@@ -15,8 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import peak_memory
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
@@ -34,10 +31,8 @@ from sdp_vs_penalty import (
 )
 from sdp_vs_penalty.data import read_run, save
 from sdp_vs_penalty.data.files import as_measurements
-from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.errors import Remark
 from sdp_vs_penalty.regression import load_answers
-from sdp_vs_penalty.signals.runs import sample_rate
 
 
 def refusal(call: Callable[[], object], *words: str) -> str:
@@ -414,19 +409,6 @@ def test_an_archive_of_a_later_version_is_refused(tmp_path):
     path.write_bytes(content[:at] + b"\x40" + content[at + 1 :])
     assert load_answers([path]) is None
     refusal(lambda: load_measurements(path), "box.npz")
-
-
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(text=st.text("coulomb_friction:1+@v_s=0.,-", max_size=30))
-def test_fuzz_effects(text, two_link):
-    with contextlib.suppress(InputError):
-        parse_effects(text, two_link.robot)
-
-
-def test_pauses_do_not_coarsen_the_grid(two_link):
-    run = small_run(two_link, seconds=6.0)
-    later = replace(run, t=run.t + 3600.0 * (run.t > 3.0))
-    assert sample_rate(later) == pytest.approx(sample_rate(run))
 
 
 @pytest.mark.parametrize(("name", "value"), [("q", 1e160), ("tau", 1e300), ("dq", 1e300), ("t", 1e200)])

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import random_arm, run_of
+from arms import random_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, tree
 
-from sdp_vs_penalty import Problem, add, load_estimate, load_problem
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
+from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.problem.problem import problem_from_dict, problem_to_dict
@@ -159,28 +158,6 @@ def test_geometry_is_read_in_any_unit(kind, tmp_path):
     centre = pseudo[:3, 3] / pseudo[3, 3]
     second = np.linalg.eigvalsh(pseudo[:3, :3] / pseudo[3, 3] - np.outer(centre, centre))
     np.testing.assert_allclose(second, 3.0 * np.sort(BOX) ** 2 / 4.0 / 7.0, rtol=0.06)
-
-
-def test_a_model_keeps_its_bodies_and_its_certificate_measures_them(tmp_path):
-    """Saved, loaded and grown by an effect, under bodies that its file no longer tells."""
-    inertial = (
-        '<inertial><origin xyz="0.2 0 0"/><mass value="6.4"/>'
-        '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.09" iyz="0" izz="0.09"/></inertial>'
-    )
-    problem = arm(tmp_path, '<box size="0.4 0.1 0.08"/>', inertial)
-    one = np.ones(1)
-    made = identify(problem, run_of(problem, (one, one, one), 0.01 * one))
-    assert made.certificate.violations["body"] == 0.0
-    assert 0.0 < made.certificate.body_share < 1.0
-    mass = float(made.links[0, 0])
-    assert made.certificate.density == pytest.approx([mass / 0.0032] * 2)
-    assert "mean density" in str(made.certificate)
-    made.save(tmp_path / "model.json")
-    (tmp_path / "arm.urdf").unlink()
-    run = run_of(problem, (one, one, one), 0.01 * one, seed=1)
-    grown = add(load_estimate(tmp_path / "model.json"), "joint_spring:1", run)
-    np.testing.assert_array_equal(grown.problem.link_bodies[0].quadric, problem.link_bodies[0].quadric)
-    assert grown.certificate.violations["body"] == 0.0
 
 
 def visual(radius: float) -> str:

@@ -278,3 +278,28 @@ def test_a_cone_bounds_a_centre_of_mass_where_it_ends(ends, across):
     box[0, 3] = ends
     made = replace(problem, box=box, cones=(CentreOfMassCone(1, "z", 0.1, 0.3),))
     np.testing.assert_allclose(made.centre_boxes[0, :2], [[-across, across]] * 2)
+
+
+def test_what_a_problem_leaves_out_is_open(tmp_path):
+    """A folder of no more than a DH table."""
+    (tmp_path / "problem.toml").write_text(
+        'title = "t"\n[kinematics]\nconvention = "standard"\na = [0.0, 0.5]\nd = [0.2, 0.0]\n'
+        "alpha_over_pi = [0.5, 0.0]\n"
+    )
+    problem, plain = load_problem(tmp_path), replace(load_problem("two_link"), effects=None)
+    assert np.array_equal(problem.box, open_box(2))
+    assert (problem.total_mass, problem.cones, problem.independent) == ((0.0, np.inf), (), None)
+    assert (problem.torque_side, problem.robot.gravity) == ("unknown", (0.0, 0.0, -9.81))
+    assert problem.preprocessing == type(problem.preprocessing)()
+    assert [j.lower for j in problem.robot.joints] + [j.effort for j in problem.robot.joints] == [
+        -np.inf, -np.inf, np.inf, np.inf,
+    ]  # fmt: skip
+    assert problem.nominal_from == ("kinematics",) * 2
+    assert problem.guessed_links.all()
+    families = {c.family for c in problem.constraints(problem.model("rigid_body")).convex}
+    assert families == {"pseudo-inertia", "mass", "bounding ellipsoid"}
+    for side, rotors in (("unknown", True), ("motor", True), ("link", False)):
+        made = replace(plain, torque_side=side)
+        assert ("rotor_inertia" in made.default_effects) is rotors
+    one = bare(Robot("one", problem.robot.joints[:1]))  # cannot be told from what it moves
+    assert "rotor_inertia" not in replace(one, torque_side="unknown").default_effects

@@ -130,22 +130,6 @@ def test_a_problem_says_what_follows_by_formulas(tmp_path):
         load_problem(tmp_path)
 
 
-def test_transmissions_of_a_urdf(urdf):
-    element = (
-        "<transmission name='wrist'><type>transmission_interface/DifferentialTransmission</type>"
-        "<actuator name='a'><mechanicalReduction>50</mechanicalReduction></actuator>"
-        "<actuator name='b'><mechanicalReduction>-50</mechanicalReduction></actuator>"
-        "<joint name='swing_joint'><mechanicalReduction>2</mechanicalReduction></joint>"
-        "<joint name='roll_joint'/></transmission></robot>"
-    )
-    urdf.write_text(urdf.read_text().replace("</robot>", element))
-    robot = load_urdf(urdf)[0]
-    transmission = robot.transmission
-    np.testing.assert_array_equal(transmission.matrix, [[1, 0, 0], [0, 100, 50], [0, -100, 50]])
-    np.testing.assert_array_equal(robot.couplings, [[0, 1, 0.5], [0, 1, -0.5]])
-    assert set(transmission.positions) == {"joint"}
-
-
 def test_the_tool_turns_about_the_remote_centre_and_slides_through_it():
     robot = load_problem("dvrk_psm").robot
     names = [joint.name for joint in robot.tree]

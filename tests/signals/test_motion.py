@@ -14,7 +14,6 @@ from sdp_vs_penalty.effects.bristles import dahl
 from sdp_vs_penalty.signals import motion, phases, repeat_period
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
-from sdp_vs_penalty.signals.repetition import recurring
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 from sdp_vs_penalty.signals.standstill import lawless, still, turned_at_rest
 
@@ -211,17 +210,6 @@ MOTIONS = {
 def test_what_has_a_period(name):
     t, q, period = MOTIONS[name]
     assert repeat_period(t, q) == (None if period is None else pytest.approx(period, abs=2e-3))
-
-
-def test_what_differs_at_one_phase_between_other_instants_too_is_no_event():
-    """Five periods of 100 rows: rows 20 to 23 of one period are odd, or others are too."""
-    rows = np.arange(400)
-    both, phase = np.column_stack([rows, rows + 100]), rows % 100.0
-    odd = np.isin(rows, [120, 121, 122, 220, 221, 222])  # differences that hold the third period
-    assert not recurring(both, phase, 10, odd).any()
-    again = odd | np.isin(rows, [25, 325])
-    assert not recurring(both, phase, 2, again)[odd].any()
-    assert recurring(both, phase, 10, again)[[25, 120, 220, 325]].all()
 
 
 RATE = 250.0

@@ -141,23 +141,6 @@ def test_a_window_has_the_floor_of_the_whole():
     assert not beside.suspect[:, [0, 1, 3, 4, 5]].any()
 
 
-@pytest.mark.parametrize(("rate", "colour"), [(250.0, 0.0), (500.0, 0.5), (1000.0, 0.7)])
-def test_the_floor_is_right_within_30_percent(rate, colour):
-    """Of a motion that never repeats, with friction that turns round, below coloured noise."""
-    rng = np.random.default_rng(3)
-    t = np.arange(0.0, 24.0, 1.0 / rate)
-    waves = [(0.31, 0.9), (0.47, 0.7), (0.83, 0.4)]
-    q = np.column_stack([sum(a * np.sin(2.0 * np.pi * f * t + k) for f, a in waves) for k in (0.0, 2.0)])
-    torque = 8.0 * q + 1.0 * np.tanh(np.gradient(q, t, axis=0) / 0.01)
-    noise = signal.lfilter([1.0], [1.0, -colour], rng.normal(size=(len(t), 2)), axis=0) * np.array(
-        [0.3, 0.15]
-    )
-    settings = Preprocessing(5.0, 8.0)
-    floor = spectral_floor(segmented(Measurements(t, q, torque + noise), settings))
-    rows = segmented(Measurements(t, q, noise), settings)
-    np.testing.assert_allclose(floor, rows.torque.std(axis=0), rtol=0.3)
-
-
 @pytest.mark.parametrize("what", ["plain", "smoothed", "louder while it moves"])
 def test_torque_that_says_nothing_of_its_noise(what):
     """Smoothed before it was logged, as on a real UR10: far above the motion is only what the filter has
