@@ -7,72 +7,17 @@ in the user's cache in the authors' own format; what this program reads is conve
 import os
 import tomllib
 import warnings
-from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
 from sdp_vs_penalty.data.files import load_measurements, save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError, Remark, unknown
-from sdp_vs_penalty.files import LARGEST_RUN, Plain, problems_folder, read_bytes, write_bytes
+from sdp_vs_penalty.errors import InputError, Remark
+from sdp_vs_penalty.files import LARGEST_RUN, problems_folder, read_bytes, write_bytes
 from sdp_vs_penalty.robot.joint import Transmission, parse_transmission
-
-#: Where GitHub serves single files of a commit.
-GITHUB = "https://raw.githubusercontent.com"
-
-
-@dataclass(frozen=True)
-class RemoteFile(Plain):
-    """One file of a repository: its path there, its SHA-256, its name in the cache; rows : the first and
-    the last one (from 1) that hold samples, where others do not."""
-
-    path: str
-    sha256: str
-    name: str
-    rows: tuple[int, int] | None = None
-
-
-@dataclass(frozen=True)
-class Dataset(Plain):
-    """Measurements that their authors publish.
-
-    source : GitHub owner/name; commit : which version; problem : whose robot it is; drive_gains : the
-    authors', motor current to joint torque [N m/A].
-    """
-
-    name: str
-    title: str
-    problem: str
-    licence: str
-    source: str
-    commit: str
-    files: tuple[RemoteFile, ...]
-    drive_gains: tuple[float, ...] = ()
-
-    def address(self, file: RemoteFile, base: str = GITHUB) -> str:
-        """Where a file is, at GitHub or another address with its layout."""
-        return f"{base}/{self.source}/{self.commit}/{file.path}"
-
-
-def _datasets() -> dict[str, Dataset]:
-    found = tomllib.loads(Path(__file__).with_name("datasets.toml").read_text())
-    for data in found.values():
-        data["files"] = [{"name": PurePosixPath(f["path"]).name, **f} for f in data["files"]]
-    return {name: Dataset.from_dict({"name": name, **data}) for name, data in found.items()}
-
-
-#: Every data set by name, from datasets.toml.
-DATASETS = _datasets()
-
-
-def dataset(name: str) -> Dataset:
-    """The data set of a name; InputError where there is none."""
-    if name not in DATASETS:
-        raise unknown("dataset", name, DATASETS)
-    return DATASETS[name]
-
 
 #: Names a folder with the files that need not be downloaded again, one folder a data set.
 DATA_VARIABLE = "SDP_VS_PENALTY_DATA"

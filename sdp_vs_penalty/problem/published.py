@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.datasets import DATA_VARIABLE as VARIABLE
-from sdp_vs_penalty.data.datasets import DATASETS, converted
+from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem, barycentric_names

@@ -110,8 +110,8 @@ def following(
     whole = np.linalg.matrix_power(step, len(tree))[:-1]  # through all that others follow
     for k in np.flatnonzero(np.delete(whole, [*free, -1], axis=1).any(axis=1)).tolist():
         raise InputError(f"joint {names[k]!r} mimics itself through others", "correct its <mimic>")
-    mechanism = Mechanism(tuple(tree), whole[:, free], whole[:, -1], tuple(massless))
-    return tuple(tree[k] for k in free), mechanism
+    matrix, offset = whole.take(free, axis=1), whole[:, -1]
+    return tuple(tree[k] for k in free), Mechanism(tuple(tree), matrix, offset, tuple(massless))
 
 
 def parse_mechanism(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER, Choice, Header, columns_of
 from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.errors import InputError
@@ -97,8 +98,6 @@ def _header(path: Path) -> list[str]:
     names = [name.strip() for name in line.split(",")]
     cells = [cell for cell in re.split(r"[;,\s]+", line) if cell]
     if cells and all(_is_number(cell) for cell in cells):
-        from sdp_vs_penalty.data.datasets import DATASETS  # which reads files
-
         known = [d.name for d in DATASETS.values() for f in d.files if path.name == Path(f.path).name]
         remedy = (
             f"put {HEADER} above them and separate cells by commas, or use any column names and "

@@ -1,0 +1,62 @@
+"""The public measurements that can be fetched: where they are, which version, what they are."""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from sdp_vs_penalty.errors import unknown
+from sdp_vs_penalty.files import Plain
+
+#: Where GitHub serves single files of a commit.
+GITHUB = "https://raw.githubusercontent.com"
+
+
+@dataclass(frozen=True)
+class RemoteFile(Plain):
+    """One file of a repository: its path there, its SHA-256, its name in the cache; rows : the first and
+    the last one (from 1) that hold samples, where others do not."""
+
+    path: str
+    sha256: str
+    name: str
+    rows: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Dataset(Plain):
+    """Measurements that their authors publish.
+
+    source : GitHub owner/name; commit : which version; problem : whose robot it is; drive_gains : the
+    authors', motor current to joint torque [N m/A].
+    """
+
+    name: str
+    title: str
+    problem: str
+    licence: str
+    source: str
+    commit: str
+    files: tuple[RemoteFile, ...]
+    drive_gains: tuple[float, ...] = ()
+
+    def address(self, file: RemoteFile, base: str = GITHUB) -> str:
+        """Where a file is, at GitHub or another address with its layout."""
+        return f"{base}/{self.source}/{self.commit}/{file.path}"
+
+
+def _datasets() -> dict[str, Dataset]:
+    found = tomllib.loads(Path(__file__).with_name("datasets.toml").read_text())
+    for data in found.values():
+        data["files"] = [{"name": PurePosixPath(f["path"]).name, **f} for f in data["files"]]
+    return {name: Dataset.from_dict({"name": name, **data}) for name, data in found.items()}
+
+
+#: Every data set by name, from datasets.toml.
+DATASETS = _datasets()
+
+
+def dataset(name: str) -> Dataset:
+    """The data set of a name; InputError where there is none."""
+    if name not in DATASETS:
+        raise unknown("dataset", name, DATASETS)
+    return DATASETS[name]
