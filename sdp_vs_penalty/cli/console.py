@@ -5,9 +5,8 @@ next. Three significant digits, units in the headings.
 """
 
 import json
-import math
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -65,36 +64,15 @@ def next_step(words: Sequence[object]) -> None:
     say(f"Next: {shlex.join(['sdp-vs-penalty', *map(str, words)])}")
 
 
-def aligned(rows: Sequence[Iterable[float]]) -> list[list[str]]:
-    """Figures of one table with the same decimals, so that the smallest shows three digits.
-
-    >>> aligned([[12.3456, 0.04567], [0.0, 1.0]])
-    [['12.3456', '0.0457'], ['0.0000', '1.0000']]
-    """
-    sizes = [abs(x) for row in rows for x in row if x != 0.0 and math.isfinite(x)]
-    decimals = min(max(2 - math.floor(math.log10(min(sizes))), 0), 6) if sizes else 3
-    return [[f"{x:.{decimals}f}" for x in row] for row in rows]
-
-
 def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> None:
-    """A table of figures under its title: the first ``words`` columns hold words, the others numbers."""
+    """A table under its title: its first ``words`` columns hold words, the others numbers; the first,
+    which is never wrapped, holds the names to type."""
     if title:
         say(title, style="italic")
-    sides = ["left" if k < words else "right" for k in range(len(headings))]
-    whole = [not 0 < k < words for k in range(len(headings))]
-    _print(map(escape, headings), rows, justify=sides, no_wrap=whole)
-
-
-def listing(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table of words, whose first column is never wrapped: it holds the names to type."""
-    _print(headings, rows, no_wrap=[k == 0 for k in range(len(headings))], overflow=["fold"] * 99)
-
-
-def _print(headings: Iterable[str], rows: Sequence[Sequence[str]], **settings: Sequence[Any]) -> None:
-    """A table; settings : of rich's columns, one each."""
     made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     for k, heading in enumerate(headings):
-        made.add_column(heading, **{name: values[k] for name, values in settings.items()})
+        side: Any = "left" if k < words else "right"
+        made.add_column(escape(heading), justify=side, no_wrap=not 0 < k < words, overflow="fold")
     for row in rows:
         made.add_row(*map(escape, row))
     out.print(made)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.cli.console import aligned, details, explain, say, table
+from sdp_vs_penalty.cli.console import details, explain, say, table
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
@@ -156,18 +155,15 @@ def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model
 
 def failure_tables(failures: Sequence[JointFailure]) -> None:
     """All figures of :func:`where_it_fails`."""
-    joints = ["", *(str(f.joint) for f in failures)]
-    names = failures[0].held_out_shares
-    shares = [(name, *(f"{100 * f.held_out_shares[name]:.0f}" for f in failures)) for name in names]
-    table("Residual variance explained by a smooth function of ..., held out [%]", joints, shares)
-    repeats = (f.explainable_share for f in failures)
-    rows = [
-        ("RMSE", *aligned([[f.rmse for f in failures]])[0]),
-        ("noise floor", *(number(f.noise_floor, 2) for f in failures)),
-        ("repeatable [%]", *("-" if share is None else f"{100 * share:.0f}" for share in repeats)),
-        ("RMS ratio at reversals", *(number(f.reversal_lift) for f in failures)),
-    ]
-    table("Residual of each joint", joints, rows)
+    rows = []
+    for f in failures:
+        own = {"RMSE": f.rmse, "noise floor": f.noise_floor, "RMS ratio at reversals": f.reversal_lift}
+        shares = {"all that repeats": f.explainable_share, **f.held_out_shares}
+        own |= {f"{name} [%]": None if x is None else 100.0 * x for name, x in shares.items()}
+        rows.append([str(f.joint), *map(number, own.values())])
+    title = "Residual of each joint; per cent: of its variance, by a smooth function of ..., held out"
+    heads, *lines = zip(["", *own], *rows, strict=True)
+    table(title, heads, lines)
 
 
 def diagnosis(result: Diagnosis, units: Sequence[str], found: bool, verbose: bool = False) -> None:
@@ -207,11 +203,8 @@ def diagnosis(result: Diagnosis, units: Sequence[str], found: bool, verbose: boo
 def undecided(result: Diagnosis, model: Path) -> None:
     """The runs that would tell a finding from what fits as well, or a weak one from nothing."""
     for k, finding in enumerate(worth_showing(result.effects), start=1):
-        if finding.undecided is not None:
-            words = ["excite", str(model), "--separate", finding.undecided, "--out", f"tell{k}.csv"]
-            say(f"Finding {k}, the run that would tell: {shlex.join(['sdp-vs-penalty', *words])}")
-        elif finding.cooled:
-            say(f"Finding {k}, the run that would tell: {finding.cooled}.")
+        if told := finding.telling_run(str(model), k):
+            say(f"Finding {k}, the run that would tell: {told}")
 
 
 def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:
@@ -224,8 +217,8 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
     names = ["model", "retuned"][: 1 + retuned]
     weak = (" weak" if f.confidence == "weak" else "" for f in shown)
     names += [*(f"+ {k}.{mark}" for k, mark in enumerate(weak, start=1)), noise]
-    cells = aligned([*errors, result.noise_floor])
-    rows = [(name, *row) for name, row in zip(names, cells, strict=True)]
+    each = zip(names, [*errors, result.noise_floor], strict=True)
+    rows = [(name, *map(number, row)) for name, row in each]
     joints = [str(j + 1) for j in range(len(units))]
     table(f"{title}, refitted at each step", ("with", *joints), rows)
     said: set[str] = set()

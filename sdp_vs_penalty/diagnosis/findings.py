@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -79,6 +80,14 @@ class Finding(Plain):
         if not named:
             return self.text if self.confidence == "weak" else None
         return f"{self.text},{named[0] if ':' in named[0] else f'{named[0]}:{self.joints[0]}'}"
+
+    def telling_run(self, model: str, number: int) -> str:
+        """The command that designs the run that tells what is undecided of a finding of a model.json, or
+        which run does; "" where nothing is."""
+        if self.undecided is None:
+            return f"{self.cooled}." if self.cooled else ""
+        words = ["excite", model, "--separate", self.undecided, "--out", f"tell{number}.csv"]
+        return shlex.join(["sdp-vs-penalty", *words])
 
     @property
     def cooled(self) -> str:

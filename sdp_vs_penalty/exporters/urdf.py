@@ -1,7 +1,7 @@
 """A URDF made from a model, or the user's own URDF with its inertials and friction replaced.
 
-lxml parses and answers questions; where each element's tags lie in the bytes is scanned; changes are
-spliced into these bytes, of which every other one stays: quotes, spaces in tags, line ends.
+lxml parses and answers questions; where each element's tags lie in the bytes is scanned; new elements
+are spliced into these bytes, of which every other one stays: quotes, spaces in tags, line ends.
 """
 
 import re
@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
-from xml.sax.saxutils import escape
 
 import numpy as np
 from lxml import etree
@@ -39,9 +38,6 @@ from sdp_vs_penalty.robot.urdf import load_urdf, placed_links
 _MARKUP = re.compile(
     rb"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|(?P<tag><(?:[^"'>]|"[^"]*"|'[^']*')*>)""", re.DOTALL
 )
-_ATTRIBUTE = re.compile(rb"""(\s([^\s=<>"']+)\s*=\s*)("[^"]*"|'[^']*')""")
-_END = re.compile(rb"\s*/?>$")
-
 Attributes = Mapping[str, str]
 Children = Mapping[str, Attributes]
 
@@ -73,40 +69,30 @@ class Document:
     def put(
         self, parent: Any, tag: str, attributes: Attributes, children: Children = MappingProxyType({})
     ) -> None:
-        """Give a child these attributes, and children of its own theirs; what is missing is added at the
-        end of its parent, on a line of its own; values that read as the same numbers stay as written."""
+        """Put a child with these attributes, and children with theirs, in the place of the parent's own,
+        whose other attributes it keeps, or at the parent's end; each element on a line of its own."""
         found = parent.find(tag)
-        if found is None:
-            made = etree.Element(tag, dict(attributes))
-            for name, own in children.items():
-                etree.SubElement(made, name, dict(own))
-            self._append(parent, etree.tostring(made))
-            return
+        made = etree.Element(tag, {} if found is None else dict(found.attrib))
+        made.attrib.update(attributes)
         for name, own in children.items():
-            self.put(found, name, own)
-        start, end, _ = self.spans[found]
-        left = {k: v for k, v in attributes.items() if not _same_numbers(found.get(k), v)}
-
-        def renewed(there: re.Match[bytes]) -> bytes:
-            value = left.pop(there[2].decode(), None)
-            return there[0] if value is None else there[1] + f'"{escape(value)}"'.encode()
-
-        edited = _ATTRIBUTE.sub(renewed, self.source[start:end])
-        more = "".join(f' {name}="{escape(value)}"' for name, value in left.items()).encode()
-        self._changes.append((start, end, _END.sub(lambda last: more + last[0], edited)))
-
-    def _append(self, element: Any, text: bytes) -> None:
-        start, end, closing = self.spans[element]
-        newline = b"\r\n" if b"\r\n" in self.source else b"\n"
+            etree.SubElement(made, name, dict(own))
+        start, end, closing = self.spans[parent if found is None else found]
         before = self.source[self.source.rfind(b"\n", 0, start) + 1 : start]
-        indent = newline + (b"" if before.strip() else before)
-        line = indent + b"  " + text
+        newline = b"\r\n" if b"\r\n" in self.source else b"\n"
+        newline += before[: len(before) - len(before.lstrip())]
+        etree.indent(made)
+        text = etree.tostring(made).replace(b"\n", newline + b"  " * (found is None))
+        if found is not None:
+            stop = end if closing is None else self.source.index(b">", closing) + 1
+            self._changes.append((start, stop, text))
+            return
+        line = newline + b"  " + text
         if closing is None:
-            name = element.tag.encode()
-            self._changes.append((end - 2, end, b">" + line + indent + b"</" + name + b">"))
+            name = parent.tag.encode()
+            self._changes.append((end - 2, end, b">" + line + newline + b"</" + name + b">"))
             return
         place = max(len(self.source[:closing].rstrip(b" \t\r\n")), end)
-        self._changes.append((place, place, line + (b"" if place < closing else indent)))
+        self._changes.append((place, place, line + (b"" if place < closing else newline)))
 
     def edited(self) -> bytes:
         """The file with all changes."""
@@ -134,13 +120,6 @@ def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
             stack.append(len(out))
         out.append((*found.span(), None))
     return out
-
-
-def _same_numbers(old: str | None, new: str) -> bool:
-    try:
-        return old is not None and [float(x) for x in old.split()] == [float(x) for x in new.split()]
-    except ValueError:
-        return False
 
 
 _REMEDY = "give the URDF of the robot that was identified"

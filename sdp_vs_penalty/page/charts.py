@@ -16,7 +16,7 @@ from sdp_vs_penalty.page.session import ModelStep
 from sdp_vs_penalty.page.view import View
 from sdp_vs_penalty.reports import plots
 from sdp_vs_penalty.reports.markup import shades
-from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, POINTS, Curves, Figure, trace
+from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, POINTS, Curves, Figure
 
 
 def torque_chart(
@@ -54,13 +54,12 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
         for j in range(len(units)):
             colour, named = COLOURS[j % len(COLOURS)], {"name": f"joint {j + 1}", "legendgroup": f"{j}"}
             look: dict[str, Any] = {"line": {"color": colour, "width": 1.2}, "showlegend": row == 0}
-            plot.add(trace("scatter", x=t, y=read[name][:, j], **look, **named), row)
+            plot.add("scatter", row, x=t, y=read[name][:, j], **look, **named)
             there = read.get(f"repaired_{name}")
             if there is not None and (rows := np.isfinite(there[:, j])).any():
                 named["name"] += ", repaired"
                 look = {"marker": {"symbol": "x", "size": 5, "color": colour}, "showlegend": False}
-                crosses = trace("scatter", x=t[rows], y=there[rows, j], mode="markers", **look, **named)
-                plot.add(crosses, row)
+                plot.add("scatter", row, x=t[rows], y=there[rows, j], mode="markers", **look, **named)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     titles = f"q [{kinds}]", f"dq [{kinds}/s]", f"tau [{'/'.join(dict.fromkeys(units))}]"
     for row, said in enumerate(titles[: len(shown)]):
@@ -127,7 +126,7 @@ def residual_chart(
     ]
     plot = Figure()
     for rows, y, name, marker in looks:
-        plot.add(trace("scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker))
+        plot.add("scatter", x=x[rows], y=y[rows], mode="markers", name=name, marker=marker)
     if floor is not None:
         place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": "y"}
         look = {"layer": "below", "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}
@@ -232,24 +231,14 @@ def _reach(about: Mapping[str, Any]) -> float:
 
 
 def _camera(poses: Any, about: Mapping[str, Any], angle: float) -> dict[str, float]:
-    """Where a camera stands and what it looks at, so that base, joints and links of all poses
-    (F, k, 4, 4) fill its picture, ``angle`` degrees high: the arguments of NiceGUI's ``move_camera``.
-
-    A half axis above half the arm's reach is of a link that the data hardly determine, and may leave it.
-    """
-    places = [np.zeros((1, 3)), poses[..., :3, 3].reshape(-1, 3)]
-    for body in about["bodies"]:
-        frames = poses[:, body["joint"]] @ np.array(body["place"])
-        ends = np.minimum(body["half"], 0.5 * _reach(about)) * frames[:, :3, :3]
-        both = frames[:, :3, 3, None] + np.concatenate([ends, -ends], axis=2)
-        places.append(both.swapaxes(1, 2).reshape(-1, 3))
-    towards = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
-    right = np.cross([0.0, 0.0, 1.0], towards) / np.hypot(*towards[:2])
-    axes = np.stack([right, np.cross(towards, right), towards])  # across, up, towards the camera
-    seen = np.concatenate(places) @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    centre, half = 0.5 * (low + high) @ axes, 0.5 * (high - low)
-    eye = centre + (half[2] + max(half[:2]) / np.tan(0.5 * np.deg2rad(angle))) * towards
+    """Where a camera stands and what it looks at, so that base and links of all poses (F, k, 4, 4) fill
+    its picture, ``angle`` degrees high: the arguments of NiceGUI's ``move_camera``."""
+    own = [poses[:, body["joint"]] @ np.array(body["place"]) for body in about["bodies"]]
+    places = np.concatenate([np.zeros((1, 3)), *(x[..., :3, 3] for x in (*own, *poses.swapaxes(0, 1)))])
+    centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    radius = np.linalg.norm(places - centre, axis=1).max() + 0.1 * _reach(about)  # and a link's own
+    away = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
+    eye = centre + radius / np.sin(0.5 * np.deg2rad(angle)) * away
     names = "x", "y", "z", "look_at_x", "look_at_y", "look_at_z"
     return dict(zip(names, [*eye.tolist(), *centre.tolist()], strict=True))
 

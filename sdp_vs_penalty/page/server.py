@@ -147,14 +147,12 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
 
 async def keep(session: Session, request: Request, given: str, kind: str) -> int:
     """Receive a dropped file and do what it was dropped for; the status to answer."""
-    name, length = shown_name(given), request.headers.get("content-length", "")
+    name = shown_name(given)
     try:
         if kind != "runs" and session.task is not None:
             what, remedy = "a job is running", "wait until it is done or cancel it, then drop it again"
             raise InputError(what, remedy, name)
-        if not length.isdigit():
-            raise InputError("its size is not announced", "send a Content-Length", name)
-        path = await receive(session.folder, name, int(length), request.stream(), kind)
+        path = await receive(session.folder, name, request.stream(), kind)
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too
         return 400
     except InputError as error:

@@ -42,33 +42,29 @@ def shown_name(given: str) -> str:
     return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
 
 
-async def receive(folder: Path, name: str, length: int, chunks: AsyncIterator[bytes], kind: str) -> Path:
-    """Write a file that arrives in pieces; never more than announced, whole or not at all.
+async def receive(folder: Path, name: str, chunks: AsyncIterator[bytes], kind: str) -> Path:
+    """Write a file that arrives in pieces, whole or not at all.
 
-    name : as :func:`shown_name` made it; length : in bytes, as announced; kind : of SUFFIXES.
-    Raises InputError for a suffix that nobody reads and for too many bytes.
+    name : as :func:`shown_name` made it; kind : of SUFFIXES.
+    Raises InputError for a suffix that nobody reads, and where the folder's files become too many bytes.
     """
     suffix, allowed = Path(name).suffix.lower(), SUFFIXES.get(kind, ())
     if suffix not in allowed:
         raise InputError(
             "files of this kind cannot be read", f"choose one of {', '.join(allowed)}", name
         )
-    if length > LARGEST:
-        what = f"{min(length, 10**15) // 2**20} MB; the page takes files up to {LARGEST // 2**20} MB"
-        raise InputError(what, "use the command line, or cut the run into pieces", name)
-    if length > LARGEST - sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()):
-        raise InputError("this page has reached its limit of files", "start over", name)
     path, clock = folder / f"file-{secrets.token_hex(8)}{suffix}", asyncio.get_running_loop().time
     try:
-        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            file.truncate(length)  # for whatever else arrives meanwhile; takes no disk
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        with open(os.open(path, flags, 0o600), "wb") as file:
             async with asyncio.timeout(SILENCE) as patience:
                 async for chunk in chunks:
                     file.write(chunk)
-                    if file.tell() > length:
-                        raise InputError("holds more than was announced", "send it again", name)
+                    file.flush()
+                    if sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()) > LARGEST:
+                        what = f"a page takes {LARGEST // 2**20} MB of files"
+                        raise InputError(what, "start over, or use the command line", name)
                     patience.reschedule(clock() + SILENCE)
-            file.truncate()
     except BaseException as error:
         path.unlink(missing_ok=True)
         if isinstance(error, TimeoutError):

@@ -25,11 +25,6 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8
 POINTS = 800
 
 
-def trace(kind: str, **properties: Any) -> dict[str, Any]:
-    """A trace of a kind, such as "scatter"; None leaves a property out."""
-    return {"type": kind, **{k: v for k, v in properties.items() if v is not None}}
-
-
 class Figure:
     """A figure as plain data for plotly's script, by the names that plotly.py has for its parts, which
     checks every property against the whole of its schema: a tenth of a second a figure.
@@ -38,10 +33,8 @@ class Figure:
     ``columns``, or below each other in ``rows``, ``gap`` apart; rows share one time axis.
     """
 
-    def __init__(
-        self, data: Sequence[dict[str, Any]] = (), columns: int = 1, rows: int = 1, gap: float = 0.12
-    ) -> None:
-        self.data, panels = list(data), rows * columns
+    def __init__(self, columns: int = 1, rows: int = 1, gap: float = 0.12) -> None:
+        self.data, panels = list[dict[str, Any]](), rows * columns
         axes = [f"{letter}axis{_number(k)}" for k in range(panels) for letter in "xy"]
         self.layout: dict[str, Any] = {axis: {} for axis in axes}
         if panels > 1:
@@ -51,11 +44,19 @@ class Figure:
             self.layout[f"xaxis{_number(k)}"] = {"matches": f"x{_number(rows - 1)}"}
             self.layout[f"xaxis{_number(k)}"]["showticklabels"] = False
 
-    def add(self, made: dict[str, Any], panel: int = 0) -> Figure:
-        """Another trace, in a panel (from 0)."""
+    def add(self, kind: str, panel: int = 0, **properties: Any) -> Figure:
+        """Another trace of a kind, such as "scatter", in a panel (from 0)."""
         axes = {"xaxis": f"x{_number(panel)}", "yaxis": f"y{_number(panel)}"} if panel else {}
-        self.data.append({**made, **axes})
+        self.data.append({"type": kind, **properties, **axes})
         return self
+
+    def add_band(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, panel: int = 0) -> Figure:
+        """Grey from low to high (k,)."""
+        edge = {"mode": "lines", "line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
+        fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
+        return self.add("scatter", panel, x=x, y=high, **edge).add(
+            "scatter", panel, x=x, y=low, **fill, **edge
+        )
 
     def update_layout(self, **changes: Any) -> Figure:
         """Change the layout; what is nested is merged."""
@@ -120,14 +121,10 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
     x, y = np.asarray(x, float), np.asarray(y, float)
     if len(y) <= points:
         return x, y
-    edges = np.linspace(0, len(y), max(points // 2, 1) + 1).astype(int)
-    lengths = np.diff(edges)
-    padded = np.full((len(lengths), lengths.max()), np.nan)
-    inside = np.arange(lengths.max()) < lengths[:, None]
-    padded[inside] = y
-    low = edges[:-1] + np.argmin(np.where(inside, padded, np.inf), axis=1)
-    high = edges[:-1] + np.argmax(np.where(inside, padded, -np.inf), axis=1)
-    keep = np.unique(np.concatenate([low, high]))
+    length = -(-2 * len(y) // points)
+    stretches = np.pad(y, (0, -len(y) % length), "edge").reshape(-1, length)
+    ends = np.stack([stretches.argmin(axis=1), stretches.argmax(axis=1)])
+    keep = np.unique(ends + length * np.arange(len(stretches)))
     return x[keep], y[keep]
 
 
@@ -142,18 +139,18 @@ def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = 
     the right of the torques, else below them."""
     plot = Figure(columns=2, gap=0.16) if beside else Figure(rows=2)
 
-    def curve(t: Array, values: Array, name: str, colour: str, shown: bool) -> dict[str, Any]:
+    def curve(t: Array, values: Array, name: str, colour: str, shown: bool, panel: int = 0) -> None:
         x, y = envelope(t, values)
-        line = {"color": colour, "width": 2.0 if colour == MEASURED else 1.2}
-        return trace("scatter", x=x, y=y, name=name, legendgroup=name, showlegend=shown, line=line)
+        look = {"line": {"color": colour, "width": 2.0 if colour == MEASURED else 1.2}}
+        plot.add("scatter", panel, x=x, y=y, name=name, legendgroup=name, showlegend=shown, **look)
 
     for index, run in enumerate(runs):
         measured = run.torque[:, joint]
-        plot.add(curve(run.t, measured, "measured", MEASURED, index == 0))
+        curve(run.t, measured, "measured", MEASURED, index == 0)
         for m, (name, modelled) in enumerate(run.modelled.items()):
             colour, y = COLOURS[m % len(COLOURS)], modelled[:, joint]
-            plot.add(curve(run.t, y, name, colour, index == 0))
-            plot.add(curve(run.t, measured - y, name, colour, False), 1)
+            curve(run.t, y, name, colour, index == 0)
+            curve(run.t, measured - y, name, colour, False, 1)
     plot.update_axes("y", 0, title=f"joint {joint + 1} [{plain_unit(unit)}]")
     plot.update_axes("x", 1, title="time [s]")
     if beside:
@@ -163,11 +160,8 @@ def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = 
 
 def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
     """A curve (k,) with a band from low to high (k,)."""
-    edge: dict[str, Any] = {"mode": "lines", "line": {"width": 0}, "showlegend": False}
-    band = {**edge, "hoverinfo": "skip"}
-    fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
-    plot = Figure([trace("scatter", x=x, y=high, **band), trace("scatter", x=x, y=low, **fill, **band)])
-    return plot.add(trace("scatter", x=x, y=y, line={"color": COLOURS[0]}, showlegend=False))
+    line = {"color": COLOURS[0]}
+    return Figure().add_band(x, low, high).add("scatter", x=x, y=y, line=line, showlegend=False)
 
 
 def missing_figure(curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()) -> Any:
@@ -182,7 +176,7 @@ def missing_figure(curve: Curve, units: Sequence[str], motions: Sequence[Motion]
         plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
         shade: dict[str, Any] = {"marker": {"color": MEASURED}, "opacity": 0.3, "nbinsx": 60}
         for x in rows:
-            plot.add(trace("histogram", x=x, yaxis="y2", name="rows", **shade))
+            plot.add("histogram", x=x, yaxis="y2", name="rows", **shade)
         plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"})
         plot.update_axes("x", title=names[0])
         return plot.update_axes("y", 0, title=f"joint {curve.joint} [{unit}]")
@@ -190,11 +184,12 @@ def missing_figure(curve: Curve, units: Sequence[str], motions: Sequence[Motion]
     told = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
     marker = {"color": curve.torque, "colorscale": "RdBu", "symbol": "square", "size": 11}
     marker["colorbar"] = {"title": {"text": unit}}
-    places: list[Any] = [(curve.points.T, marker, told, "missing torque and its band")]
-    places += [(rows, {"size": 2, "color": MEASURED}, None, "rows")] if rows else []
-    plot = Figure()
-    for (x, y), look, words, name in places:
-        plot.add(trace("scatter", x=x, y=y, mode="markers", marker=look, text=words, name=name))
+    plot, (x, y) = Figure(), curve.points.T
+    known: dict[str, Any] = {"mode": "markers", "name": "missing torque and its band"}
+    plot.add("scatter", x=x, y=y, marker=marker, text=told, **known)
+    if rows:
+        look: dict[str, Any] = {"mode": "markers", "marker": {"size": 2, "color": MEASURED}}
+        plot.add("scatter", x=rows[0], y=rows[1], name="rows", **look)
     return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
 
 

@@ -108,7 +108,6 @@ def verdict(material: Material) -> str:
 
 def torques(material: Material) -> str:
     """Measured and modelled torque of each joint, and what is left."""
-    shade: dict[str, Any] = {"line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
     units, first = material.last.robot.torque_units, material.judged[material.comparisons[0].name]
     moved = plots.shifts([run.motion.t for run, _ in first])
     modelled = [{name: each[k][1] for name, each in material.judged.items()} for k in range(len(first))]
@@ -128,9 +127,7 @@ def torques(material: Material) -> str:
     for j, unit in enumerate(units):
         plot = plots.torque_figure(runs, j, unit)
         for t, half in bands:  # around a zero error, beside the errors
-            for bound, fill in ((half[:, j], None), (-half[:, j], "tonexty")):
-                filled = {"fill": fill, "fillcolor": "rgba(128,128,128,0.25)", **shade}
-                plot.add(plots.trace("scatter", x=t, y=bound, **filled), 1)
+            plot.add_band(t, -half[:, j], half[:, j], 1)
         placed = [
             (s.start + shift, s.stop + shift, s.cause)
             for s in failing[j].stretches
@@ -334,14 +331,14 @@ def _picture(robot: Robot, links: Array, poses: Array) -> plots.Figure:
         x, y, z = np.stack([begin, poses[i][:3, 3]]).T
         look = {"mode": "lines+markers", "showlegend": False, "hoverinfo": "skip"}
         look |= {"line": {"color": MEASURED, "width": 6}, "marker": {"size": 3, "color": MEASURED}}
-        plot.add(plots.trace("scatter3d", x=x, y=y, z=z, **look))
+        plot.add("scatter3d", x=x, y=y, z=z, **look)
         shape = ellipsoid(links[link[i]]) if i in link else None
         if shape is None:
             continue
         frame = poses[i] @ joint.link_frame
         x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
         look = {"alphahull": 0, "color": COLOURS[i % len(COLOURS)], "opacity": 0.5, "showlegend": True}
-        plot.add(plots.trace("mesh3d", x=x, y=y, z=z, name=f"link {link[i] + 1}", **look))
+        plot.add("mesh3d", x=x, y=y, z=z, name=f"link {link[i] + 1}", **look)
     axis = {"title": "", "gridcolor": "rgba(128,128,128,0.3)", "backgroundcolor": "rgba(0,0,0,0)"}
     # The picture is as large as the arm: an ellipsoid that leaves it belongs to a link whose mass
     # and inertia are not those of one body of that size.
@@ -351,9 +348,7 @@ def _picture(robot: Robot, links: Array, poses: Array) -> plots.Figure:
     ends = zip("xyz", low.tolist(), high.tolist(), strict=True)
     axes = {f"{name}axis": {**axis, "range": [a, b]} for name, a, b in ends}
     camera = {"eye": {"x": 1.3, "y": 1.3, "z": 0.6}}
-    ratio = dict(zip("xyz", (1.2 * (high - low) / (high - low).max()).tolist(), strict=True))
-    plot.update_layout(scene={"aspectmode": "manual", "aspectratio": ratio, "camera": camera, **axes})
-    return plot
+    return plot.update_layout(scene={"aspectmode": "data", "camera": camera, **axes})
 
 
 def ellipsoid(link: Array, fineness: int = 14) -> Array | None:

@@ -22,7 +22,8 @@ def verb(what: Kind, name: str | None = None) -> None:
         console.details(headings, details(what, name))
         return
     columns = [headings.index(heading) for heading in _SHORT.get(what, headings)]
-    console.listing([headings[k] for k in columns], [[row[k] for k in columns] for row in rows])
+    shown = [[row[k] for k in columns] for row in (headings, *rows)]
+    console.table("", shown[0], shown[1:], words=len(columns))
     if len(columns) < len(headings):
         console.say(f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}")
 

@@ -76,9 +76,9 @@ def _list() -> None:
     from sdp_vs_penalty.research.shootout.contestants import contestants
 
     rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
-    console.listing(("instance", "group", ""), rows)
+    console.table("", ("instance", "group", ""), rows, words=3)
     people = [(c.name, c.absent or "here", c.description) for c in contestants().values()]
-    console.listing(("solver", "here", "what it is"), people)
+    console.table("", ("solver", "here", "what it is"), people, words=3)
 
 
 def _words(text: str | None) -> list[str] | None:

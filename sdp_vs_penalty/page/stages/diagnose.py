@@ -1,6 +1,5 @@
 """Diagnose: the error from model to model; which effects are missing, each to be added with a click."""
 
-import shlex
 from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial
@@ -84,14 +83,10 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
             draw.tag("p", physics.partition(" Indistinguishable in these data from")[0])
         if rivals := finding.indistinguishable_from:
             draw.tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
-        if finding.undecided is not None:
-            words = ["excite", "model.json", "--separate", finding.undecided]
-            words += ["--out", f"tell{k + 1}.csv"]
+        if told := finding.telling_run("model.json", k + 1):
             with draw.details("Which run would tell", f"tell-{k}"):
-                draw.note("The model's file, under Use, and this command design it:")
-                draw.tag("pre", shlex.join(["sdp-vs-penalty", *words]), tabindex="0")
-        elif finding.cooled:
-            draw.note(f"Which run would tell: {finding.cooled}.")
+                draw.note("With the model's file, which is under Use:")
+                draw.tag("pre", told, tabindex="0")
         if finding.remarks:
             draw.note(f"Weak: {'; '.join(finding.remarks)}.")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
