@@ -1,14 +1,35 @@
-"""Sessions of the page without a browser."""
+"""Sessions of the page without a browser, their jobs done in this process, and their screens."""
 
 import asyncio
-from collections.abc import Callable, Coroutine
+import json
+import re
+from argparse import Action
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from sdp_vs_penalty import InputError
+from sdp_vs_penalty.cli.verbs import page as verb
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.page import jobs, worker
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
+
+
+class Here:
+    """Does jobs as a worker does, in this process: requests and answers are JSON all the same."""
+
+    async def run(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+        asked = jobs.Asked(json.loads(json.dumps(request)), progress)
+        answer = worker.do(getattr(jobs, request["job"]), asked)
+        if "error" in answer:
+            raise InputError(answer["error"])
+        return dict(json.loads(json.dumps(answer["result"], default=lambda array: array.tolist())))
+
+    def close(self) -> None:
+        pass
 
 
 async def finish(session: Session, act: Callable[[], Coroutine[Any, Any, None]]) -> None:
@@ -38,3 +59,93 @@ def saved(folder: Path, runs: Any, *names: str) -> dict[str, Path]:
     for run, name in zip(runs, names, strict=False):
         save(run, folder / name)
     return {name: folder / name for name in names}
+
+
+def forms() -> Mapping[str, Sequence[Action]]:
+    """What the verb gives the page."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sdp_vs_penalty.page.server.serve", lambda *given: held.append(given))
+        held: list[Any] = []
+        verb.verb()
+    return dict(held[0][3])
+
+
+class Screen:
+    """The page of a session, drawn without a browser; its controls are found by their keys."""
+
+    def __init__(self, session: Session, folder: Path | None = None) -> None:
+        from nicegui import Client, core
+        from nicegui.page import page
+
+        from sdp_vs_penalty.page.view import View
+        from sdp_vs_penalty.page.workbench import Workbench
+
+        self.session, self.scripts = session, list[str]()
+        self.loop = asyncio.new_event_loop()
+        core.loop = self.loop
+        self.client = Client(page("/"))
+        self.client.run_javascript = lambda code, **_: self.scripts.append(code)  # type: ignore[assignment]
+        with self.client:
+            self.view = View(session, folder, self.client, forms())
+            self.do(Workbench, self.view)
+
+    def do(self, act: Callable[..., Any], *given: Any) -> None:
+        """Call something, and wait until the job that it starts is done."""
+
+        async def doing() -> None:
+            with self.client:
+                act(*given)
+            while (task := self.session.task) is not None:
+                await asyncio.wait([task])
+                await asyncio.sleep(0.0)
+
+        self.loop.run_until_complete(doing())
+
+    @property
+    def keys(self) -> list[str]:
+        """Of the controls that can be seen, in their order."""
+        return [str(e.props["data-key"]) for e in self.under() if "data-key" in e.props]
+
+    def at(self, key: str) -> Any:
+        (found,) = (e for e in self.under() if e.props.get("data-key") == key)
+        return found
+
+    def under(self, top: Any = None) -> list[Any]:
+        """All that is visible below an element, in its order on the page."""
+        top = self.client.layout if top is None else top
+        children = [child for slot in top.slots.values() for child in slot.children if child.visible]
+        return [top, *(e for child in children for e in self.under(child))]
+
+    def part(self, name: str) -> list[Any]:
+        """All of a part, or of a stage."""
+        names = ("data-stage", "data-part")
+        return self.under(next(e for e in self.under() if name in map(e.props.get, names)))
+
+    def text(self, name: str) -> str:
+        """What a part says, or a stage, on a line."""
+        told = [getattr(e, kind, "") for e in self.part(name) for kind in ("text", "content")]
+        return " ".join(re.sub(r"<[^>]+>", " ", " ".join(x for x in told if isinstance(x, str))).split())
+
+    def charts(self, name: str) -> list[dict[str, Any]]:
+        """The figures of a part."""
+        return [e.figure for e in self.part(name) if hasattr(e, "figure")]
+
+    def hear(self, element: Any, kind: str, args: Any = None) -> None:
+        """An event of an element."""
+        from nicegui.events import GenericEventArguments
+
+        for listener in list(element._event_listeners.values()):
+            if listener.type == kind:
+                event = GenericEventArguments(sender=element, client=self.client, args=args)
+                self.do(listener.handler, event)
+
+    def click(self, *keys: str) -> None:
+        for key in keys:
+            self.hear(self.at(key), "click")
+
+    def set(self, key: str, value: Any) -> None:
+        """Write into a field, choose, or tick."""
+        self.hear(self.at(key), "change", value)
+
+    def close(self) -> None:
+        self.loop.close()

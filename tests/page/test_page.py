@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.client
 import re
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -58,10 +57,8 @@ def story(
         page = open_page(context, server)
         seen: dict[str, Any] = {"page": page, "context": context, "barriers": driver.barriers(page)}
         driver.choose(page, "two_link", files)
-        seen["uses"] = page.locator("table.runs select").evaluate_all("all => all.map(s => s.value)")
         page.click(key("identify"))
         page.wait_for_selector("[data-part=fit] .js-line")
-        seen["fit"] = page.inner_text("[data-stage=identify]")
         seen["first grade"] = one_grade(page)
         seen["barriers"] += driver.barriers(page)
         begin = time.perf_counter()
@@ -85,14 +82,12 @@ def story(
         go(page, "identify")
         page.click(key("compare"))
         page.wait_for_selector("table.methods")
-        seen["methods"] = page.locator("table.methods tbody tr").all_inner_texts()
         idle(page)
         seen["barriers"] += driver.barriers(page)
         go(page, "use")
         page.click(key("forward"))
         page.wait_for_selector("[data-part=forward] .js-line")
         idle(page)
-        seen["forward"] = page.inner_text("[data-part=forward]")
         seen["barriers"] += driver.barriers(page)
         folder = tmp_path_factory.mktemp("taken")
         for name in ("model.json", "robot.urdf", "robot.xml", "report.html"):
@@ -105,24 +100,13 @@ def story(
         yield seen
 
 
-def test_the_hidden_effect_is_named_and_its_error_falls(story, files):
-    assert story["uses"] == ["train", "train", "train", "test"]
-    for words in ("Joint 1", "N m", "noise", "test.npz", "possible", "Where it fails", "velocity"):
-        assert words in story["fit"]
+def test_the_error_falls_before_ones_eyes(story, files):
     assert story["click"] < 2.0  # 0.1 s where nothing else runs
-    for words in ("Presliding hysteresis · joint 1", "confident", "N m; d = 0.00", "rad", "asperities"):
-        assert words in story["findings"]
     before, after = story["errors"][0]
     assert after < 0.6 * before
     model = load_estimate(story["folder"] / "model.json")
     mine = compare(model, load_measurements(files[3]))[0]
     assert [row[1] for row in story["errors"]] == pytest.approx(mine.rmse.tolist(), rel=6e-3)
-    assert model.model.effects[-1].name == "presliding_hysteresis"
-    rows = {row.split("\t")[0]: row.split("\t") for row in story["methods"]}
-    assert set(rows) == {"lmi-sdp", "ols", "penalty"}
-    assert rows["lmi-sdp"][4] == "yes"
-    assert rows["ols"][4] == "no"
-    assert re.search(r"0\.1 s ahead the worst joint", story["forward"])
 
 
 def test_one_grade_everywhere_and_no_stale_sentence(story, files):
@@ -337,41 +321,6 @@ def test_other_sites_and_names_get_nothing(server):
     for path in ("/s/guess/take/model.json", "/s/guess/take/..%2f..%2fetc%2fpasswd"):
         assert status("GET", path, own) == 404
     assert status("PUT", "/s/guess/files?name=a.csv&kind=runs", own) == 404
-
-
-@pytest.mark.slow
-def test_the_folder_is_offered_and_kept_as_it_is(browser, files, tmp_path):
-    folder, temporary = tmp_path / "mine", tmp_path / "tmp"
-    folder.mkdir()
-    temporary.mkdir()
-    for path in files:
-        shutil.copy(path, folder)
-    (folder / "arm.urdf").write_text(driver.ARM)
-    (folder / "elsewhere.csv").symlink_to("/etc/hosts")
-    mine = folder / "with_bounds"
-    mine.mkdir()
-    (mine / "problem.toml").write_text('title = "An arm"\n[kinematics]\nurdf = "../arm.urdf"\n')
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / "problem.toml").write_text("")
-    (folder / "not_mine").symlink_to(tmp_path / "elsewhere")
-    before = {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
-    with driver.serving(temporary, str(folder)) as server, driver.a_context(browser) as context:
-        page = open_page(context, server)
-        offered = page.inner_text("[data-part=robot]")
-        assert "arm.urdf" in offered
-        assert "not_mine" not in offered
-        pick(page, "with_bounds")
-        page.wait_for_selector("text=with_bounds has 2 joints")
-        page.click(key("another-robot"))
-        page.click(key("robot-two_link"))
-        page.wait_for_selector("text=two_link has 2 joints")  # the runs of the other one are gone
-        page.wait_for_selector(key("read-folder"))
-        assert "elsewhere.csv" not in page.inner_text("[data-part=runs]")
-        page.get_by_label("run1.csv").check()
-        page.get_by_label("test.npz").check()
-        page.click(key("read-folder"))
-        page.wait_for_selector("table.runs tbody tr:nth-child(2)")
-    assert before == {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
 
 
 def test_a_taken_port_is_said(server):

@@ -4,7 +4,7 @@ import asyncio
 import base64
 import json
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,22 +12,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from page_sessions import do, finish, opened, saved
+from page_sessions import Here, do, finish, opened, saved
 from starlette.requests import ClientDisconnect
 
-from sdp_vs_penalty import InputError, compare, follow, identify, load_estimate, load_measurements
+from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis import Curve
-from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page import worker
 from sdp_vs_penalty.page.auth_middleware import guarded
-from sdp_vs_penalty.page.charts import data_chart, missing_chart, torque_chart
+from sdp_vs_penalty.page.charts import data_chart, missing_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.stages import use
 from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
-from sdp_vs_penalty.reports.plots import Curves, envelope, shifts
-from sdp_vs_penalty.reports.sections import judged_row
 
 #: A job of seconds.
 LONG = {
@@ -36,47 +32,24 @@ LONG = {
 }  # fmt: skip
 
 
+@pytest.fixture
+def here() -> Iterator[Sessions]:
+    """Sessions whose jobs are done in this process."""
+    made = Sessions(Here())
+    yield made
+    made.close()
+
+
 def numbers(packed: Any) -> Any:
     """An array of a chart, as plotly's script reads it."""
     return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
 
 
-@pytest.mark.long
-def test_what_changes_nothing_is_what_the_verbs_say(sessions, hidden, tmp_path):
-    """Methods compared, run forward, runs taken away: the numbers of the functions behind the verbs."""
-    made: list[str] = []
-    # Two to identify from, for two processes.
-    s = opened(sessions, "two_link", **saved(tmp_path, hidden.runs, "a.csv", "b.csv", "test.csv"))
-    s.effects, s.options = ["rigid_body", "viscous_friction"], {"window": "0:8", "jobs": "2"}
-    do(
-        s,
-        s.identify,
-        lambda: s.ask("Comparing", "methods", methods=["ols"], folds=False),
-        lambda: s.take("run-3.csv", made.append),
-        lambda: s.ask("Running forward", "forward", drive="torque"),
-    )
-    files = [tmp_path / name for name in ("a.csv", "b.csv", "test.csv")]
-    runs = load_measurements(*files[:2], stop=8.0)
-    own = identify("two_link", runs, "ols", effects=s.effects, check=False)
-    ((_, *cells),) = s.answer("methods")["rows"]
-    assert cells == judged_row(compare(own, files[2], noise_from=files)[0])[1:]
-    assert made == ["run-3.csv"]
-    assert load_measurements(s.folder / "run-3.csv").data_hash == hidden.runs[2].data_hash
-    ahead = s.answer("forward")
-    assert ahead["verdict"] == follow(load_estimate(s.model.file), files[2]).verdict
-    arrays = s.arrays(ahead["arrays"][0])
-    assert arrays["poses"].shape[1] == 2 * own.robot.n
-    assert arrays["simulated"][0] == pytest.approx(arrays["measured"][0])
-    s.use(s.runs[0]["file"], "test")
-    assert s.answer("methods") is None
-    assert s.answer("forward") is None
-
-
-def test_meaningless_runs_are_identified_only_when_asked_twice(sessions, hidden, tmp_path):
+def test_meaningless_runs_are_identified_only_when_asked_twice(here, hidden, tmp_path):
     """Torques with the wrong sign: refused with the reason, as on the command line."""
     run = hidden.runs[0]
     files = saved(tmp_path, [replace(run, tau=-run.tau)], "flipped.csv")
-    s = opened(sessions, "two_link", **files)
+    s = opened(here, "two_link", **files)
     with pytest.raises(InputError, match=r"flipped.csv: .*wrong sign.*Identify anyway"):
         do(s, s.identify)
     assert not s.history
@@ -88,12 +61,12 @@ def test_meaningless_runs_are_identified_only_when_asked_twice(sessions, hidden,
     assert command.endswith(" --out model1.json")
 
 
-def test_a_run_is_repaired_where_it_is_certain(sessions, hidden, tmp_path):
+def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     """What `check --fix` does: a new run in the old one's place, the changes said."""
     run = hidden.runs[0]
     tau = run.tau.copy()
     tau[[500, 900, 1300], 1] += 500.0
-    s = opened(sessions, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv"))
+    s = opened(here, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv"))
     (before,) = s.runs
     assert [f["kind"] for f in before["findings"] if f["can_fix"]] == ["spikes"]
     drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"])
@@ -161,22 +134,22 @@ def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
     assert s.robot
 
 
-def test_a_full_disk_is_said(sessions, monkeypatch):
+def test_a_full_disk_is_said(here, monkeypatch):
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(tabs.os, "open", full)
-    s = sessions.new()
+    s = here.new()
     assert asyncio.run(put(s, "run.csv", "runs")) == 507
     said = "run.csv: cannot be stored (No space left on device): free disk space."
     assert s.notice.texts == (said,)
     assert s.arrived == {}
 
 
-def test_of_a_dropped_run_only_its_samples_are_kept(sessions, hidden, tmp_path):
+def test_of_a_dropped_run_only_its_samples_are_kept(here, hidden, tmp_path):
     """The file's copy goes when it was read, or refused; a file of the person's own stays."""
     files = saved(tmp_path, hidden.runs, "own.csv", "dropped.csv")
-    s = opened(sessions, "two_link")
+    s = opened(here, "two_link")
     for name in ("dropped.csv", "broken.csv"):
         content = files[name].read_bytes() if name in files else b"no table"
         assert asyncio.run(put(s, name, "runs", content)) == 200
@@ -453,30 +426,6 @@ def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     assert not second.folder.exists()
     sessions.close()
     assert not sessions.root.exists()
-
-
-def test_every_export_is_offered_once():
-    offered = [*use.FILES, *use.LOAD, *use.MORE]
-    assert sorted(offered) == sorted({*use.FILES, *(home.FILE for home in formats().values())})
-
-
-def test_long_curves_are_drawn_by_their_envelope():
-    t = np.arange(200_000) / 1000.0
-    y = np.sin(t)
-    y[123_456] = 9.0
-    x, short = envelope(t, y)
-    assert len(x) <= 1200
-    assert short.max() == 9.0
-    assert x[np.argmax(short)] == 123.456
-    assert np.all(np.diff(x) > 0.0)
-    assert shifts([t[5:9], t[2:4] + 7.0]) == pytest.approx([-0.005, 1.003 - 7.002])
-    run = Curves(t, np.column_stack([y, y]), {"a": np.column_stack([y, 0.0 * y])})
-    whole = torque_chart(run, 1, ["N m", "N m"])
-    part = torque_chart(run, 1, ["N m", "N m"], (100.0, 100.4))
-    assert sum(len(numbers(trace["x"])) for trace in whole["data"]) <= 3 * 1200
-    inside = [x for x in numbers(part["data"][0]["x"]) if 100.0 <= x <= 100.4]
-    assert len(inside) == 401  # every sample
-    assert json.dumps(whole)
 
 
 def test_measured_curves_are_drawn_where_the_recording_lies():
