@@ -141,7 +141,8 @@ def residual_chart(
 def ready(plot: Figure, height: int) -> dict[str, Any]:
     """Plain JSON; to be zoomed in time only."""
     plots.styled(plot, height).update_layout(margin={"l": 66, "r": 8, "t": 34, "b": 42}, dragmode="zoom")
-    data: dict[str, Any] = json.loads(plot.update_axes("y", fixedrange=True).to_json())
+    plot.update_layout(template={"layout": {"yaxis": {"fixedrange": True}}})
+    data: dict[str, Any] = json.loads(plot.to_json())
     return {**data, "config": {"displayModeBar": False, "responsive": True}}
 
 

@@ -142,12 +142,9 @@ def do(job: Callable[[Any], dict[str, Any]], asked: Any) -> dict[str, Any]:
 
 def sentence(error: BaseException) -> str:
     """What is said of an error: of somebody's input, for lack of memory, or of ours."""
-    if isinstance(error, InputError):
-        return str(error)
     if isinstance(error, MemoryError):
-        return "Not enough memory: use fewer or shorter runs."
-    what = (str(error).splitlines() or [""])[0][:200]
-    return (
-        f"Internal error ({type(error).__name__}: {what}): nothing was changed; try other data or "
-        "settings, and report it."
-    )
+        error = InputError("Not enough memory", "use fewer or shorter runs")
+    if not isinstance(error, InputError):
+        what = f"Internal error ({type(error).__name__}: {error})"
+        error = InputError(what, "nothing was changed; try other data or settings, and report it")
+    return str(error)

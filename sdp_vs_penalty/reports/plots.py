@@ -34,15 +34,11 @@ class Figure:
     """
 
     def __init__(self, columns: int = 1, rows: int = 1, gap: float = 0.12) -> None:
-        self.data, panels = list[dict[str, Any]](), rows * columns
-        axes = [f"{letter}axis{_number(k)}" for k in range(panels) for letter in "xy"]
-        self.layout: dict[str, Any] = {axis: {} for axis in axes}
-        if panels > 1:
-            self.layout["grid"] = {"rows": rows, "columns": columns, "pattern": "independent"}
-            self.layout["grid"] |= {"xgap": gap, "ygap": gap}
+        self.data = list[dict[str, Any]]()
+        grid = {"rows": rows, "columns": columns, "pattern": "independent", "xgap": gap, "ygap": gap}
+        self.layout: dict[str, Any] = {"grid": grid} if rows * columns > 1 else {}
         for k in range(rows - 1):
-            self.layout[f"xaxis{_number(k)}"] = {"matches": f"x{_number(rows - 1)}"}
-            self.layout[f"xaxis{_number(k)}"]["showticklabels"] = False
+            self.update_axes("x", k, matches=f"x{_number(rows - 1)}", showticklabels=False)
 
     def add(self, kind: str, panel: int = 0, **properties: Any) -> Figure:
         """Another trace of a kind, such as "scatter", in a panel (from 0)."""
@@ -63,13 +59,9 @@ class Figure:
         self.layout = _merged(self.layout, changes)
         return self
 
-    def update_axes(self, letter: str, panel: int | None = None, **changes: Any) -> Figure:
-        """Change all axes "x" or "y", or that of one panel."""
-        wanted = f"{letter}axis" if panel is None else f"{letter}axis{_number(panel)}"
-        for name in self.layout:
-            if name.startswith(wanted) if panel is None else name == wanted:
-                self.layout[name] = _merged(self.layout[name], changes)
-        return self
+    def update_axes(self, letter: str, panel: int = 0, **changes: Any) -> Figure:
+        """Change the axis "x" or "y" of a panel."""
+        return self.update_layout(**{f"{letter}axis{_number(panel)}": changes})
 
     def to_json(self) -> str:
         """For plotly's script; numbers of arrays in single precision, which is finer than any screen."""
@@ -217,6 +209,4 @@ def styled(plot: Any, height: int) -> Any:
     )
     axis = {"gridcolor": "rgba(128,128,128,0.25)", "zerolinecolor": "rgba(128,128,128,0.5)"}
     axis["exponentformat"] = "e"  # not 50µ of a radian
-    plot.update_axes("x", **axis)
-    plot.update_axes("y", **axis)
-    return plot
+    return plot.update_layout(template={"layout": {"xaxis": axis, "yaxis": axis}})  # of every panel
