@@ -19,7 +19,6 @@ from sdp_vs_penalty import (
     add,
     check,
     compare,
-    convert,
     diagnose,
     effects,
     excite,
@@ -141,16 +140,6 @@ def test_models_are_estimates_or_files(files, estimate, tmp_path):
     assert (tmp_path / "robot.json").exists()
 
 
-def test_convert_and_excite_write_what_they_return(files, tmp_path):
-    run = convert(files[0], tmp_path / "run.npz")
-    assert load_measurements(tmp_path / "run.npz").data_hash == run.data_hash
-    found = excite("two_link", iterations=1, duration=5.0)
-    found.save(tmp_path / "trajectory.csv")
-    table = pd.read_csv(tmp_path / "trajectory.csv")
-    assert list(table.columns)[:3] == ["t", "q1", "q2"]
-    assert table["t"].iloc[-1] == 5.0
-
-
 def test_predict_is_the_models_torque(estimate, two_link):
     run = small_run(two_link)
     rng = np.random.default_rng(0)
@@ -258,11 +247,3 @@ def test_pictures_are_drawn(estimate, files):
     # A panel an effect, however many shape constants its joints have of their own.
     assert len(estimate.plot()) == len({effect.name for effect in estimate.model.effects})
     plt.close("all")
-
-
-def test_what_follows_the_clock_is_predicted_at_a_time(files):
-    found = identify("two_link", files[0], "ols", effects="rigid_body,drift_offset")
-    rest = np.zeros((3, 2))
-    with pytest.raises(InputError, match="drift_offset depends on time: pass t"):
-        found.predict(rest, rest, rest)
-    assert found.predict(rest, rest, rest, t=np.arange(3.0)).shape == (3, 2)

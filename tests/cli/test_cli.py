@@ -139,19 +139,6 @@ def test_list_shows_every_registered_name(run, kind):
     assert names <= first_words
 
 
-def test_identify_writes_a_model_and_a_summary(run, runs, tmp_path):
-    out_file = tmp_path / "new" / "model.json"
-    data = ("--data", runs[0], "--data", runs[1])  # or both behind one
-    code, out, _ = run("identify", "two_link", *data, "--seed", 3, "--out", out_file)
-    assert code == 0
-    for words in ("loss", "worst violation", "constraint holds", "optimality gap", "radius of gyration"):
-        assert words in out
-    assert re.search(r"positive definite +at every pose", out)
-    assert "RMSE" in out
-    made = json.loads(out_file.read_text())["provenance"]
-    assert (made["seed"], made["runs"]) == (3, ["run1.csv", "run2.csv"])
-
-
 def test_identify_options_reach_the_model(run, runs, tmp_path):
     out_file = tmp_path / "model.json"
     code, *_ = run(

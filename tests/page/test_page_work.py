@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import json
+import re
 import time
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
@@ -117,6 +118,29 @@ async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> 
 
     request = Request({"type": "http", "method": "PUT", "headers": []}, receive)
     return await keep(session, request, name, kind)
+
+
+def test_bad_robots_are_refused_and_names_are_no_paths(here):
+    s = here.new()
+
+    async def drop(name: str, content: str) -> str:
+        status = await put(s, name, "robot", content.encode())
+        assert status == 200
+        await asyncio.wait([s.task])
+        return " ".join(s.notice.texts) if s.notice else ""
+
+    entity = '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot name="r">&x;</robot>'
+    for name, content in (("entity.urdf", entity), ("../../<img src=x>.urdf", "<robot")):
+        said = asyncio.run(drop(name, content))
+        assert ".urdf: " in said
+        assert "/" not in said.split(":")[0]
+    link, joint = '<link name="{0}"/>', '<joint name="j" type="continuous"><parent link="a"/>'
+    arm = f'<robot name="r">{link.format("a")}{link.format("b")}{joint}<child link="b"/></joint></robot>'
+    assert not asyncio.run(drop("../my arm.urdf", arm))
+    assert (s.robot["file"], s.robot["title"]) == ("my arm.urdf", "1 joint, from URDF")
+    # Whatever the names said, files are in the session's own folder under names of ours.
+    kept = [p.name for p in here.root.rglob("*") if p.is_file()]
+    assert all(re.fullmatch(r"file-[0-9a-f]{16}\.urdf", name) for name in kept)
 
 
 def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
