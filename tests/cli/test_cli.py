@@ -388,8 +388,8 @@ BROKEN = "raise ImportError('libpinocchio_default.so: cannot open shared object 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (NOSE_PLUGIN, ["not the robotics library", "pip uninstall pinocchio", "pin>=4"]),
-        (OLD_ROS, ["version 2.7.0", "PYTHONPATH", "ROS"]),
+        (NOSE_PLUGIN, ["not Pinocchio 4", "pip uninstall pinocchio", "pin>=4"]),
+        (OLD_ROS, ["not Pinocchio 4", "PYTHONPATH", "ROS"]),
         (BROKEN, ["cannot be imported", "libpinocchio_default.so", "pin>=4"]),
     ],
 )
