@@ -2,7 +2,6 @@
 
 import asyncio
 import base64
-import json
 import re
 import time
 from collections.abc import AsyncIterator, Iterator
@@ -17,11 +16,10 @@ from page_sessions import Here, do, finish, opened, saved
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page import worker
 from sdp_vs_penalty.page.auth_middleware import guarded
-from sdp_vs_penalty.page.charts import data_chart, missing_chart
+from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
@@ -450,20 +448,3 @@ def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     assert not second.folder.exists()
     sessions.close()
     assert not sessions.root.exists()
-
-
-def test_measured_curves_are_drawn_where_the_recording_lies():
-    rng = np.random.default_rng(0)
-    t, q = np.arange(300) / 100.0, rng.uniform(-1.0, 1.0, (300, 2))
-    read = {"t": t, "q": q, "dq": 2.0 * q, "ddq": q, "modelled": q}
-    x = np.linspace(-1.0, 1.0, 9)
-    one = Curve(1, ("q1+2q2",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, None, 0.2, 0.1)
-    pair = replace(one, of=("q1", "dq1"), x=np.column_stack([x, x]))
-    units = ["N m", "N m"]
-    *_, rows = missing_chart(one, units, read)["data"]
-    np.testing.assert_allclose(numbers(rows["x"]), q[:, 0] + 2.0 * q[:, 1], rtol=1e-4)
-    table, rows = missing_chart(pair, units, read)["data"]
-    assert len(numbers(table["x"])) == 9
-    np.testing.assert_allclose(numbers(rows["y"]), 2.0 * q[:, 0], rtol=1e-4)
-    assert len(missing_chart(replace(one, of=("temp1",)), units, read)["data"]) == 3
-    assert json.dumps(missing_chart(pair, units, read))
