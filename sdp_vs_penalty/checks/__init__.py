@@ -14,7 +14,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import residual, rules
-from sdp_vs_penalty.checks.constants import PARTS
+from sdp_vs_penalty.checks.constants import PARTS, RUN
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
@@ -184,8 +184,8 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
 
     Raises InputError for a run that is too short for any question."""
     run = report.mended
-    if len(run.t) < 10:
-        raise InputError("fewer than 10 usable rows", "record longer", run.names[0])
+    if len(run.t) < RUN:
+        raise InputError(f"fewer than {RUN} usable rows", "record longer", run.names[0])
     glance = Glance(run, problem.robot, settings.standstill)
     issues = [*rules.idle(glance)]
     if not glance.moving.any():

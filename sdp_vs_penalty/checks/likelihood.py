@@ -266,7 +266,7 @@ class Likelihood:
         left = rests.left_of(parts, solve(rests.gram, rests.cross[..., None])[..., 0])
         return np.maximum(left.sum(axis=0) / _positive(parts[..., -1, -1].sum(axis=0)), FLOOR)
 
-    def steps(self, now: Repair, ats: Sequence[At], values: Array, h: float) -> tuple[Array, Array]:
+    def steps(self, now: Repair, ats: Sequence[At], values: Array, h: Array) -> tuple[Array, Array]:
         """(r,) by how much each of some numbers of ``now`` would have to change alone, to first order,
         and (r,) the standard deviations of that, infinite where the arm's parameters take its place: by
         a jackknife, because what the model lacks varies from part to part: noise alone would look exact.
@@ -276,7 +276,7 @@ class Likelihood:
         score = self.score(now)
         here, slopes = self.unexplained(now, score.theta), np.zeros((self.n, self.data.count, len(ats)))
         for r, at in enumerate(ats):
-            slopes[..., r] = (self.unexplained(at(values[r] + h), score.theta) - here) / h
+            slopes[..., r] = (self.unexplained(at(values[r] + h[r]), score.theta) - here) / h[r]
         sizes = np.linalg.norm(slopes, axis=(0, 1))
         parts, k = self.parts(now, PARTS, -slopes / or_one(sizes))
         gram, cross = Equations.of(parts.sum(axis=0) - parts, k).normal(score.weights)

@@ -121,7 +121,7 @@ class RegressionData:
             )
         # Where all have stopped nothing is asked of any joint.
         motion, heard = Motion(t[asked], q[asked], dq[asked], ddq[asked]), slides[asked].astype(float)
-        largest = np.abs(torque).max(axis=0)
+        largest = np.abs(run.tau).max(axis=0)
         own, lacking = own[:, asked], dict[str, Array]()
         for name, law in reversed(LAWS.items()):  # the last columns
             own, lacking[name] = np.split(own, [-len(law(motion))], axis=2)

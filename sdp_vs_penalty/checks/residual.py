@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, Score, jackknifed
@@ -94,20 +95,20 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     """Torques of an impossible size: another unit, motor currents, the motor's side of the gear.
 
     What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints'
-    effort limits, and what an arm of the problem's masses needs on the same motion.
+    effort limits, which bind every sample, and what an arm of the problem's masses needs on the motion.
     """
     problem, channels, sure = log.problem, log.channels(repair).T, "likely: judged by size alone"
     effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
-    each = np.abs(channels).max(axis=0) / effort
+    each = log.data.largest[list(repair.tau_order)] * np.abs(repair.gain) / effort
     over, odd = float(np.max(each, initial=-1.0, where=each > 0.0)), np.flatnonzero(each > c.EFFORT[1])
     convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
     if 0 < len(odd) <= 0.3 * log.n:
-        for j in odd.tolist():
-            what = (
-                f"the torque of joint {j + 1} is too large, {each[j]:.3g} times what the joint is made "
-                "for: its unit is not that of the others."
-            )
-            yield Issue.of("torque unit", "error", [j], what, sure, convert)
+        times = formatting.words([f"{x:.3g}" for x in each[odd]])
+        what = (
+            f"the torque of {{where}} is too large, {times} times what the joint is made for: its unit"
+        )
+        what = f"{what} is not that of the others."
+        yield Issue.of("torque unit", "error", odd, what, sure, convert)
         return
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
     known, weighs = masses > 0.0 and not np.all(problem.guessed_links), f"{low:g} to {high:g}"

@@ -123,7 +123,7 @@ def time_unit(g: Glance) -> Iterator[Issue]:
     """A clock that does not count seconds, and in another unit is that of a robot's motion."""
     q, (least, most) = g.run.q[:, g.moving], _STEPS
     fits = {name: UNITS[u] for name, u in _UNITS.items() if least <= g.step * UNITS[u] <= most}
-    if least <= g.step <= most or not fits or not q.size or len(q) <= RUN:
+    if least <= g.step <= most or not fits:
         return
     speed = float(np.median(np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0))) / (10.0 * g.step)
     unit, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
@@ -149,7 +149,7 @@ def backwards(g: Glance) -> Iterator[Issue]:
         return
     step, how = 0.0, "the rows there do not continue the motion"
     remedy = "delete the rows whose time lies before that of an earlier row"
-    if g.step > 0.0 and np.all(np.diff(bad, prepend=0, append=len(g.run.t) - 1) > RUN):
+    if np.all(np.diff(bad, prepend=0, append=len(g.run.t) - 1) > RUN):
         step, how = max(1.0, 50.0 * g.step), "several runs are in the file"
         remedy = "let each begin a second after the end of the one before (or write a file each)"
         if _goes_on(g, bad).all():
@@ -178,8 +178,6 @@ def uneven(g: Glance) -> Iterator[Issue]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q is smoother over
     the row number."""
     steps, q = g.steps, g.run.q[:, g.moving]
-    if len(steps) < RUN or not q.shape[1]:
-        return
     pause = TIMES * max(g.step, float(np.quantile(steps, 0.97)))  # packets, too, may come in bursts
     even, usual = (steps[1:] < pause) & (steps[:-1] < pause), steps[steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
@@ -212,21 +210,18 @@ def jumps(g: Glance) -> Iterator[Issue]:
     long = np.flatnonzero(g.steps > max(TIMES * g.step, 0.02))
     moves = [g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long]
     is_set = np.array(moves, bool) & (g.steps[long] > 2.0 * TIMES * g.step) & _goes_on(g, long)
-    words = {
-        "clock step": (
-            "the clock jumps ahead by up to {most:.3g} s while the moving arm does not: the clock was "
-            "set, and no sample is missing.",
+    for rows, kind, text, sure, remedy in (
+        (
+            long[is_set], "clock step", "the clock jumps ahead by up to {most:.3g} s while the moving "
+            "arm does not: the clock was set, and no sample is missing.",
             "likely: the distance travelled is that of one usual step", _CONTINUE,
         ),
-        "gap in time": (
-            "{count} gaps of up to {most:.3g} s (the usual step is {step:.3g} s); in all {total:.3g} s "
-            "are missing.", _READ,
+        (
+            long[~is_set], "gap in time", "{count} gaps of up to {most:.3g} s (the usual step is "
+            "{step:.3g} s); in all {total:.3g} s are missing.", _READ,
             "no action needed: the run is split there, and the filters lose a second on either side",
         ),
-    }  # fmt: skip
-    for rows, (kind, (text, sure, remedy)) in zip(
-        (long[is_set], long[~is_set]), words.items(), strict=True
-    ):
+    ):  # fmt: skip
         if len(rows):
             wrong, most = np.isin(np.arange(len(g.steps)), rows), float(g.steps[rows].max())
             what = text.format(count=len(rows), most=most, step=g.step, total=g.steps[rows].sum())
@@ -362,12 +357,6 @@ def zeros(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("zeros", bad, what, sure)
 
 
-def _around(x: Array, width: int) -> Array:
-    """(N, n, width) so many samples around each of x (N, n)."""
-    padded = np.pad(x, ((width // 2, width // 2), (0, 0)), "edge")
-    return sliding_window_view(padded, width, axis=0)
-
-
 def spikes(g: Glance) -> Iterator[Issue]:
     """Single samples far from the median of seven: bits turned, packets torn. Half a second off every
     start and stop of the arm."""
@@ -376,7 +365,7 @@ def spikes(g: Glance) -> Iterator[Issue]:
         least = SPIKE[1] * float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN]))) + 1e-9
         # Without such a step no sample can be that far from the median.
         if g.moving[j] and np.abs(np.diff(x)).max() > least / 3.0:
-            off = np.abs(x - np.median(_around(x[:, None], 7)[:, 0], axis=1))
+            off = np.abs(x - np.median(sliding_window_view(np.pad(x, 3, "edge"), 7), axis=1))
             far = off > max(SPIKE[0] * np.quantile(off, 0.9), least)
             far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
             bad[name] = far & (far.mean() <= 1 / RUN)
@@ -398,14 +387,12 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
         return
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
     least = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
-    most = max(2, (q.shape[1] + 1) // 2)
-    few = np.sum(speed > 2.5 * least, axis=1) > 0.74 * most  # the others cannot skip
-    usual = np.zeros_like(speed)
-    usual[few] = np.median(_around(speed, 11)[few], axis=2)
+    usual = np.mean([np.roll(speed, k, axis=0) for k in (*range(-5, 0), *range(1, 6))], axis=0)
     tells = usual > least
     ratio = np.divide(speed, usual, out=np.full_like(speed, np.nan), where=tells)
     skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)
-    rows = np.flatnonzero((told >= most) & (skips > 0.74 * told) & (steps < 3.0 * np.median(steps)))
+    rows = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
+    rows = np.flatnonzero(rows & (steps < 3.0 * np.median(steps)))
     if 0 < len(rows) <= 1 / RUN * len(steps):
         lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
@@ -546,13 +533,11 @@ def coarse(g: Glance, motion: Motion, settings: Preprocessing) -> Iterator[Issue
             )  # fmt: skip
 
 
-#: In the order of mending; those of MOTION are about a motion.
-CLOCK: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
-    missing, time_unit, backwards, repeated_time, uneven, jumps,
-)  # fmt: skip
-MOTION: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
-    wrapped, repeated_run, held_rows, end_stops, interpolated_rows, zeros, spikes,
-    lost_rows, partial(frozen, word="position", name="q"), partial(frozen, word="torque", name="t"),
+#: In the order of mending; all but the first ask of RUN rows in which something moves.
+RULES: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
+    missing, time_unit, backwards, repeated_time, uneven, jumps, wrapped, repeated_run, held_rows,
+    end_stops, interpolated_rows, zeros, spikes, lost_rows,
+    partial(frozen, word="position", name="q"), partial(frozen, word="torque", name="t"),
 )  # fmt: skip
 
 
@@ -563,14 +548,13 @@ def mended(
     ones."""
     issues: list[Issue] = []
     fixed, glance = run, Glance(run, robot, standstill)
-    for k, asked in enumerate((*CLOCK, *MOTION)):
-        rows, motion = len(glance.run.t), k >= len(CLOCK)
-        if k and (rows < 3 or (motion and (rows < RUN or not glance.moving.any()))):
+    for asked in RULES:
+        if asked is not missing and (len(glance.run.t) < RUN or not glance.moving.any()):
             break
         for issue in asked(glance):
             issues.append(issue)
             if issue.repair is not None:
-                # What is only likely is mended for the rules that follow, whose rows are counted there.
-                fixed = issue.repair(fixed) if issue.mends and len(fixed.t) == rows else fixed
+                # What is only likely is mended for the rules that follow, and deletes no row.
+                fixed = issue.repair(fixed) if issue.mends else fixed
                 glance = Glance(issue.repair(glance.run), robot, standstill)
     return issues, glance.run, fixed

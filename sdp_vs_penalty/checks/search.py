@@ -80,18 +80,9 @@ class Search:
         refined = [self.refined(r, now) for r in self.proposals(now)]
         self._known_of([self.log.score(r) for r in refined])
         least = self.posterior(now) + c.ODDS
-
-        def rank(repair: Repair) -> int:
-            """What explains as much by a law, which arms have, comes before a fault."""
-            law = all(e.severity == "note" for e in self.new(repair, now))
-            return -round(self.posterior(repair) + c.ODDS * law)
-
-        likely = [
-            r
-            for r in refined  # physics, which takes longer, only lowers it
-            if self.likelihood(self.log.score(r), r) >= least and self.posterior(r) >= least
-        ]
-        return next((r for r in sorted(likely, key=rank) if self.believed(r, now)), None)
+        likely = [r for r in refined if self.posterior(r) >= least]
+        order = sorted(likely, key=lambda r: -round(self.posterior(r)))
+        return next((r for r in order if self.believed(r, now)), None)
 
     def _known_of(self, scores: Sequence[Score]) -> None:
         """The error of a wrong arm lasts longer than noise does: of that the best one knows most."""
@@ -111,21 +102,20 @@ class Search:
         return fits.predicts(before, after) > (-least if _same_fit(repair, now) else least)
 
     def _determined(self, number: Number) -> bool:
-        """Beyond what is usual by more than its interval, which is closed: at either of its ends, and as
-        far as the best value is looked for, it explains less."""
+        """Beyond what is usual by more than its interval, which is closed: as far as the best value is
+        looked for, to either side, it explains less."""
         reach = c.SIGMAS * self.step(number)[1]
         if abs(number.value) <= number.tolerance + reach:
             return False
         far = max(number.reach, reach)
-        values = [number.value + d * far for d in (0.0, -1.0, 1.0)]
-        here, *sides = self.log.scores([number.at(x) for x in values])
-        return 0.5 * self.samples * (min(s.score for s in sides) - here.score) >= 0.5 * c.SIGMAS**2
+        here, *sides = self.log.scores([number.at(number.value + x) for x in (0.0, -far, far)])
+        return self.samples * (min(s.score for s in sides) - here.score) >= (0.5 * c.SIGMAS) ** 2
 
     def step(self, number: Number) -> tuple[float, float]:
         """To first order, what a number lacks of its best value, and its standard deviation."""
-        now, h = number.at(number.value), 0.3 * number.tolerance
-        change, spread = self.log.steps(now, [number.at], np.array([number.value]), h)
-        return float(change[0]), float(spread[0])
+        value, h = np.array([[number.value], [0.3 * number.tolerance]])
+        (change,), (spread,) = self.log.steps(number.at(number.value), [number.at], value, h)
+        return float(change), float(spread)
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
         """With the best values of the numbers that ``now`` does not have: looked for on few rows, then

@@ -12,7 +12,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import At, Likelihood, Score
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import Event, Repair
 from sdp_vs_penalty.data.formats.recognition import UNITS as NAMED
@@ -44,14 +44,14 @@ class Number:
     """
 
     value: float
-    at: Callable[[float], Repair]
+    at: At
     tolerance: float
     reach: float
     text: Callable[[float], str]
     snaps: tuple[float, ...] = ()
 
     @classmethod
-    def factor(cls, x: float, at: Callable[[float], Repair], snaps: tuple[float, ...]) -> "Number":
+    def factor(cls, x: float, at: At, snaps: tuple[float, ...]) -> "Number":
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
         logs = tuple(float(np.log(s)) for s in snaps)
         text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
@@ -236,7 +236,7 @@ class Mounting(Transformation):
         if known:
             across = np.linalg.svd(given[None, :])[2][1:]
             ats = [_turned(now, given, given + size * x) for x in across]
-            steps, _ = log.screen.steps(now, ats, np.zeros(2), 0.02)
+            steps, _ = log.screen.steps(now, ats, np.zeros(2), np.full(2, 0.02))
             turned = given + size * np.clip(steps, -0.5, 0.5) @ across
             yield _under(now, size * turned / np.linalg.norm(turned))
 
@@ -311,30 +311,6 @@ class Weight(Transformation):
             yield Element("gravity removed", "error", joints, what, remedy, number, cost, mends=False)
 
 
-class Law(Transformation):
-    """Laws that the arm has and the model lacks: they contend with all that may be wrong with a log, and
-    what they explain is said in a note."""
-
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        heard, order = log.heard(now)[:, :, None], list(now.order)
-        laws = log.data.laws
-        gains = [score.gained(score.rows.rest(heard * x[order])).max(axis=1) for x in laws.values()]
-        for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
-            yield now.with_event(Event(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
-
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
-        for event in repair.events:
-            if isinstance(law := event.at, str):
-                what = (
-                    f"the torque of {joints_text([event.joint])} holds a law of its own motion that the "
-                    f"model lacks, most like {law}."
-                )
-                yield Element(
-                    f"law: {law}", "note", (event.joint,), what, "identify, and let `diagnose` name it",
-                    repair.without(event), choices(log.n * len(LAWS)), mends=False,
-                )  # fmt: skip
-
-
 class Gain(Transformation):
     """Channels too large or too small beside their neighbours'. A factor that all have in common is not
     seen by what joints share: see residual.py."""
@@ -391,22 +367,26 @@ class Delay(Transformation):
             )
 
 
-class Change(Transformation):
-    """A channel that drifts with time, or that steps once: a contact, a load, a zero set anew. Proposed
-    by a score test: of each shape the part that the arm leaves, against the residual."""
+class Beside(Transformation):
+    """What one joint's torque holds beside the arm's: a law of its own motion that the model lacks, no
+    fault of the log, which contends with all that may be; a drift with time; a step at some moment (a
+    contact, a load, a zero set anew). Proposed by a score test: of each shape the part that the arm
+    leaves, against the residual."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        motion = log.data.motion
-        t, span = motion.t, float(np.ptp(motion.t))
+        motion, order, laws = log.data.motion, list(now.order), log.data.laws
+        span, heard = float(np.ptp(motion.t)), log.heard(now)[:, :, None]
+        gains = [score.gained(score.rows.rest(heard * x[order])).max(axis=1) for x in laws.values()]
+        for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
+            yield now.with_event(Event(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
         steps = np.linspace(0.12, 0.88, c.ROWS // 2)  # two rows each: the wrong moment explains nothing
-        events = [None, *(float(t[0] + s * span) for s in steps)]
-        shapes = np.hstack([Event(0, at).shape(t) for at in events])
-        found = score.gained(score.rows.rest(log.heard(now)[:, :, None] * shapes))
-        forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
+        events = [None, *(float(motion.t[0] + s * span) for s in steps)]
+        shapes = np.hstack([Event(0, at).shape(motion.t) for at in events])
+        found = score.gained(score.rows.rest(heard * shapes)) * log.moving[:, None]
+        forth = (motion.dq[:, order].T > 0.0) * 1.0
         for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
             share = forth @ side / np.maximum(side.sum(axis=0), 1)
             found[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
-        found[~log.moving] = 0.0
         for some, at in ((found[:, :1], events[:1]), (found[:, 1:], events[1:])):
             j, k = divmod(int(np.argmax(some)), len(at))
             if some[j, k] > 0.0:
@@ -414,10 +394,14 @@ class Change(Transformation):
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         for event in repair.events:
-            if isinstance(t := event.at, str):
-                continue
-            j, without = event.joint, repair.without(event)
+            j, t, without = event.joint, event.at, repair.without(event)
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
+            if isinstance(t, str):
+                what = f"the torque of {name} holds a law of its own motion that the model lacks, most"
+                what = f"{what} like {t}."
+                remedy, cost = "identify, and let `diagnose` name it", choices(log.n * len(LAWS))
+                yield Element(f"law: {t}", "note", (j,), what, remedy, without, cost, mends=False)
+                continue
             # As far as the fit of its joint needs it.
             score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion.t)
             x = lacking.rest(log.heard(repair)[:, :, None] * shape)[j, :, 0]
@@ -430,66 +414,50 @@ class Change(Transformation):
                 # Moments that a low-passed torque tells apart.
                 kind, many, place = "torque step", log.n * c.ROWS // c.PARTS, f"{name}, t = {t:.4g} s"
                 how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
-                remedy, figures = (
-                    "cut the run there, or find out what touched the arm",
-                    figures | {"t": t},
-                )
+                remedy, figures["t"] = "cut the run there, or find out what touched the arm", t
             what, cost = f"the torque of {name} {how}.", choices(many) + 2.0 * c.ODDS
             yield Element(kind, "warning", (j,), what, remedy, without, cost, place, False, figures)
 
 
-class Length(Transformation):
-    """Joints farther apart or nearer than the problem says, along the line between them [m]."""
-
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        most, joints = 0.7 * _length(log), log.problem.robot.joints
-        apart = [j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()]
-        ats = [partial(now.with_entries, "longer", (j,)) for j in apart]
-        steps, _ = log.screen.steps(now, ats, np.array(now.longer)[apart], most / 70.0)
-        for j, at, step in zip(apart, ats, np.clip(steps, -most, most).tolist(), strict=True):
-            yield at(now.longer[j] + step)
-
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
-        for j in np.flatnonzero(repair.longer).tolist():
-            x, unit, text = repair.longer[j], _length(log), "{:.4g} m".format
-            how = f"{text(abs(x))} {'farther from' if x > 0.0 else 'nearer to'} joint {j}"
-            what = f"joint {j + 1} is {how} than in the robot's kinematics."
-            remedy = "correct the kinematics, or choose the problem of the robot that was logged"
-            at = partial(repair.with_entries, "longer", (j,))
-            number, cost = Number(x, at, 0.25 * c.CALIBRATED * unit, 0.35 * unit, text), choices(log.n)
-            yield Element("link length", "warning", (j,), what, remedy, number, cost, mends=False)
-
-
-class Zero(Transformation):
-    """Encoders that count from another zero than the robot's kinematics: what is to be added to one
-    joint's position [rad]; of prismatic joints in lengths of the arm."""
+class Place(Transformation):
+    """Joints that are elsewhere than the robot's kinematics say. Encoders that count from another zero:
+    what is to be added to one joint's position [rad], of prismatic joints in lengths of the arm; and
+    joints farther apart or nearer, along the line between them [m]."""
 
     quarters = -np.pi / 2, np.pi / 2, np.pi
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        ats = [partial(_shifted, log, now, j) for j in log.joints]
-        steps, spreads = log.screen.steps(now, ats, np.array(now.zero)[log.joints], 0.01)
-        for j, at, step, spread in zip(log.joints, ats, steps.tolist(), spreads.tolist(), strict=True):
-            if not np.isfinite(spread):
-                continue  # nothing of it is seen, however large
-            unit = 1.0 if j in log.revolute else _length(log)
-            quarters = self.quarters if j in log.revolute and score.poor.any() else ()
-            for x in (float(np.clip(step, -0.7 * unit, 0.7 * unit)), *quarters):
-                if x:
-                    yield at(now.zero[j] + x)
+        joints, quarters = log.problem.robot.joints, self.quarters if score.poor.any() else ()
+        apart = [j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()]
+        turns = [*(j in log.revolute for j in log.joints), *[False for _ in apart]]
+        ats: list[At] = [partial(_shifted, log, now, j) for j in log.joints]
+        ats += [partial(now.with_entries, "longer", (j,)) for j in apart]
+        values = [*(now.zero[j] for j in log.joints), *(now.longer[j] for j in apart)]
+        units = np.where(turns, 1.0, _length(log))
+        steps, spreads = log.screen.steps(now, ats, np.array(values), 0.01 * units)
+        first = np.clip(steps, -0.7 * units, 0.7 * units).tolist()
+        for k in np.flatnonzero(np.isfinite(spreads)).tolist():  # of the others nothing is seen
+            for x in (first[k], *(quarters if turns[k] else ())):
+                yield ats[k](values[k] + x)
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+        length, metres, cost = _length(log), "{:.4g} m".format, choices(log.n)
+        for j in np.flatnonzero(repair.longer).tolist():
+            x, at = repair.longer[j], partial(repair.with_entries, "longer", (j,))
+            how = f"{metres(abs(x))} {'farther from' if x > 0.0 else 'nearer to'} joint {j}"
+            what = f"joint {j + 1} is {how} than in the robot's kinematics."
+            remedy = "correct the kinematics, or choose the problem of the robot that was logged"
+            number = Number(x, at, 0.25 * c.CALIBRATED * length, 0.35 * length, metres)
+            yield Element("link length", "warning", (j,), what, remedy, number, cost, mends=False)
         for j in np.flatnonzero(repair.zero).tolist():
-            x, at = repair.zero[j], partial(_shifted, log, repair, j)
-            number, gross = Number(x, at, c.CALIBRATED, 0.35, _degrees, self.quarters), c.GROSS
-            if j not in log.revolute:
-                unit, text = _length(log), "{:.4g} m".format
-                number = Number(x, at, 0.25 * unit * c.CALIBRATED, 0.35 * unit, text)
-                gross *= 0.25 * unit
-            severity = "error" if abs(x) > gross else "warning"
-            what = f"the zero of joint {j + 1} is {number.text(-x)} away from the robot's kinematics."
+            x, turns, back = repair.zero[j], j in log.revolute, partial(_shifted, log, repair, j)
+            unit, text = (1.0, _degrees) if turns else (0.25 * length, metres)
+            reach, snaps = (0.35, self.quarters) if turns else (0.35 * length, ())
+            number = Number(x, back, unit * c.CALIBRATED, reach, text, snaps)
+            severity = "error" if abs(x) > unit * c.GROSS else "warning"
+            what = f"the zero of joint {j + 1} is {text(-x)} away from the robot's kinematics."
             remedy = f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}"
-            cost, shift = choices(log.n), {"shifts": [x]}
+            shift = {"shifts": [x]}
             yield Element("encoder offset", severity, (j,), what, remedy, number, cost, figures=shift)
 
 
@@ -536,6 +504,6 @@ def _percent(share: float) -> str:
 
 #: What is tried, in the order of the words; of what explains alike the first.
 TRANSFORMATIONS: tuple[Transformation, ...] = (
-    Degrees(), Clock(), Sign(), Exchange(), Mounting(), Weight(), Law(), Gain(), Delay(), Change(),
-    Length(), Zero(), Saturation(),
+    Degrees(), Clock(), Sign(), Exchange(), Mounting(), Weight(), Beside(), Gain(), Delay(),
+    Place(), Saturation(),
 )  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.rules import MOTION, Glance
+from sdp_vs_penalty.checks.rules import RULES, Glance
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 
@@ -32,7 +32,7 @@ def motion(
 
 def found(kind: str, run: Measurements) -> Issue | None:
     """What the rules, each by itself, say of that kind of a run."""
-    said = (issue for rule in MOTION for issue in rule(Glance(run, ROBOT, STANDSTILL)))
+    said = (issue for rule in RULES for issue in rule(Glance(run, ROBOT, STANDSTILL)))
     return next((issue for issue in said if issue.kind == kind), None)
 
 
