@@ -394,7 +394,8 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
     rows = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
     rows = np.flatnonzero(rows & (steps < 3.0 * np.median(steps)))
     if 0 < len(rows) <= 1 / RUN * len(steps):
-        lost = np.round(np.nanmedian(ratio[rows], axis=1) - 1.0)
+        far, one = (np.sum((x / least * tells)[rows], axis=1) for x in (speed, usual))
+        lost = np.round(far / one - 1.0)  # by the fast ones
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
         added[rows] = lost * np.median(steps)
         yield Issue(
@@ -535,7 +536,7 @@ def coarse(g: Glance, motion: Motion, settings: Preprocessing) -> Iterator[Issue
 
 #: In the order of mending; all but the first ask of RUN rows in which something moves.
 RULES: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
-    missing, time_unit, backwards, repeated_time, uneven, jumps, wrapped, repeated_run, held_rows,
+    missing, time_unit, backwards, repeated_time, uneven, jumps, wrapped, held_rows, repeated_run,
     end_stops, interpolated_rows, zeros, spikes, lost_rows,
     partial(frozen, word="position", name="q"), partial(frozen, word="torque", name="t"),
 )  # fmt: skip

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from corruptions.kinds import corruptions
+from scipy.spatial import KDTree
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
@@ -39,6 +41,49 @@ def found(kind: str, run: Measurements) -> Issue | None:
 def told(run: Measurements) -> tuple[list[Issue], Measurements]:
     issues, _, fixed = mended(run, ROBOT, STANDSTILL)
     return issues, fixed
+
+
+#: Corruptions of rows and clocks of the bench: the kind that names them, how many rows go, and by how many
+#: steps the time of those that stay is off.
+ROWS: dict[str, tuple[str, int, float]] = {
+    "wrapped angle joint 2": ("wrapped angle", 0, 0),
+    "stale position joint 2 1 s": ("frozen position", 250, 0),
+    "stale torque joint 2 3 s": ("frozen torque", 750, 0),
+    "spikes joint 2 tau 500": ("spikes", 5, 0),
+    "spikes joint 2 q 1 rad": ("spikes", 5, 0),
+    "zeros joint 2 q": ("zeros", 4, 0),
+    "zeros joint 2 tau": ("zeros", 4, 0),
+    "zeros joint 2 tau 0.05 s": ("zeros", 13, 0),
+    "zeros joint 2 tau 0.5 s": ("zeros", 125, 0),
+    "doubled rows, clock re-made every tenth": ("doubled rows", 0, 0),
+    "lost rows, clock re-made 8 x 10 rows": ("lost rows", 80, 4),
+    "rows interpolated 1.5 s": ("interpolated rows", 375, 0),
+    "run repeated": ("repeated run", 0, 0),
+    "burst stamps 10 rows in 9 us": ("jittered time stamps", 0, 9),
+    "time unit ms": ("time unit", 0, 0),
+    "clock set +1.5 s": ("clock step", 0, 0),
+    "clock set -1.5 s": ("time runs backwards", 0, 0),
+    "packets repeated 3 %": ("doubled rows", 188, 0),
+    "packets held 3 x 0.1 s": ("frozen packets", 69, 0),
+    "packets held 3 x 0.5 s": ("frozen packets", 369, 0),
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
+    """Every row that was spoiled goes, no other, and those that stay have their time again."""
+    (kind, gone, off), clean = ROWS[name], replace(motion(), dq=None)
+    (corruption,) = (c for c in corruptions(2) if c.name == name)
+    spoiled = corruption.spoil(clean)
+    (issue,), whole, fixed = mended(spoiled, ROBOT, STANDSTILL)
+    assert issue.kind == kind
+    assert issue.severity in ("error", "warning")
+    away, rows = KDTree(np.hstack([clean.q, clean.tau])).query(np.hstack([whole.q, whole.tau]))
+    assert away.max() < 1e-9
+    assert np.all(np.diff(rows) > 0)
+    assert len(clean.t) - len(rows) == gone
+    assert np.abs(whole.t - clean.t[rows]).max() * RATE <= off + 1e-6
+    np.testing.assert_array_equal((whole if issue.mends else spoiled).t, fixed.t)
 
 
 @pytest.mark.parametrize("velocity", [True, False])
