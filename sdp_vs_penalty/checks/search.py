@@ -81,8 +81,13 @@ class Search:
         self._known_of([self.log.score(r) for r in refined])
         least = self.posterior(now) + c.ODDS
         likely = [r for r in refined if self.posterior(r) >= least]
-        order = sorted(likely, key=lambda r: -round(self.posterior(r)))
-        return next((r for r in order if self.believed(r, now)), None)
+
+        def rank(repair: Repair) -> int:
+            """What explains as much by a law, which arms have, comes before a fault."""
+            law = all(e.severity == "note" for e in self.new(repair, now))
+            return -round(self.posterior(repair) + c.ODDS * law)
+
+        return next((r for r in sorted(likely, key=rank) if self.believed(r, now)), None)
 
     def _known_of(self, scores: Sequence[Score]) -> None:
         """The error of a wrong arm lasts longer than noise does: of that the best one knows most."""
