@@ -429,10 +429,10 @@ class Place(Transformation):
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         joints, quarters = log.problem.robot.joints, self.quarters if score.poor.any() else ()
         apart = [j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()]
-        turns = [*(j in log.revolute for j in log.joints), *[False for _ in apart]]
-        ats: list[At] = [partial(_shifted, log, now, j) for j in log.joints]
-        ats += [partial(now.with_entries, "longer", (j,)) for j in apart]
-        values = [*(now.zero[j] for j in log.joints), *(now.longer[j] for j in apart)]
+        turns = [*(False for _ in apart), *(j in log.revolute for j in log.joints)]
+        ats: list[At] = [partial(now.with_entries, "longer", (j,)) for j in apart]
+        ats += [partial(_shifted, log, now, j) for j in log.joints]
+        values = [*(now.longer[j] for j in apart), *(now.zero[j] for j in log.joints)]
         units = np.where(turns, 1.0, _length(log))
         steps, spreads = log.screen.steps(now, ats, np.array(values), 0.01 * units)
         first = np.clip(steps, -0.7 * units, 0.7 * units).tolist()

@@ -139,17 +139,6 @@ def test_only_what_is_certain_is_fixed(simulated):
     assert "one-off event" in left
 
 
-def test_gravity_is_found(simulated):
-    """The arm stood upright; believing otherwise is found, with the angle and the vector to use."""
-    problem, run = simulated
-    given = problem.with_gravity((0.0, -9.81 * 0.5, -9.81 * 3**0.5 / 2))
-    (finding,) = (f for f in check(given, run, thorough=False)[0].problems if f.gravity is not None)
-    assert finding.kind == "gravity direction"
-    assert "30 degrees" in finding.what
-    assert finding.gravity == pytest.approx((0.0, 0.0, -9.81), abs=0.02)
-    assert "--gravity 0,0,-9.81" in finding.remedy
-
-
 def test_an_arm_on_the_ceiling_is_no_flipped_sign():
     """Light links: one sign turned leaves little of a weight that points up, gravity leaves less."""
     problem = load_problem(str(Path(__file__).parents[2] / "docs" / "my_arm.urdf"))

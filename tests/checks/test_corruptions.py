@@ -24,11 +24,10 @@ MENDED = (
     "torques swapped joint 2+3",
     "all torques late 60 ms",
     "clock set +1.5 s",
-    "clock set -1.5 s",
     "encoder offset joint 2 90 deg",
+    "position sign joint 2",
     "joints swapped joint 2+5 q and tau",
     "doubled rows, clock re-made every tenth",
-    "run repeated",
     "time reversed",
 )
 WRONG = (
@@ -36,7 +35,7 @@ WRONG = (
     "positions in degrees",
     "torque scale current",
     "saturation joint 2 at 0.7 of the peak",
-    "soft saturation joint 2 at 0.4 of the peak",
+    "soft saturation joint 3 at 0.4 of the peak",
     "torque gain joint 2 x 1.1",
     "torque unit of one column joint 3 N cm",
     "causal filter of one torque joint 3 0.7 Hz",
@@ -45,26 +44,37 @@ WRONG = (
     "torque step joint 3 1 std",
     "joint sign joint 2 q and tau",
     "encoder offset joint 2 30 deg",
-    "wrapped angle joint 2",
     "frozen position joint 3 whole run",
     "stale position joint 2 1 s",
-    "spikes joint 3 tau 500",
-    "zeros joint 2 q",
-    "zeros joint 5 tau 0.05 s",
     "lost rows, clock re-made 8 x 10 rows",
-    "rows interpolated 1.5 s",
-    "burst stamps 10 rows in 9 us",
     "clock rate x 1.25",
     "gravity removed joint 2 90 %",
     "gravity removed 100 %",
-    "gravity removed 90 %",
     "load picked up 2 kg",
     "two arms in one file",
     "gravity assumed wall",
     "gravity assumed ceiling",
     "link too long 0.3 m",
-    "torque gain in one of two runs joint 2 x 1.15",
 )
+#: The number that undoes it, in the unit in which its interval is told (of factors the logarithm), and
+#: how far off it may come out: the arm's friction has laws that the model lacks.
+NUMBERS = {
+    "all torques late 60 ms": (0.06, 1e-3),
+    "encoder offset joint 2 90 deg": (-np.pi / 2, 1e-9),
+    "encoder offset joint 2 30 deg": (-np.pi / 6, 5e-3),
+    "soft saturation joint 3 at 0.4 of the peak": (np.tanh(2.5), 0.01),
+    "torque gain joint 2 x 1.1": (-np.log(1.1), 0.02),
+    "torque unit of one column joint 3 N cm": (np.log(0.01), 1e-9),
+    "causal filter of one torque joint 3 0.7 Hz": (1.0 / (2.0 * np.pi * 0.7), 0.01),
+    "one torque channel late joint 3 50 ms": (0.05, 3e-3),
+    "clock rate x 1.25": (-np.log(1.25), 0.01),
+    "gravity removed joint 2 90 %": (0.9, 5e-3),
+    "gravity removed 100 %": (1.0, 1e-9),
+}
+
+
+#: When another load, or arm, begins [s].
+MIDDLE = {"load picked up 2 kg": 11.0, "two arms in one file": 11.0}
 
 
 def test_clean_runs_are_silent(arm):
@@ -80,18 +90,31 @@ def test_what_was_done_is_named(name, arm):
     case = run_case(arm, corruption)
     assert case.outcome == "named" or (case.outcome == "silent" and (case.harm or 9.0) < HARMFUL), case
     assert not case.contradicts, case
+    if name not in (*MENDED, *NUMBERS, *MIDDLE):
+        return
+    (clean,), (spoiled,) = (check(arm.problem, x) for x in (arm.train, corruption.spoil(arm.train)))
+    issue = next(f for f in spoiled.problems if f.kind in corruption.causes)
+    if name in MIDDLE:
+        assert issue.figures["t"] == pytest.approx(MIDDLE[name], abs=0.3)
+    if name in NUMBERS:
+        (low, high), (value, off) = issue.figures["interval"], NUMBERS[name]
+        assert 0.5 * (low + high) == pytest.approx(value, abs=off)
+        assert 0.0 < high - low < 4.0 * max(off, 0.01)
     if name in MENDED:
-        (clean,), (spoiled,) = (check(arm.problem, x) for x in (arm.train, corruption.spoil(arm.train)))
         (again,) = check(arm.problem, spoiled.mended, thorough=False)
         assert not again.problems, [f.what for f in again.problems]
         assert again.unexplained < 1.2 * clean.unexplained
 
 
-@pytest.mark.parametrize("degrees", [0.0, 3.0])
-def test_a_small_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
+@pytest.mark.parametrize("degrees", [0.0, 3.0, 30.0])
+def test_a_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
     x = 9.81 * np.sin(np.radians(degrees))
     given = arm.problem.with_gravity((x, 0.0, -9.81 * np.cos(np.radians(degrees))))
     found = [f for f in check(given, arm.train)[0].problems if f.kind == "gravity direction"]
-    assert [f.severity for f in found] == ["warning"] * bool(degrees)
+    severe = "error" if degrees > 10.0 else "warning"
+    assert [f.severity for f in found] == [severe] * bool(degrees)
     for f in found:
         np.testing.assert_allclose(f.gravity, (0.0, 0.0, -9.81), atol=0.1)
+        assert f"{degrees:.0f} degrees away" in f.what
+        stated = [float(v) for v in f.remedy.partition("--gravity ")[2].split(",")]
+        np.testing.assert_allclose(stated, f.gravity, atol=0.01)
