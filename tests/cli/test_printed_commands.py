@@ -20,7 +20,7 @@ from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.diagnosis.findings import Finding, Invisible
 from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.simulation import hidden_runs
@@ -207,6 +207,24 @@ def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
     before, after = (load_estimate(Path(name)) for name in ("model.json", "model2.json"))
     np.testing.assert_array_equal(after.theta[: len(before.theta)], before.theta)
     assert after.certificate.held == [e.text for e in before.model.effects]
+
+
+def test_weak_findings_at_the_end_are_shown_to_who_asks(twelve_found, run, monkeypatch, panda):
+    run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
+    first, *rest = twelve_found.effects
+    weak = (first, *(replace(f, confidence="weak", remarks=("small",)) for f in rest))
+    invisible = tuple(Invisible(name, (j,), 0.9) for name, j in (("payload", 1), ("payload", 2)))
+    made = replace(twelve_found, effects=weak, invisible=invisible)
+    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: made)
+    few = run(f"{PROGRAM} diagnose model.json --data run.csv")
+    every = run(f"{PROGRAM} diagnose model.json --data run.csv --verbose")
+    assert [int(k) for k in re.findall(r"^\+ (\d+)\.", few, re.MULTILINE)] == [1, 2, 3]
+    assert [int(k) for k in re.findall(r"^\+ (\d+)\.", every, re.MULTILINE)] == [*range(1, 13)]
+    assert "further weak candidates" in few
+    assert "further weak candidates" not in every
+    assert len(re.findall(r"^\+ \d+\. weak", few, re.MULTILINE)) == 2
+    assert "payload:1+2" in " ".join(few.split())
+    assert "not known" in few
 
 
 def _json(found: Diagnosis) -> str:

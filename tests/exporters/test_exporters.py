@@ -27,6 +27,7 @@ from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
 from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.robot import joint_limits
 from sdp_vs_penalty.signals import Preprocessing
 
 PARITY = 1e-9  # N m
@@ -321,6 +322,8 @@ def test_inconsistent_inertials_are_refused(suffix, tmp_path):
     estimate.theta[[p.name for p in estimate.model.parameters].index("f_c2")] = -0.1
     with pytest.raises(InputError, match="coulomb_friction"):
         export(estimate, out)
+    estimate.theta[[p.name for p in estimate.model.parameters].index("f_c2")] = 0.0
+    export(estimate, out)
     rod = np.tile([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0], (2, 1))
     estimate = estimate_of(robot, "rigid_body", 0, rod)
     if suffix == ".xml":
@@ -440,6 +443,8 @@ def test_friction_table_holds_what_follows_the_velocity(tmp_path):
         expected = value[f"f_v{j}"] * v + value[f"f_o{j}"]
         turned = value[f"f_c{j}"] + value[f"f_st{j}"] * np.exp(-((v / 0.1) ** 2))
         at = joint == j
+        assert v[at].max() == -v[at].min() == pytest.approx(joint_limits(robot)[2][j - 1])
+        assert np.abs(v[at][v[at] != 0.0]).min() < 0.01  # the turn of dry friction is seen
         np.testing.assert_allclose(torque[at], (expected + turned * np.tanh(v / 0.01))[at], rtol=1e-4)
 
 

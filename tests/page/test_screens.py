@@ -1,5 +1,6 @@
 """What screens show is what the functions behind the verbs say; each control does what it says."""
 
+import asyncio
 import base64
 import json
 import re
@@ -147,6 +148,8 @@ def test_fit_is_that_of_the_models_and_follows_what_is_clicked(story):
         ratio = [c.rmse[j] / c.noise_floor[j] for c in (before, after)]
         assert f"joint {j + 1} {ratio[0]:.3g} → {ratio[1]:.3g}" in text
     worst = int(np.argmax(after.rmse / after.noise_floor))
+    first = int(np.argmax(before.rmse / before.noise_floor))
+    assert f"Joint {first + 1}: the error is" in story.said["model"]["identify"]
     for j in (worst, 1 - worst):
         (bars, *_) = (e for e in screen.part("fit") if hasattr(e, "content") and "bars" in e.content)
         screen.hear(bars, "click", [str(j + 1), "q"])
@@ -204,6 +207,29 @@ def test_what_was_answered_is_of_the_model_that_was_asked(story):
     assert session.answer("methods") is session.answer("forward") is None
     screen.click("redo")
     assert session.answer("forward")
+
+
+def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
+    """Each step in turn; what was found for sure is added."""
+    (one,) = story.session.history[0].findings.effects
+    found = replace(
+        story.session.history[0].findings, effects=(one, replace(one, confidence="weak", text="x"))
+    )
+    session = Sessions(Here()).new()
+    called: list[tuple[Any, ...]] = []
+    for name in ("choose_robot", "simulate", "identify", "diagnose", "add"):
+
+        async def act(*given: Any, name: str = name) -> None:
+            called.append((name, *given))
+
+        monkeypatch.setattr(session, name, act)
+    session.robot = {"n": 7}
+    session.history = [replace(story.session.history[0], findings=found)]
+    asyncio.run(session.show_me())
+    assert called == [
+        ("choose_robot", "panda"), ("simulate", "presliding_hysteresis", [7], "strong", 7),
+        ("identify",), ("diagnose",), ("add", [one.text]),
+    ]  # fmt: skip
 
 
 def scenes(screen: Screen, part: str) -> list[Any]:
@@ -273,6 +299,9 @@ def test_the_diagnosis_is_the_verbs(story):
     assert "Added to the model." not in text
     assert f"{found.effect.replace('_', ' ').capitalize()} · joint 1 confident" in text
     text = story.said["added"]["diagnose"]
+    fall = [f"{c.rmse[0] / c.noise_floor[0]:.3g}" for c in story.judged]
+    assert re.search(rf"Joint 1: {fall[0]} -> {fall[1]}\d* \(-\d\d %\) times the noise", text)
+    assert "Diagnose again to see what is missing now." in text
     for k, (_, *cells) in enumerate(map(judged_row, story.judged), start=1):
         assert " ".join([f"{k}", story.session.history[k - 1].label, *cells]) in text
     for j, (old, new) in enumerate(zip(*(c.rmse for c in story.judged), strict=True), start=1):

@@ -15,7 +15,7 @@ import pytest
 from commands import run_cli
 from small_runs import small_run
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, follow, report
+from sdp_vs_penalty import Estimate, Measurements, Problem, compare, follow, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
@@ -104,6 +104,42 @@ def test_curves_of_figures_are_whole_and_bands_lie_about_them(made):
     assert bands == 2 + 2  # errors and friction of each joint
 
 
+def test_torques_and_arm_are_drawn_as_they_are(made):
+    """Measured, modelled and left torque of each joint; joints and centres of mass in the base."""
+    models, run, html = made
+    compared = compare(models, run)
+    drawn = [json.loads(text) for text in figures_of(html) if text.startswith("{")]
+    signals = {c.name: c.signals for c in compared}
+    first = next(iter(signals.values()))
+    t = first.t - first.t[0]
+    for j, figure in enumerate(drawn[:2]):
+        layout = figure["layout"]
+        titles = [layout[axis]["title"]["text"] for axis in ("xaxis", "yaxis", "xaxis2")]
+        assert titles == ["time [s]", f"joint {j + 1} [N m]", "time [s]"]
+        flat = [trace for trace in figure["data"] if "name" in trace]
+        torques = {name: s.modelled[:, j] for name, s in signals.items()}
+        wanted = {"measured": first.measured[:, j], **torques}
+        for trace in flat:
+            values = wanted[trace["name"]]
+            values = first.measured[:, j] - values if trace.get("xaxis") == "x2" else values
+            x, y = numbers(trace["x"]), numbers(trace["y"])
+            np.testing.assert_allclose(y, np.interp(x, t, values), atol=5e-3)
+        assert len(flat) == 1 + 2 * len(models)
+    (arm,) = (f for f in drawn if any(trace["type"] == "mesh3d" for trace in f["data"]))
+    last = list(models.values())[-1]
+    (poses,) = last.robot.poses(last.robot.tree_state(run.q.mean(axis=0))[0])
+    balls = [trace for trace in arm["data"] if trace["type"] == "mesh3d"]
+    for ball, pose, joint, link in zip(balls, poses, last.robot.tree, last.links, strict=True):
+        frame = pose @ joint.link_frame
+        middle = [0.5 * (numbers(ball[c]).min() + numbers(ball[c]).max()) for c in "xyz"]
+        assert middle == pytest.approx(frame[:3, :3] @ link[1:4] / link[0] + frame[:3, 3], abs=0.03)
+    lines = [trace for trace in arm["data"] if trace["type"] == "scatter3d"]
+    for line, pose in zip(lines, poses, strict=True):
+        assert [numbers(line[c])[1] for c in "xyz"] == pytest.approx(pose[:3, 3], abs=1e-5)
+    unknown = [c.noise_floor is None for c in compared]
+    assert ("the noise floor is unknown" in html) == all(unknown)
+
+
 def test_nothing_of_the_user_becomes_markup(made):
     html = made[2]
     assert "<script>alert(1)" not in html
@@ -113,8 +149,6 @@ def test_nothing_of_the_user_becomes_markup(made):
 
 def test_the_figures_are_those_of_the_models(made):
     models, run, html = made
-    from sdp_vs_penalty import compare
-
     for comparison in compare(models, run):
         assert f">{comparison.relative_error_percent:.3g}<" in html
         assert f">{comparison.rmse[1]:.3g}<" in html
