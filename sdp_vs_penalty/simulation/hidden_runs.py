@@ -6,6 +6,7 @@ world, with what worlds can hide.
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -102,14 +103,11 @@ def simulate(
     """
     robot = as_problem(problem, "simulate(problem=...)")
     size = level
-    if level not in LEVELS:
-        try:
-            size = float(level)
-        except ValueError:
-            size = -1.0
-        if not 0.0 < size < 1e6:
-            remedy = f"write {', '.join(LEVELS)} or a positive number"
-            raise InputError(f"level {level!r} is unknown", remedy)
+    with suppress(ValueError):
+        size = float(level)
+    if size not in LEVELS and (isinstance(size, str) or not 0.0 < size < 1e6):
+        remedy = f"write {', '.join(LEVELS)} or a positive number"
+        raise InputError(f"level {level!r} is unknown", remedy)
     effects = [(e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)]
     return hidden_runs(robot, effects, size, seed)
 

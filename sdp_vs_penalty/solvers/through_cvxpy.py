@@ -21,16 +21,6 @@ CLAIMS = {
 }
 
 
-def warm_up() -> None:
-    """Import CVXPY and let it build every kind of cone once; starts no thread and runs no solver."""
-    import cvxpy as cp
-
-    x = cp.Variable(2)
-    square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
-    cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
-    cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
-
-
 class ThroughCvxpy(Solver):
     """A solver of CVXPY's, called there by our name in capitals; group : the argument that holds its
     options, "" where each is an argument; licences : files of which it needs one, or port@server."""
@@ -41,8 +31,15 @@ class ThroughCvxpy(Solver):
     licences: ClassVar[tuple[str, ...]]
     claims = CLAIMS
 
-    def warm_up(self) -> None:
-        warm_up()
+    @staticmethod
+    def warm_up() -> None:
+        """Import CVXPY and let it build every kind of cone once; starts no thread and runs no solver."""
+        import cvxpy as cp
+
+        x = cp.Variable(2)
+        square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
+        cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
+        cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
 
     def licence(self) -> str:
         found = (Path(os.path.expandvars(path)).expanduser() for path in self.licences)

@@ -93,6 +93,26 @@ def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_l
     assert certificate.gap < 1e-8
 
 
+def test_the_default_objective_is_the_torque_and_three_priors(toy_task):
+    """In units of a row's variance v: one of each joint's own parameters, three of the total mass within
+    20 % and of each link's divergence, of which the closed form is stated here."""
+    task = replace(toy_task, total=30.0)
+    x, v = task.nominal.copy(), task.data.loss(task.ols) / task.data.rows
+    x[20:] = 0.7
+    x[task.links] *= [[1.3], [0.8]]
+    own = np.sum((x[20:] / task.joint_scale[20:]) ** 2)
+    mass = ((x[task.links[:, 0]].sum() / 30.0 - 1.0) / 0.2) ** 2
+    ratio = [np.linalg.eigvals(np.linalg.solve(*map(inertia.pseudo_inertia, pair))).real
+             for pair in zip(task.prior_links, x[task.links], strict=True)]  # fmt: skip
+    pull = np.sum(np.array(ratio) - np.log(ratio) - 1.0)
+    objective, constraints = LmiSdp().posed(task)
+    assert objective.value(x) == pytest.approx(task.data.loss(x) + v * (own + 3.0 * (mass + pull)))
+    step = 1e-4 * x * np.random.default_rng(0).normal(size=len(x))
+    rise = objective.value(x + step) - objective.value(x - step)
+    assert rise == pytest.approx(2.0 * objective.gradient(x) @ step, rel=1e-5)
+    assert sum(c.family == "body" for c in constraints.convex) == 2
+
+
 # --- against known robots ---------------------------------------------------------------------------
 
 

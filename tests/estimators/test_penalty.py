@@ -50,19 +50,6 @@ def task_named(name: str, request: pytest.FixtureRequest) -> Task:
 SAME = LmiSdp(entropy=0.0, thickness=LmiSdpThickness.thickness)
 
 
-def independent_margins(theta: Array, links: NDArray[np.intp], thickness: float) -> Array:
-    """Smallest eigenvalue of Sigma_c - m r^2 1 of each link, from the definitions."""
-    out = []
-    for link in theta[links]:
-        m, h = link[0], link[1:4]
-        xx, xy, yy, xz, yz, zz = link[4:]
-        about_frame = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        about_centre = about_frame - (h @ h * np.eye(3) - np.outer(h, h)) / m
-        sigma = 0.5 * np.trace(about_centre) * np.eye(3) - about_centre
-        out.append(np.linalg.eigvalsh(sigma - m * thickness**2 * np.eye(3))[0])
-    return np.array(out)
-
-
 @pytest.mark.parametrize(
     "name",
     [
@@ -80,7 +67,7 @@ def test_penalty_reaches_the_sdp_and_is_feasible(name, request):
     # Every start, not only the best one.
     assert max(run["loss"] for run in fit.details["runs"]) < sdp.loss * (1.0 + 1e-5)
     assert certificate.worst <= 1e-9
-    assert independent_margins(theta, task.links, LmiSdpThickness.thickness).min() >= -1e-9
+    assert inertia.thickness(theta[task.links]).min() >= LmiSdpThickness.thickness - 1e-9
     # Its own multipliers prove it.
     assert -1e-9 <= certificate.gap < 1e-3
 

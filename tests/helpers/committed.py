@@ -1,9 +1,13 @@
-"""The committed tables, and what may differ of one that is made again."""
+"""What was made before, and what may differ of it made again: committed tables, and texts of tests."""
 
 import csv
+import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from sdp_vs_penalty.research.tables.table import Table
 
@@ -113,3 +117,19 @@ def tolerance(name: str, column: str, row: Row) -> tuple[float, float]:
         return 0.05, 0.02 if name == "III" else 1e-3
     special = {("III", "re_simulated"): (1e-3, 1e-9), ("methods", "worst_violation"): (0.02, 1e-8)}
     return special.get((name, column), USUAL[name])
+
+
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+
+
+def as_kept(name: str, text: str) -> None:
+    """The words of a file in research/small, and its numbers within 1 % (engines and solvers differ);
+    SDP_VS_PENALTY_KEEP=1 writes it."""
+    path = Path(__file__).parents[1] / "research" / "small" / name
+    if "SDP_VS_PENALTY_KEEP" in os.environ:
+        path.write_text(text)
+    kept = path.read_text()
+    assert NUMBER.sub("#", text) == NUMBER.sub("#", kept)
+    new, old = (np.array(NUMBER.findall(x), float) for x in (text, kept))
+    off = np.abs(new - old) > 1e-2 * np.abs(old) + 1e-6
+    assert not off.any(), (new[off], old[off])

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
+from committed import as_kept
 
 from sdp_vs_penalty import InputError
-from sdp_vs_penalty import parallel as cluster
 from sdp_vs_penalty.research.shootout import runner, summary
 from sdp_vs_penalty.research.shootout.augmented_lagrangian import Chart
-from sdp_vs_penalty.research.shootout.catalogue import catalogue, instance
+from sdp_vs_penalty.research.shootout.catalogue import catalogue, everything, instance
 from sdp_vs_penalty.research.shootout.contestants import chosen, contestants
 from sdp_vs_penalty.research.shootout.instances import Instance, in_units
 from sdp_vs_penalty.research.shootout.judge import (
@@ -58,12 +58,15 @@ def best(two_link: Instance) -> Answer:
     return CONTESTANTS["lmi-sdp"].solve(two_link, 1e-8)
 
 
-def test_instances_are_deterministic_and_differ():
-    names = [n for n, e in catalogue().items() if e.quick and e.group != "chains"]
-    first = {n: instance(n).hash for n in names}
-    instance.cache_clear()
-    assert {n: instance(n).hash for n in names[::3]} == {n: first[n] for n in names[::3]}
-    assert len(set(first.values())) == len(first)
+def test_instances_are_what_they_were():
+    """Their hashes are of problems to six digits: of the 2R and of arms of two links every one."""
+    said, own = [], catalogue()
+    for e in everything():
+        if e.name.startswith(("two_link", "chain of 2 ")):
+            where = "library"[: 7 * bool(e.sentence)], "catalogue"[: 9 * (e.name in own)]
+            said.append(f"{e.folder}: {e.make().hash} {where} {e.quick} {e.measured}; {e.sentence}")
+    as_kept("instances.txt", "\n".join(said) + "\n")
+    assert len({line.split()[1] for line in said}) == len(said)
 
 
 @pytest.mark.parametrize("mass", [1e-3, 1e3])
@@ -282,16 +285,8 @@ def test_summary_of_known_runs(tmp_path):
         _run("a", "liar", **liar, objective_error=0.3), _run("b", "liar", **liar, objective_error=0.2),
     ])  # fmt: skip
     table = summary.summary_table(rows, 10.0).set_index("solver")
-    assert table["success_percent"].to_dict() == {"good": 100.0, "fast": 50.0, "liar": 0.0}
-    assert table.loc["liar", "silently_wrong"] == 2
-    assert table.loc["liar", "objective_error"] == pytest.approx(0.25)
-    assert np.isnan(table.loc["liar", "own_gap"])
     expected = np.exp(np.mean(np.log([0.11, 0.41]))) - 0.01
     assert table.loc["good", "mean_seconds"] == pytest.approx(expected)
-    first, second, third = summary.sentences(rows)
-    assert "Take good: right on 2 of 2 problems at 1e-06, 0 times silently wrong" in first
-    assert "is good: 2 of 2" in second
-    assert "Check every answer of liar: silently wrong on 2 of 2" in third
     curves = summary.profile(rows, 1e-6)
     np.testing.assert_allclose(curves["good"][0], [1.0, 2.0])
     np.testing.assert_allclose(curves["good"][1], [0.5, 1.0])
@@ -299,12 +294,9 @@ def test_summary_of_known_runs(tmp_path):
     assert len(curves["liar"][0]) == 0
     left_out = {"mosek": "no licence"}, [("a", "x", "no cone")]
     paths = summary.write_summary(tmp_path, rows, 10.0, *left_out)
-    text = paths[0].read_text()
-    assert "**WRONG** 3e-01" in text
-    assert re.search(r"\| good \|.*\b100\b", text)
-    assert "mosek: no licence.\n- x: not applicable to 1 problem(s): no cone." in text
     assert [path.name for path in paths] == ["summary.md", "summary.csv", "profile.svg"]
-    assert pandas.read_csv(paths[1])["success_percent"].tolist() == [50.0, 100.0, 0.0]
+    for path in paths[:2]:
+        as_kept(path.name, path.read_text())
     assert paths[2].read_text().startswith("<?xml")
 
 
@@ -402,14 +394,6 @@ def test_a_proof_that_hangs_is_ended_and_its_problem_runs_without_an_interval(tm
     (known,) = json.loads((tmp_path / "s" / "references.json").read_text()).values()
     assert known["reference"]["verdict"] == "unknown"
     assert known["remark"].startswith("timeout")
-
-
-def test_nobody_at_the_address(tmp_path, monkeypatch):
-    pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
-    with pytest.raises(InputError, match="no Dask scheduler answers"):
-        runner.run(setup(tmp_path / "s", scheduler="tcp://127.0.0.1:9"))
-    assert not (tmp_path / "s").exists()
 
 
 @pytest.mark.parametrize("asked", [1e-4, 1e-8])

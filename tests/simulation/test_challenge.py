@@ -9,22 +9,12 @@ import numpy as np
 import pytest
 from challenge import judge
 from challenge import worlds as challenged
-from challenge.cases import CLASSES, EFFECTS, USUAL, Case, run_case, wanted
-from challenge.worlds.conditions import NUISANCES
+from challenge.cases import CLASSES, Case, run_case
 
-from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.simulation import worlds
-from sdp_vs_penalty.simulation.worlds.hidden import FROZEN
 from sdp_vs_penalty.simulation.worlds.world import DryFriction, bristles
 
 RESULTS = Path(__file__).parents[2] / "results"
-
-
-def test_what_is_hidden_is_called_as_the_library_calls_it():
-    named = {**EFFECTS, **FROZEN}
-    assert set(named) | set(USUAL) <= set(effect_types())
-    fair = {effect for nuisance in NUISANCES.values() for effect in nuisance.fair}
-    assert len(fair & set(effect_types())) >= 6
 
 
 @pytest.mark.slow
@@ -92,12 +82,6 @@ def test_findings_are_judged_beside_the_truth():
     rival = found("torque_delay", 1, indistinguishable_from=["joint_spring"])
     assert judge.in_set(record(rival, truth=[truth]))
     assert not judge.counted(right | {"energy": [29.0]})
-
-
-def test_cases_do_not_depend_on_which_others_are_run():
-    every = wanted(30, 4, list(CLASSES), list(NUISANCES))
-    assert len({case.key for case in every}) == len(every)
-    assert wanted(3, 4, ["weak"], list(NUISANCES)) == [c for c in every if c.kind == "weak"][:3]
 
 
 @pytest.mark.reproduce

@@ -17,9 +17,9 @@ from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.research.shootout import augmented_lagrangian
 from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.research.shootout.judge import Answer, no_answer
-from sdp_vs_penalty.solvers import solver_types, through_cvxpy
+from sdp_vs_penalty.solvers import solver_types
 from sdp_vs_penalty.solvers.solver import Solver
-from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS
+from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS, ThroughCvxpy
 from sdp_vs_penalty.version import __version__
 
 
@@ -202,7 +202,7 @@ def _baselines() -> list[Contestant]:
         partial(solve_cvxpy, solver=None),
         partial(metadata.version, "cvxpy"),
         promise=1e-5,  # what it asks of its default solver for such problems, SCS
-        warm_up=through_cvxpy.warm_up,
+        warm_up=ThroughCvxpy.warm_up,
     )
     return [
         Contestant("lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)),
