@@ -31,6 +31,8 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 import decimated
 import numpy as np
 import pandas
+from challenge.worlds.motion import plan
+from challenge.worlds.runs import load_arm
 
 from sdp_vs_penalty import Estimate, cross_validate, identify, load_measurements, load_problem
 from sdp_vs_penalty.data.files import save
@@ -158,22 +160,17 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
 
 
 def recorded(path: Path, rows: int, model: Estimate) -> None:
-    """A recording as CSV, a part at a time: a Panda at 1 kHz on sums of sines that never come back; its
+    """A recording as CSV, a part at a time: a Panda at 1 kHz on a motion that never comes back; its
     torque is a model's, with a Stribeck friction that this lacks and white noise."""
     rng, n, part = np.random.default_rng(5), 7, 50_000
     noise = np.array([0.15, 0.2, 0.15, 0.15, 0.08, 0.08, 0.06])  # N m
-    centre = np.array([0.0, -0.3, 0.0, -1.8, 0.0, 1.9, 0.3])  # rad
-    omega = 2.0 * np.pi * rng.uniform(0.05, 0.6, (n, 6))
-    size = 0.14 * rng.uniform(0.6, 1.4, omega.shape) / (1.0 + omega / 4.0)
-    phase = rng.uniform(0.0, 2.0 * np.pi, omega.shape)
+    states = plan(load_arm("panda"), "aperiodic", rows / 1000.0, rng)
     with path.open("w") as file:
         file.write(",".join(["t", *(f"{x}{j + 1}" for x in ("q", "tau") for j in range(n))]) + "\n")
         for start in range(0, rows, part):
             t = np.arange(start, min(rows, start + part)) / 1000.0
-            at = t[:, None, None] * omega + phase
-            q = centre + (size * np.sin(at)).sum(axis=2)
-            dq = (size * omega * np.cos(at)).sum(axis=2)
-            tau = model.predict(q, dq, (-size * omega**2 * np.sin(at)).sum(axis=2))
+            q, dq, ddq = states(t)
+            tau = model.predict(q, dq, ddq)
             tau[:, 3] += 0.8 * np.exp(-((dq[:, 3] / 0.05) ** 2)) * np.tanh(dq[:, 3] / 0.005)
             q, tau = q + rng.normal(0.0, 2e-5, q.shape), tau + rng.normal(size=q.shape) * noise
             np.savetxt(file, np.column_stack([t, q, tau]), ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n, ",")

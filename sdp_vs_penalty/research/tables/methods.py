@@ -5,7 +5,7 @@ from typing import Any
 import pandas
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
-from sdp_vs_penalty.estimation.identify import consistent, positive_mass_matrices
+from sdp_vs_penalty.estimation.identify import link_figures
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.research.tables.study import FOLDS, WITH_PRIOR, Data, Frozen, Result, Study
@@ -52,7 +52,7 @@ def _row(study: Study, data: Data, method: str) -> Row:
     links = result.theta[task.links]
     violations = task.constraints.worst(result.theta)
     worst, family = max((x, name) for name, x in violations.items())
-    share = 1.0 if consistent(links) else positive_mass_matrices(study.problem.robot, links)
+    told = link_figures(study.problem, links)
     # The independent ones of a multi-start method; with a joint prior their losses hold it too.
     runs = pandas.DataFrame(
         [] if method in WITH_PRIOR else result.details.get("runs") or [], columns=["loss", "violation"]
@@ -65,11 +65,11 @@ def _row(study: Study, data: Data, method: str) -> Row:
         "worst_violation": worst,
         "violated_family": family if worst >= ROUNDING else None,
         "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
-        "smallest_thickness_mm": 1e3 * float(inertia.thickness(links).min()),
+        "smallest_thickness_mm": 1e3 * told["smallest_thickness"],
         "unseen_error_percent": error,
         "worst_fold_error_percent": fold,
         "repeatability_error_percent": again,
-        "positive_definite_percent": 100.0 * share,
+        "positive_definite_percent": 100.0 * told["positive_mass_matrices"],
         "seconds": result.seconds,
         "runs": len(runs) or None,
         "feasible_runs": int((broken < 1e-6).sum()) if len(runs) else None,

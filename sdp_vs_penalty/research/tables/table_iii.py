@@ -9,7 +9,7 @@ import pandas
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
-from sdp_vs_penalty.research.tables.study import Data, Study
+from sdp_vs_penalty.research.tables.study import Data, Study, torque_errors
 from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 
 _CONDITION, _ERROR = "condition number", "relative error [%]"
@@ -91,14 +91,14 @@ def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> dict[str, dic
     task, rigid = study.task(data), data.model.rigid_indices
     others = np.delete(np.arange(len(data.model.parameters)), rigid)
     keys = [*base, *(data.model.parameters[k].name for k in others)]
-    plain, out = data.regression.least_squares(), {}
+    out = {}
     for name, method in study.methods.items():
         theta = study.theta(method, data)
         values = dict(zip(keys, [*(study.base @ theta[rigid]), *theta[others]], strict=True))
-        values[_ERROR] = 100.0 * float(np.sqrt(plain.loss(theta) / plain.tau_squared))
+        values[_ERROR] = torque_errors(data.regression, theta)[1]
         out[f"{name}_{data.label}"] = values
         if name == "ols":
-            values[_CONDITION] = condition_number(replace(task, data=plain))
+            values[_CONDITION] = condition_number(replace(task, data=data.regression.least_squares()))
             pi, std = standard_deviations(task, data.regression.oversampling)
             percent = dict(zip(keys, 100.0 * std / np.abs(pi), strict=True))
             out[f"sigma_pct_ols_{data.label}"] = percent
