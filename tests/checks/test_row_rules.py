@@ -1,5 +1,6 @@
 """Copies, freezes and skips: told where they were made, and not where a coarse sensor looks like one."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -78,12 +79,21 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
     (issue,), whole, fixed = mended(spoiled, ROBOT, STANDSTILL)
     assert issue.kind == kind
     assert issue.severity in ("error", "warning")
-    away, rows = KDTree(np.hstack([clean.q, clean.tau])).query(np.hstack([whole.q, whole.tau]))
+    clean_rows = KDTree(np.hstack([clean.q, clean.tau]))
+    away, rows = clean_rows.query(np.hstack([whole.q, whole.tau]))
     assert away.max() < 1e-9
     assert np.all(np.diff(rows) > 0)
     assert len(clean.t) - len(rows) == gone
     assert np.abs(whole.t - clean.t[rows]).max() * RATE <= off + 1e-6
     np.testing.assert_array_equal((whole if issue.mends else spoiled).t, fixed.t)
+    wrong = np.flatnonzero(clean_rows.query(np.hstack([spoiled.q, spoiled.tau]))[0] > 1e-9)
+    if gone and len(wrong):  # as the user counts them, from a header in row 1
+        first = int(re.search(r"rows? (\d+)", issue.where)[1])
+        assert abs(first - wrong[0] - 2) <= 1  # what froze was right in its first row
+        assert issue.figures["rows"] == gone
+        assert issue.figures["seconds"] == pytest.approx(
+            np.diff(whole.t).max() - 1.0 / RATE, abs=2.1 / RATE
+        )
 
 
 @pytest.mark.parametrize("velocity", [True, False])
