@@ -393,7 +393,7 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
     skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)
     rows = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
     rows = np.flatnonzero(rows & (steps < 3.0 * np.median(steps)))
-    if 0 < len(rows) <= 1 / RUN * len(steps):
+    if len(rows):
         far, one = (np.sum((x / least * tells)[rows], axis=1) for x in (speed, usual))
         lost = np.round(far / one - 1.0)  # by the fast ones
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1

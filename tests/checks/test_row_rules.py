@@ -161,7 +161,7 @@ def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(f
     narrow = replace(
         ROBOT, joints=(replace(ROBOT.joints[0], lower=-range_, upper=range_), ROBOT.joints[1])
     )
-    told, q = run.q.copy(), run.q.copy()
+    told, q = np.roll(run.q, -5, axis=0), run.q.copy()  # it follows its command 20 ms later
     q[:, 0] = q[:, 0] if follows else np.clip(q[:, 0], -range_ - 0.01, range_ + 0.01)
     run = replace(run, q=q, commanded={"qcmd": told})
     issues, _, fixed = mended(run, narrow, STANDSTILL)
