@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, filled
+from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import STANDS, Effect
 from sdp_vs_penalty.effects.model import Model
@@ -85,10 +85,6 @@ class Batch:
     forms: tuple[Form, ...]
     white: Array
 
-    @property
-    def own(self) -> bool:
-        return self.forms[0].own
-
     @cached_property
     def signed(self) -> NDArray[np.bool_]:
         """(F,) whether the first parameter may not be negative."""
@@ -130,12 +126,10 @@ def library(data: WhiteData) -> Library:
             joints = tuple(sorted(b.joint for b in own))
             groups.setdefault((joints, form.k, form.key if form.own else None), []).append(at)
     batches = []
-    for (joints, k, _), members in groups.items():
+    for (joints, _, _), members in groups.items():
         white = []
         for j in joints:
-            parts = [
-                filled(b.columns, b.parameters, k) for at in members for b in blocks[at] if b.joint == j
-            ]
+            parts = [b.columns for at in members for b in blocks[at] if b.joint == j]
             white.append(data.white(np.hstack(parts), j))
         batches.append(Batch(joints, tuple(forms[at] for at in members), np.stack(white)))
     return Library(

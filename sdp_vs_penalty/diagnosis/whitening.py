@@ -141,15 +141,6 @@ def white_rows(
     return white, target
 
 
-def filled(columns: Array, parameters: NDArray[np.intp], k: int) -> Array:
-    """(M, k) columns of all parameters of an effect, zero where it has none."""
-    if columns.shape[1] == k and np.all(np.diff(parameters) > 0):
-        return columns
-    out = np.zeros((len(columns), k))
-    out[:, parameters] = columns
-    return out
-
-
 def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
     """(n, M, k) columns of one effect on all joints, not white."""
     out = np.zeros((rows.n, len(rows.t), len(effect.parameters)))
@@ -162,20 +153,7 @@ def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False)
     """(n, M, p) filtered columns of the model's own parameters; none of a frozen model's."""
     if frozen:
         return np.zeros((rows.n, len(rows.t), 0))
-    out, model = np.zeros((rows.n, len(rows.t), len(estimate.theta))), estimate.model
-    if not model.needs_reference:
-        for effect, indices in zip(model.effects, model.indices, strict=True):
-            for block in rows.blocks(effect):
-                out[block.joint][:, indices[block.parameters]] += block.columns
-        return out
-    first = 0
-    for segment in rows.segments:
-        M = len(segment.t)
-        bare = replace(segment.motion, torque=None, current=None)
-        for joint, c in enumerate(model.columns(bare)):
-            out[joint, first : first + M][:, c.indices] += segment.low_pass @ c.columns
-        first += M
-    return out
+    return np.concatenate([spread_columns(rows, e) for e in estimate.model.effects], axis=2)
 
 
 def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:

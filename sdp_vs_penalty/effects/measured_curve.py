@@ -154,18 +154,14 @@ class MeasuredCurve(JointEffect):
         words = {v.word for v in self.variables(at)}
         self.needs_torque, self.follows_clock = "tau" in words, "t" in words
         self.needs_temperature = "temp" in words
-        table = np.full((int(own["xn"]), int(own["yn"])), np.nan)
-        table.flat[[k - 1 for k in known]] = [self.shape[key] for key in values]
-        self._missing = np.ones(table.shape)
+        size, there = (int(own["xn"]), int(own["yn"])), np.array(known) - 1
+        places, table = np.array(list(np.ndindex(size))), np.full(size[0] * size[1], np.nan)
+        table[there] = [self.shape[key] for key in values]
+        left = np.flatnonzero(np.isnan(table))  # where no measurement lay it is as at the nearest value
+        apart = np.sum((places[left, None] - places[there]) ** 2, axis=2)
+        table[left] = table[there][np.argmin(apart, axis=1)]
+        self._table, self._missing = table.reshape(size), np.ones(size)
         self._missing.flat[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
-        if np.isnan(table).any():  # where no measurement lay it is as at the nearest value
-            from scipy.ndimage import distance_transform_edt
-
-            nearest = distance_transform_edt(
-                np.isnan(table), return_distances=False, return_indices=True
-            )
-            table = table[tuple(nearest)]
-        self._table = table
 
     def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""

@@ -24,9 +24,6 @@ from sdp_vs_penalty import (
 )
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.conclude import retune
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate
-from sdp_vs_penalty.problem import as_problem
 from sdp_vs_penalty.reports import sections
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import HiddenRuns
@@ -185,20 +182,6 @@ def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
     assert from_file.model.sign_width[3] == pytest.approx(WIDTHS[3], rel=0.15)
     with pytest.raises(InputError, match="list effect coulomb_friction only once"):
         add(estimate, "coulomb_friction:1", run)
-
-
-def test_findings_without_retunes_still_load(found):
-    old = {k: v for k, v in found.to_dict().items() if k != "retuned"}
-    assert Diagnosis.from_dict(old).retuned == ()
-
-
-def test_at_the_end_of_its_range_a_constant_is_weak():
-    known = {"effect": "coulomb_friction", "joint": 1, "shape": "v_s", "before": 0.01, "after": 0.02}
-    errors = np.array([0.0, 1.0]), np.array([0.0, 0.5])
-    both = [ShapeEstimate(**known, at_end=x) for x in (False, True)]
-    made = [retune(s, as_problem("two_link").robot, *errors) for s in both]
-    assert [r.confidence for r in made] == ["confident", "weak"]
-    assert all(r.joint == 2 and (r.rmse_before, r.rmse_after) == (1.0, 0.5) for r in made)
 
 
 def test_changed_constants_are_chosen_by_confidence(found):

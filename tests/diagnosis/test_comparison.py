@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from random_robots import repeating_run
 from random_robots import repeating_run as run_of
-from small_runs import small_run
 
 from sdp_vs_penalty import Estimate, InputError, Problem, identify, load_estimate, where_it_fails
 from sdp_vs_penalty.cli import printing
@@ -127,18 +126,6 @@ def test_the_real_panda_repeats_and_has_a_floor_below_every_error(panda, panda_r
     for part in (panda_run.window(8.0, 13.2), [panda_run.window(0.0, 5.0), panda_run.window(8.0, 13.2)]):
         (window,) = compare(estimate, part, noise_from=panda_run)
         np.testing.assert_allclose(window.noise_floor, found.noise_floor)
-
-
-def test_frames_hold_the_same_numbers(two_link):
-    run = small_run(two_link)
-    estimate = identify(two_link, run)
-    frame = estimate.to_frame()
-    assert list(frame.index) == [p.name for p in estimate.model.parameters]
-    assert frame.loc["m2", "value"] == estimate.theta[10]
-    assert frame.loc["m2", "unit"] == "kg"
-    comparisons = compare({"a": estimate, "b": estimate}, run)
-    table = comparisons.to_frame()
-    assert table.loc[("b", 2), "rmse"] == comparisons[1].rmse[1]
 
 
 def test_an_error_after_reversals_is_seen_there(two_link, capsys):

@@ -95,11 +95,6 @@ def test_what_the_links_absorb_is_reported_as_invisible(found):
     assert all(0.99 < i.absorbed_share <= 1.0 for i in found.invisible)
 
 
-@pytest.mark.long
-def test_same_seed_same_findings(stribeck, found):
-    assert diagnosed(stribeck).to_dict() == found.to_dict()
-
-
 @pytest.mark.parametrize(
     ("name", "seed"), [pytest.param("panda", 12, marks=pytest.mark.long), ("two_link", 13)]
 )
@@ -181,25 +176,6 @@ def test_a_joint_that_does_not_move(panda):
     result = diagnose(estimate, data, check=False)
     assert all(np.isfinite(f.size) for f in result.effects)
     json.dumps(result.to_dict(), allow_nan=False)
-
-
-@pytest.mark.long
-def test_one_joint():
-    problem = load_problem("emps")
-    made = hidden_runs(problem, [("asymmetric_viscous_friction", [0])], "strong", seed=23)
-    result = diagnosed(made, runs=1)
-    assert len(result.noise_floor) == 1
-    assert first_name(result) == ("asymmetric_viscous_friction", (1,))
-    assert result.effects[0].unit == "N*s/m"
-
-
-@pytest.mark.long
-def test_held_out_errors_without_a_test_run(small_slope):
-    estimate, data = small_slope
-    result = diagnose(estimate, data)
-    first = result.effects[0]
-    assert first.held_out_rmse_after[1] < first.held_out_rmse_before[1]
-    assert any("folds by the phase" in r for r in result.remarks)
 
 
 def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):

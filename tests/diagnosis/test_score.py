@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ALPHA, APART, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Columns
-from sdp_vs_penalty.diagnosis.curves.measure import _instead
-from sdp_vs_penalty.diagnosis.findings import event_lines
 from sdp_vs_penalty.diagnosis.library import Batch, Form
 from sdp_vs_penalty.diagnosis.remaining import spectral_lines
 from sdp_vs_penalty.diagnosis.score import Fit, Score
@@ -97,33 +95,6 @@ def test_a_coefficient_that_its_sign_holds_at_zero_has_no_price():
     assert held.beta.tolist() == [pytest.approx(alone.beta[0]), 0.0]
     price = alone.J - score.judged(fit, form(2), both).J
     assert abs(alone.J - held.J) < 0.2 * price
-
-
-def test_terms_of_one_effect_are_asked_for_one_that_acts_on_all_their_joints():
-    def term(name: str, joint: int) -> Any:
-        return SimpleNamespace(
-            key=(name, joint), joints=frozenset({joint}), form=SimpleNamespace(own=False)
-        )
-
-    batches = [SimpleNamespace(joints=joints) for joints in ((0,), (1,), (0, 1), (0, 1, 2))]
-    search: Any = SimpleNamespace(library=SimpleNamespace(batches=batches))
-    a, b, c, other = term("a", 0), term("a", 1), term("a", 2), term("b", 1)
-    assert Search.one_effect(search, [a, other]) == []
-    assert Search.one_effect(search, [a, b, c, other]) == [[a, b], [a, b, c]]
-
-
-def test_what_was_refused_takes_no_place_among_the_next_candidates():
-    one = form()
-    vars(one.effect).update(shape={}, refines=(), several=False)
-    search: Any = SimpleNamespace(
-        library=SimpleNamespace(batches=[Batch((0,), (one,), np.ones((1, M, 1)))]),
-        score=SimpleNamespace(screened=lambda fit, b: np.ones(1), judged=lambda fit, form, z: form),
-        data=SimpleNamespace(estimate=SimpleNamespace(model=SimpleNamespace(effects=()))),
-        refused={one.key},
-        _kept={},
-    )
-    assert Search._screened(search, None, [], None, False) == []
-    assert Search._screened(search, None, [], frozenset({0}), False) == [one]  # but in an exchange
 
 
 def test_noise_is_not_taken_for_an_effect():
@@ -226,19 +197,6 @@ def test_screening_is_the_drop_of_the_squared_error():
 Array = NDArray[np.float64]
 
 
-def test_autoregression_whitens():
-    rng = np.random.default_rng(7)
-    x = np.zeros(4000)
-    for k in range(2, len(x)):
-        x[k] = 0.6 * x[k - 1] - 0.3 * x[k - 2] + rng.normal()
-    a, sigma, degrees = coloured_noise.autoregression(
-        x, coloured_noise.Pieces([np.arange(2000), np.arange(2000, 4000)])
-    )
-    np.testing.assert_allclose(a, [0.6, -0.3, 0.0, 0.0], atol=0.06)
-    assert sigma == pytest.approx(1.0, abs=0.04)
-    assert degrees == 3988.0
-
-
 def test_events_are_found_and_noise_is_left_alone():
     rng = np.random.default_rng(8)
     pieces = [np.arange(500), np.arange(500, 1000)]
@@ -332,46 +290,3 @@ def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, 
     other = (k, constants, joints, 50.0 + EQUIVALENT * lead)
     others = [mine, term("other", *other)]
     assert [t.key[0] for t in Search.equivalent(mine, 50.0, others)] == ["other"] * rival
-
-
-def test_events_are_told_one_by_one_or_together():
-    push = SimpleNamespace(joint=2, t_start=1.0, t_end=1.5, frequency=None)
-    hum = SimpleNamespace(joint=1, t_start=0.5, t_end=3.0, frequency=12.34)
-    lines = [
-        "one-off event on joint 2: 1.00 s to 1.50 s",
-        "a hum of 12.3 Hz on joint 1: 0.50 s to 3.00 s",
-    ]
-    assert event_lines([push, hum]) == lines
-    assert len(event_lines([push, hum, push])) == 3
-    together = ["4 events on joints 1 and 2, 0.50 s to 3.00 s, 2 of them a hum"]
-    assert event_lines([push, hum, push, hum]) == together
-    assert event_lines([push] * 4) == ["4 events on joint 2, 1.00 s to 1.50 s"]
-    assert event_lines([push, hum] * 2, every=True) == lines * 2
-
-
-@pytest.mark.parametrize(
-    ("lead", "beside", "constants", "stands"),
-    [
-        (1.01, None, 1, True),  # it has to do better
-        (0.99, None, 1, False),
-        (
-            -0.99,
-            5.0,
-            1,
-            True,
-        ),  # unless the terms need a curve besides, or have more constants than its law
-        (-1.01, 5.0, 1, False),
-        (-0.99, None, 9, True),
-        (-1.01, None, 9, False),
-    ],
-)
-def test_a_curve_stands_in_the_place_of_terms_that_are_no_better(lead, beside, constants, stands):
-    own = [SimpleNamespace(form=SimpleNamespace(k=1, constants=constants))]
-    named = 40.0 + (beside or 0.0)
-    J = named + lead * (EQUIVALENT + FORM * named)
-    other = None if beside is None else (beside, None, None)
-    assert _instead(40.0, own, (J, None, SimpleNamespace(size=3)), other) is stands
-    assert not _instead(
-        -40.0, own, (EQUIVALENT - 0.1, None, None), None
-    )  # terms are worth nothing at least
-    assert _instead(-40.0, own, (EQUIVALENT + 0.1, None, None), None)

@@ -9,7 +9,7 @@ from random_robots import sines
 from scipy import interpolate
 
 from sdp_vs_penalty import InputError, Problem
-from sdp_vs_penalty.effects import CurrentModel, Model, Motion, Seen, effect_types, parse_effects
+from sdp_vs_penalty.effects import CurrentModel, Model, Motion, effect_types, parse_effects
 from sdp_vs_penalty.effects.measured_curve import Variable
 
 
@@ -42,24 +42,6 @@ def test_without_links_what_depends_on_them_makes_no_torque():
     for joint in range(robot.n):
         np.testing.assert_array_equal(columns[joint].columns[:, 1:4], 0.0)
     np.testing.assert_allclose(columns[0].columns[:, 4], 0.4 * motion.dq[:, 0])
-
-
-@pytest.mark.parametrize(
-    ("text", "which", "said"),
-    [
-        ("torque_ripple:1@k=7", "arm", "k = 7 per turn"),
-        ("torque_ripple:1@k=7", "gantry", "k = 7 rad/m"),
-        ("stribeck_friction:2@vs=0.05@delta=1", "arm", "vs = 0.05 rad/s, delta = 1, law = dip"),
-        ("presliding_hysteresis:2@d=0.002", "gantry", "d = 0.002 m"),
-        ("drift_offset:1@form=2@T=30@t0=5", "arm", "form = 2, T = 30 s"),
-        ("drift_offset:1@form=1@t0=5", "arm", "form = 1"),
-        ("coulomb_friction@v_s=0.02", "arm", "v_s = 0.02 rad/s"),
-        ("torque_offset", "arm", ""),
-    ],
-)
-def test_constants_are_said_with_their_units_where_they_matter(text, which, said):
-    (effect,) = parse_effects(text, robots()[which])
-    assert effect.constants == said
 
 
 def test_a_curve_reads_a_combination_of_joints():
@@ -116,22 +98,6 @@ def test_a_variable_reads_back_as_it_is_written(name):
 def test_what_is_no_variable_is_refused(text):
     with pytest.raises(ValueError, match="no variable"):
         Variable.parse(text)
-
-
-def test_friction_that_turns_round_within_the_encoders_steps_is_doubtful():
-    robot, coarse = robots()["arm"], Seen(resolution=2e-4)
-    short, long, held, slip = parse_effects(
-        (
-            "presliding_hysteresis:1@d=0.0003",
-            "presliding_hysteresis:1@d=0.0005",
-            "stiction:1@d=0.0001",
-            "maxwell_slip:1@d=0.0003",
-        ),
-        robot,
-    )
-    assert "positions tell apart" in short.looks_like(1.0, coarse)
-    assert [e.looks_like(1.0, coarse) for e in (long, held, slip)] == [""] * 3
-    assert short.looks_like(1.0, Seen(resolution=1e-4)) == ""
 
 
 @pytest.mark.parametrize(
@@ -195,17 +161,6 @@ def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel(effe
         assert waves[0] == pytest.approx(2.0 * np.pi / travel, rel=1e-4)
         assert waves[-1] <= 1.0001 * finest
         assert len(waves) == 200 or waves[-1] > 0.999 * finest - np.pi / travel
-
-
-def test_what_an_effect_may_be_mistaken_for_is_said():
-    (ripple,) = parse_effects("torque_ripple:1@k=3", robots()["arm"])
-    assert "less than one wave" in ripple.looks_like(1.0, Seen(travel=2.0))
-    assert ripple.looks_like(1.0, Seen(travel=2.2)) == ""
-    zero, late = (
-        parse_effects(f"torque_filter@phase={p}", robots()["arm"])[0] for p in ("zero", "late")
-    )
-    assert "stand still" in zero.looks_like(0.005, Seen(stands=0.1))
-    assert zero.looks_like(0.005, Seen()) == late.looks_like(0.005, Seen(stands=0.1)) == ""
 
 
 def test_torque_is_that_of_the_columns_over_the_models_own_width():

@@ -14,12 +14,6 @@ from sdp_vs_penalty.robot import Robot, parse_transmission
 ARM = robots()["arm"]
 
 
-def columns(text: str, motion: Motion) -> np.ndarray:
-    """(N, k) of the one joint on which an effect acts."""
-    (effect,) = parse_effects(text, ARM)
-    return wide_columns(effect, motion)[effect.joints[0]]
-
-
 def to_and_fro(period: float = 4.0) -> Motion:
     """Two periods of a motion of milliradians, of centiradians and of a third of a radian."""
     t = np.arange(0.0, 2.0 * period, 1e-3)
@@ -120,13 +114,3 @@ def test_a_known_transmission_is_among_the_candidates():
     assert (1.0, -0.85, -0.85) in sought(coupled)
     assert (1.0, -0.85, -0.85) not in sought(ARM)
     assert (1.0, 1.0, 0.0) in sought(ARM)
-
-
-def test_friction_that_warms_is_of_its_size_at_twenty_degrees():
-    """f_w exp(-(temp - 20) / warm) sign(dq), and e times less where it is so much warmer."""
-    motion = to_and_fro()
-    for degrees, size in ((20.0, 1.0), (35.0, np.exp(-1.0)), (5.0, np.e)):
-        warm = replace(motion, temperature=np.full_like(motion.q, degrees))
-        found = columns("warming_friction:3@by=1@law=1@warm=15", warm)[:, 0]
-        moving = np.abs(motion.dq[:, 2]) > 0.01
-        np.testing.assert_allclose(found[moving], size * np.sign(motion.dq[moving, 2]), rtol=1e-6)

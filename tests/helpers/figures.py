@@ -194,7 +194,7 @@ def in_a_curve() -> dict[str, Any]:
     for k in range(2):
         motion = draw_motion(world, k, rng)
         extra = np.zeros_like(motion.q)
-        extra[:, 1] = 0.4 * motion.q[:, 1] * motion.dq[:, 1]
+        extra[:, 0], extra[:, 1] = motion.q[:, 0] ** 3, 0.4 * motion.q[:, 1] * motion.dq[:, 1]
         runs.append(log_run(world, motion, rng, [extra]).run)
     data = concatenate(runs)
     found = diagnose(
@@ -234,13 +234,13 @@ def brief(value: Any) -> Any:
     leaves = list(_leaves(every))
     if any(isinstance(x, Mapping) for x in leaves):
         return [brief(x) for x in every]
-    if words := [x for x in leaves if isinstance(x, str) and " " not in x]:
-        return {"words": words if len(words) < 5 else zlib.crc32(" ".join(words).encode())}
+    words = [x for x in leaves if isinstance(x, str) and " " not in x]
+    said = {"words": words if len(words) < 5 else zlib.crc32(" ".join(words).encode())} if words else {}
     found = [y for x in leaves for y in (_numbers(x) if isinstance(x, str) else [x])]
     x = np.nan_to_num(np.array(found, float), nan=-1.0, posinf=1e9, neginf=-1e9)
     sizes = [np.sqrt(np.mean(y**2)) for y in (x, x * np.linspace(1.0, 2.0, len(x)))] if found else []
     figures = [*sizes, x.mean()] if len(x) > 3 else x
-    return {"count": len(x), "figures": [float(f"{y:.6g}") for y in figures]}
+    return said | {"count": len(x), "figures": [float(f"{y:.6g}") for y in figures]}
 
 
 def _numbers(text: str) -> list[float]:
