@@ -79,7 +79,8 @@ def test_the_floor_of_runs_that_repeat_each_other():
 def test_drift_and_events_are_no_noise():
     run = run_of(3, 10.0, 80.0)
     clean = noise_of(without_model(run)).floor
-    disturbed = run.tau + 0.02 * run.t[:, None]
+    t, rate = run.t[:, None] - run.t[0], np.gradient(run.q, run.t, axis=0)
+    disturbed = run.tau + 0.02 * t + 1e-3 * t**2 + (0.02 * t + 1e-3 * t**2) * rate  # ever faster
     disturbed[5000:5060, 2] += 30.0
     noise = noise_of(without_model(replace(run, tau=disturbed)))
     np.testing.assert_allclose(noise.floor, clean, rtol=0.05)
