@@ -27,9 +27,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA
 from sdp_vs_penalty.diagnosis.library import Batch, Form, Key
+from sdp_vs_penalty.diagnosis.misfit import Misfit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums
 from sdp_vs_penalty.robot.arrays import Array, or_one
 
@@ -39,16 +41,27 @@ DEPENDENT = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A form with its white columns (M, k) by joint, its score beside what it was judged with, its
-    coefficients (k,), made (n, M) the root of each row's share in the score, and the forms that do as
-    well. Equal to itself alone."""
+    """A form with its white columns (M, k) by joint, judged beside others: the drop of the deviance, how
+    many rows are worth one, and the form's price; its coefficients (k,), the squares (n,) of the white
+    torque that nothing else makes, and the forms that do as well. Equal to itself alone."""
 
     form: Form
     columns: dict[int, Array]
-    J: float = -np.inf
+    drop: float = -np.inf
+    worth: float = 1.0
+    price: float = 0.0
     beta: Array = field(default_factory=lambda: np.zeros(0))
-    made: Array = field(default_factory=lambda: np.zeros((1, 1)))
+    squares: Array = field(default_factory=lambda: np.zeros(0))
     rivals: tuple[Term, ...] = ()
+
+    @property
+    def J(self) -> float:  # noqa: N802
+        return self.drop / self.worth - self.price
+
+    def against(self, other: Term) -> float:
+        """J where rows are worth what they are to another term: of two that make nearly the same torque
+        the estimated worths alone differ by more than the evidence between them."""
+        return self.drop / other.worth - self.price
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -68,6 +81,7 @@ class Design:
     """White columns A (n, M, p) of the model and of terms, of unit length; y (n, M) the torque; gram
     (n, p, p), pull (n, p) : A'A, A'y; model : by key the column of each of its own effects whose
     constant may be another one, under None those of all others; at : each term's columns, by text.
+    extra (n,) : rows of a joint behind its own, each saying that a misfit's coefficient is zero.
     """
 
     A: Array
@@ -76,17 +90,18 @@ class Design:
     pull: Array
     model: Mapping[Key | None, list[int]]
     at: dict[str, list[int]]
+    extra: NDArray[np.intp]
     fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
-    def holds(self, terms: Sequence[Term]) -> bool:
+    def holds(self, terms: Sequence[Term | Misfit]) -> bool:
         return all(t.text in self.at for t in terms)
 
     def of(self, batch: Batch) -> list[tuple[Array, Array]]:
         """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z."""
         if batch not in self.products:
-            pairs = zip(batch.joints, batch.white, strict=True)
-            self.products[batch] = [(self.A[j].T @ Z, Z.T @ self.y[j]) for j, Z in pairs]
+            M, pairs = batch.white.shape[1], zip(batch.joints, batch.white, strict=True)
+            self.products[batch] = [(self.A[j, :M].T @ Z, Z.T @ self.y[j, :M]) for j, Z in pairs]
         return self.products[batch]
 
 
@@ -131,10 +146,10 @@ class Fit:
     def beside(self, scaled: dict[int, Array]) -> Array:
         """(n, M, k) what the fit leaves of columns, all of them weighted."""
         A = self.design.A
-        along = sum(A[j].T @ (z / self.level[j]) for j, z in scaled.items())
+        along = sum(A[j, : len(z)].T @ (z / self.level[j]) for j, z in scaled.items())
         left = -(A @ (self.W @ (self.W.T @ along)) / self.level[:, None, None])
         for j, z in scaled.items():
-            left[j] += z
+            left[j, : len(z)] += z
         return np.asarray(left)
 
     def energy(self, term: Term) -> float:
@@ -163,11 +178,11 @@ class Score:
         at: dict[Key | None, list[int]] = {None: list(range(r))}
         return B, B.transpose(0, 2, 1) @ B, at | {key: [r + k] for k, key in enumerate(own)}
 
-    def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
+    def fit(self, terms: Sequence[Term | Misfit], near: Fit | None = None) -> Fit:
         """The model with the terms, each joint's rows weighted by what is left of them; near : a fit
         whose columns serve where they hold the terms', and at whose levels it begins."""
         design = near.design if near is not None and near.design.holds(terms) else self._design(terms)
-        others = {t.key for t in terms if t.form.own}
+        others = {t.key for t in terms if isinstance(t, Term) and t.form.own}
         own = [i for key, columns in design.model.items() if key not in others for i in columns]
         kept = (*own, *sorted(i for t in terms for i in design.at[t.text]))
         if kept not in design.fits:
@@ -185,31 +200,40 @@ class Score:
             fit.apart[form.key] = self._fitted(fit.design, left, fit.level, rounds=1)
         return fit.apart[form.key]
 
-    def _design(self, terms: Sequence[Term]) -> Design:
+    def _design(self, terms: Sequence[Term | Misfit]) -> Design:
         B, gram, model = self._basis
         n, M, r = B.shape
-        ends = np.cumsum([r, *(t.form.k for t in terms)]).tolist()
-        A = np.zeros((n, M, ends[-1]))
-        A[:, :, :r] = B
+        ends = np.cumsum([r, *(next(iter(t.columns.values())).shape[1] for t in terms)]).tolist()
+        blocks = list(zip(terms, ends, ends[1:], strict=False))
+        extra = np.zeros(n, int)
+        for t, first, stop in blocks:
+            extra[[*t.columns]] += (stop - first) * isinstance(t, Misfit)
+        A, behind = np.zeros((n, M + extra.max(initial=0), ends[-1])), np.full(n, M)
+        A[:, :M, :r] = B
         at = dict[str, list[int]]()
-        for t, first, stop in zip(terms, ends, ends[1:], strict=False):
+        for t, first, stop in blocks:
             at[t.text] = list(range(first, stop))
             for j, z in t.columns.items():
-                A[j][:, first:stop] = z
+                A[j, :M, first:stop] = z
+                if isinstance(t, Misfit):
+                    row = behind[j] + np.arange(stop - first)
+                    A[j, row, at[t.text]] = 1.0 / t.deviations
+                    behind[j] += len(row)
         A[:, :, r:] = _unit(A[:, :, r:])
         G = np.zeros((n, ends[-1], ends[-1]))
         G[:, :r, :r] = gram
         cross = A.transpose(0, 2, 1) @ A[:, :, r:]
         G[:, :, r:], G[:, r:, :r] = cross, cross[:, :r].transpose(0, 2, 1)
-        y = self.data.y
-        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], model, at)
+        y = np.zeros(A.shape[:2])
+        y[:, :M] = self.data.y
+        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], model, at, extra)
 
     def _fitted(self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20) -> Fit:
         """rounds : of coefficients and levels in turn, at most; each raises the likelihood, and six were
         the most on three arms; one: at the levels as they are."""
         kept = np.array(columns, int)
         G, pull = design.gram[:, kept[:, None], kept], design.pull[:, kept]
-        square, degrees = np.sum(design.y**2, axis=1), self.data.count
+        square, degrees = np.sum(design.y**2, axis=1), self.data.count + design.extra
         for _ in range(rounds):
             L = _triangle(np.tensordot(level**-2.0, G, axes=1))
             theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
@@ -256,11 +280,9 @@ class Score:
         v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
         looked = self.looked * self.laws.get(form.key, 1)
-        J = float(drop) / v - (size + form.constants) * np.log(N) - 2.0 * np.log(looked)
-        made = np.zeros(torque.shape)
-        made[on] = np.abs(torque[on])
-        made *= np.sqrt(max(J, 0.0) / max(float(np.sum(made**2)), 1e-200))
-        return replace(none, J=J, beta=beta, made=made)
+        price = float((size + form.constants) * np.log(N) + 2.0 * np.log(looked))
+        squares = np.sum((torque * fit.level[:, None]) ** 2, axis=1)
+        return replace(none, drop=float(drop), worth=v, price=price, beta=beta, squares=squares)
 
     def apart(self, fit: Fit, form: Form, columns: dict[int, Array]) -> tuple[Array, Array]:
         """(n, M, k) what a fit leaves of a form's columns, all of them weighted, nothing of those that
@@ -274,7 +296,7 @@ class Score:
     def worth_of_one(self, T: Array, left: Array, inverse: Array, freedom: float) -> float:
         """How many rows are worth one: by how much the sandwich's middle, of the clusters that make most
         of it, is larger than T'T; of a fit with so much freedom, and at least 1."""
-        scores = np.sum(T * left[:, :, None], axis=0)
+        scores = np.sum(T * left[:, :, None], axis=0)[: len(self.data.clusters[0])]
         sums = cluster_sums(self.data.clusters, scores)
         return max(1.0, *(float(np.sum((u @ inverse) * u)) / freedom for u in sums))
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible
+from sdp_vs_penalty.diagnosis.misfit import Misfit, distorted
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -29,10 +30,11 @@ class Search:
         self.data, self.library = data, library
         self.score = Score(data, len(library.laws), library.laws)
         self._kept: dict[str, dict[int, Array]] = {}
+        self._distorted: dict[str, list[tuple[int, Array, Array]]] = {}
         self.terms: list[Term] = []
         #: Candidates that had not enough left once they had joined.
         self.refused = set[Key]()
-        self.fit = self.score.fit(())
+        self.fit = self.bare = self.score.fit(())
 
     # What a form is worth.
 
@@ -48,7 +50,7 @@ class Search:
 
     def beside(self, term: Term, others: Sequence[Term]) -> Term:
         """A term judged anew beside others, with the rivals that it had."""
-        fit = self.score.fit(others, self.fit)
+        fit = self.score.fit(self.with_misfits(others), self.fit)
         return replace(self.score.judged(fit, term.form, term.columns), rivals=term.rivals)
 
     def refined(self, fit: Fit, start: Term, fixed: Set[str] = frozenset()) -> Term:
@@ -87,7 +89,7 @@ class Search:
                 if low <= value <= high:
                     seen[x] = self.judged(fit, start.form.with_shape(**{name: value}))
                 else:
-                    seen[x] = replace(start, J=-np.inf)
+                    seen[x] = replace(start, drop=-np.inf)
             return seen[x]
 
         x = step = 0.0
@@ -102,12 +104,26 @@ class Search:
 
     # Which forms there are beside a fit.
 
-    @staticmethod
-    def margin(made: Array, terms: Sequence[Term]) -> float:
-        """Evidence that needs what makes the torque |made| (n, M) besides terms: what these get wrong is
-        in proportion to what they make, of any sign, and looks like something else where both act."""
-        wrong = np.sqrt(sum((t.made**2 for t in terms), np.zeros((1, 1))))
-        return APART + FORM * float(np.sum(made * wrong) ** 2 / max(np.sum(made**2), 1e-200))
+    def with_misfits(self, terms: Sequence[Term]) -> list[Term | Misfit]:
+        """Terms, and what the laws of those that explain much may get wrong."""
+        return [*terms, *(m for t in terms if FORM * t.J > EQUIVALENT for m in self.misfits(t))]
+
+    def misfits(self, term: Term) -> list[Misfit]:
+        """By joint; none of another constant of the model's own effect."""
+        if term.form.own:
+            return []
+        if term.text not in self._distorted:
+            columns = distorted(self.data, term.form.effect, term.beta)
+            self._distorted[term.text] = [(j, z, self._beyond_model({j: z})) for j, z in columns.items()]
+        return [
+            Misfit(f"misfit of {term.text} on {j}", {j: z}, np.sqrt(FORM * term.squares[j] / len(s) / s))
+            for j, z, s in self._distorted[term.text]
+        ]
+
+    def _beyond_model(self, columns: dict[int, Array]) -> Array:
+        """(k,) squares of what the model leaves of white columns."""
+        T = self.bare.beside(self.bare.scaled(columns)) * self.bare.level[:, None, None]
+        return np.maximum(np.sum(T**2, axis=(0, 1)), 1e-200)
 
     def top_candidates(
         self,
@@ -161,7 +177,7 @@ class Search:
             return None
         tied = [t for t in found if _as_good(t, found[0])]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
-        return min(plain, key=lambda t: (simplicity(t.form), -t.J))
+        return min(plain, key=lambda t: (simplicity(t.form), -t.against(found[0])))
 
     # The steps.
 
@@ -170,30 +186,30 @@ class Search:
         not enough left goes."""
         terms = list(terms)
         newest = terms[-1].joints if terms else frozenset()
-        full = self.score.fit(terms, self.fit)
+        full = self.score.fit(self.with_misfits(terms), self.fit)
         for _ in range(2):
             moved = False
             for term in list(terms):
                 others = [t for t in terms if t != term]
-                fit = self.score.fit(others, full)
+                fit = self.score.fit(self.with_misfits(others), full)
                 again = self.score.judged(fit, term.form, term.columns)
                 if term.joints & newest:
                     again = self.refined(fit, again)
-                if self.margin(again.made, others) >= again.J:
+                if again.J <= APART:
                     terms, moved = others, True
                     continue
                 if again.text != term.text:
                     moved = True
                 terms[terms.index(term)] = replace(again, rivals=term.rivals)
                 if again.text != term.text:
-                    full = self.score.fit(terms, full)
+                    full = self.score.fit(self.with_misfits(terms), full)
             if not moved:
                 break
         return terms
 
-    def worth(self, group: Sequence[Term], rest: Sequence[Term]) -> float:
-        """The score of terms together: of each beside the rest and those before it."""
-        return sum(self.beside(g, [*rest, *group[:i]]).J for i, g in enumerate(group))
+    def together(self, group: Sequence[Term], rest: Sequence[Term]) -> list[Term]:
+        """Terms judged together: each beside the rest and those before it."""
+        return [self.beside(g, [*rest, *group[:i]]) for i, g in enumerate(group)]
 
     def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
         """One term for another where that is as good and simpler, or better, or one for several; else
@@ -202,17 +218,19 @@ class Search:
         for group in [*([t] for t in terms), *self.one_effect(terms)]:
             rest = [t for t in terms if t not in group]
             on = frozenset[int]().union(*(t.joints for t in group))
-            fit, J = self.score.fit(rest, self.fit), self.worth(group, rest)
+            fit, judged = self.score.fit(self.with_misfits(rest), self.fit), self.together(group, rest)
+            J, now = sum(t.J for t in judged), judged[0]
             found = self.top_candidates(fit, rest, on, J, whole=len(group) > 1)
             if len(group) == 1:
-                told.append(replace(group[0], rivals=self.equivalent(group[0], J, found)))
-            other = self.simplest([t for t in found if self.margin(t.made, rest) < t.J])
+                told.append(replace(now, rivals=self.equivalent(now, found)))
+            other = self.simplest([t for t in found if t.J > APART])
             if other is None or other.key in {t.key for t in group}:
                 continue
             old, least = group[0].form, APART + FORM * max(J, 0.0)
-            ranks = (simplicity(other.form), -other.J), (simplicity(old), -J)
+            its = other.J if len(group) > 1 else other.against(now)
+            ranks = (simplicity(other.form), -its), (simplicity(old), -J)
             simpler = len(group) > 1 or (not other.form.refines(old) and ranks[0] < ranks[1])
-            if J + least < other.J or (J - least < other.J and (simpler or old.refines(other.form))):
+            if J + least < its or (J - least < its and (simpler or old.refines(other.form))):
                 return self.settled([*rest, other])
         self.terms = told
         return None
@@ -228,8 +246,8 @@ class Search:
         return out
 
     @staticmethod
-    def equivalent(term: Term, J: float, found: Sequence[Term]) -> tuple[Term, ...]:
-        """The forms that these rows do not tell from a term that scores J."""
+    def equivalent(term: Term, found: Sequence[Term]) -> tuple[Term, ...]:
+        """The forms that these rows do not tell from a term."""
         own = term.form
 
         def rivals(t: Term) -> bool:
@@ -237,7 +255,7 @@ class Search:
             more = t.form.k + t.form.constants > own.k + own.constants
             more |= t.form.effect.form_of == own.effect.name
             more |= len(t.joints) > len(term.joints)
-            return J + (EQUIVALENT if more else -EQUIVALENT) < t.J
+            return term.J + (EQUIVALENT if more else -EQUIVALENT) < t.against(term)
 
         return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
 
@@ -245,9 +263,9 @@ class Search:
         """Add, exchange, drop until nothing changes."""
         seen = set[tuple[str, ...]]()
         for _ in range(3 * len(self.library.laws)):  # each joins, gives way and goes once at most
-            self.fit = self.score.fit(self.terms, self.fit)
+            self.fit = self.score.fit(self.with_misfits(self.terms), self.fit)
             found = self.top_candidates(self.fit, self.terms)
-            best = self.simplest([t for t in found if self.margin(t.made, self.terms) < t.J])
+            best = self.simplest([t for t in found if t.J > APART])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
                 self.terms = self.settled([*self.terms, best])
@@ -290,7 +308,7 @@ class Search:
 
 
 def _as_good(term: Term, best: Term) -> bool:
-    return bool(best.J - term.J < EQUIVALENT + FORM * best.J)
+    return bool(best.J - term.against(best) < EQUIVALENT + FORM * best.J)
 
 
 def simplicity(form: Form) -> tuple[int, int, bool]:

@@ -140,6 +140,11 @@ class SegmentedRuns:
         return np.concatenate([np.full(len(s.t), k) for k, s in enumerate(self.segments)])
 
     @cached_property
+    def q(self) -> Array:
+        """(M, n) filtered positions."""
+        return np.concatenate([s.low_pass @ s.motion.q for s in self.segments])
+
+    @cached_property
     def dq(self) -> Array:
         """(M, n) filtered velocities."""
         return np.concatenate([s.low_pass @ s.motion.dq for s in self.segments])

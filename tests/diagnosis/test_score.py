@@ -7,13 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from small_runs import small_run
 
-from sdp_vs_penalty.diagnosis.constants import ALPHA, APART, EQUIVALENT, FORM
+from sdp_vs_penalty import identify
+from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Columns
-from sdp_vs_penalty.diagnosis.library import Batch, Form
+from sdp_vs_penalty.diagnosis.library import Batch, Form, library
+from sdp_vs_penalty.diagnosis.misfit import Misfit
 from sdp_vs_penalty.diagnosis.remaining import spectral_lines
-from sdp_vs_penalty.diagnosis.score import Fit, Score
+from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.signals import coloured_noise
 
 n, M, p = 2, 300, 5
@@ -122,16 +126,55 @@ def test_more_rows_of_a_law_that_is_only_nearly_right_do_not_make_it_sure():
     assert scores[1] < 2.5 * max(scores[0], 10.0)
 
 
-def test_errors_of_a_law_look_like_what_acts_where_it_does():
-    """All of its share where both make the same torque, whatever the sign; none of it elsewhere."""
-    data, z = made(size=1.0)
+def test_a_misfit_is_noise_that_its_columns_make():
+    """Beside it a form is judged by generalised least squares with the covariance I + D diag(d)^2 D'."""
+    data, z = made(size=0.2)
+    data.y = 0.5 * data.y  # less than the noise that is known: every row counts as it is
+    rng = np.random.default_rng(3)
+    D, d = rng.normal(size=(M, 4)) + z, np.array([0.05, 0.2, 0.02, 0.3])
     score = Score(data, 10)
-    term = score.judged(score.fit(()), form(), {0: z})
-    assert np.sum(term.made**2) == pytest.approx(term.J)
-    assert Search.margin(3.0 * term.made, [term]) == pytest.approx(APART + FORM * term.J)
-    assert Search.margin(3.0 * term.made, [term, term]) == pytest.approx(APART + 2.0 * FORM * term.J)
-    assert Search.margin(np.where(term.made > 0.1, 0.0, 1.0), [term]) < APART + 0.01 * FORM * term.J
-    assert Search.margin(term.made, ()) == APART
+    fit = score.fit([Misfit("misfit", {0: D}, d)])
+    term = score.judged(fit, form(), {0: z})
+    root = np.linalg.cholesky(np.linalg.inv(np.eye(M) + (D * d**2) @ D.T)).T
+    X, y = np.vstack([root @ data.X[0], data.X[1]]), np.append(root @ data.y[0], data.y[1])
+
+    def left(A: np.ndarray) -> float:
+        return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+    assert fit.rss.sum() == pytest.approx(left(X), rel=1e-9)
+    with_form = left(np.column_stack([X, np.append(root @ z, np.zeros((M, 1)))]))
+    assert term.drop == pytest.approx(left(X) - with_form, rel=1e-2)  # but for its prior
+    alone = score.judged(score.fit(()), form(), {0: z})
+    assert alone.drop > 2.0 * term.drop > 0.0
+
+
+def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
+    """Beyond the model, on each joint, as the misfits' deviations expect it: FORM of its squares."""
+    run = small_run(two_link, seed=2)
+    estimate = identify(two_link, run, "ols")
+    settings = estimate.preprocessing.resolve(run)
+    data = prepare(diagnosis_rows(run, estimate, settings), estimate)
+    search = Search(data, library(data))
+    forms = [f for b in search.library.batches for f in b.forms if f.constants and not f.own]
+    term = max((search.judged(search.fit, f) for f in forms), key=lambda t: t.squares.sum())
+    misfits = search.misfits(term)
+    assert [next(iter(m.columns)) for m in misfits] == sorted(term.joints)
+    for m in misfits:
+        T = search.bare.beside(search.bare.scaled(m.columns)) * search.bare.level[:, None, None]
+        (joint,) = m.columns
+        expected = np.sum(np.sum(T**2, axis=(0, 1)) * m.deviations**2)
+        assert expected == pytest.approx(FORM * term.squares[joint], rel=1e-6)
+    assert search.with_misfits([term]) == [term]  # what explains little is wrong by less than a rival
+    much = replace(term, drop=1.0 + term.worth * (EQUIVALENT / FORM + term.price))
+    assert len(search.with_misfits([much])) > 1
+
+
+def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
+    """Not by how many rows the sandwich finds each of them worth."""
+    one = Term(form(), {0: np.zeros((M, 1))}, drop=3000.0, worth=1.5, price=20.0)
+    other = replace(one, form=form(name="other"), drop=3001.0, worth=1.6)
+    assert one.J - other.J > 100.0
+    assert other.against(one) - one.J == pytest.approx(1.0 / 1.5)
 
 
 def test_what_the_model_makes_itself_is_no_candidate():
@@ -284,9 +327,9 @@ def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, 
     def term(name: str, k: int, constants: int, joints: tuple[int, ...], J: float) -> Any:
         effect = SimpleNamespace(name=name, form_of=form_of)
         form = SimpleNamespace(k=k, constants=constants, own=False, effect=effect)
-        return SimpleNamespace(key=(name, 0), form=form, joints=joints, J=J)
+        return SimpleNamespace(key=(name, 0), form=form, joints=joints, J=J, against=lambda other: J)
 
     mine = term("mine", 1, 0, (0,), 50.0)
     other = (k, constants, joints, 50.0 + EQUIVALENT * lead)
     others = [mine, term("other", *other)]
-    assert [t.key[0] for t in Search.equivalent(mine, 50.0, others)] == ["other"] * rival
+    assert [t.key[0] for t in Search.equivalent(mine, others)] == ["other"] * rival

@@ -209,8 +209,8 @@ _WEIGHTS = 10.0 ** np.arange(-5.0, 5.5, 1.0)
 
 @dataclass(frozen=True)
 class Columns:
-    """Weighted white columns z (M, k) of a joint beside a fit: D (k, k), s (k,), raw = z'z; count : rows
-    of the joint, v : how many of them are worth one."""
+    """Weighted white columns z (M, k) of a joint beside a fit, on all of its rows: D (k, k), s (k,), raw
+    = z'z; count : rows of the joint, v : how many of them are worth one."""
 
     fit: Fit
     joint: int
@@ -223,7 +223,8 @@ class Columns:
 
     @classmethod
     def of(cls, score: Score, fit: Fit, white: Array, joint: int, robust: bool = True) -> Columns:
-        z = white / fit.level[joint]
+        z = np.zeros((len(fit.residual[joint]), white.shape[1]))
+        z[: len(white)] = white / fit.level[joint]
         C, raw = fit.basis[joint].T @ z, z.T @ z
         D, s = raw - C.T @ C, z.T @ fit.residual[joint]
         count = float(fit.degrees[joint])
@@ -250,9 +251,9 @@ class Columns:
         there."""
         Q, y, r = self.fit.basis, self.fit.target, self.fit.basis.shape[2]
         held = 1.0 / self.count  # a prior worth one row
-        out = []
+        out, none = [], np.ones(len(self.z) - len(fold), bool)
         for f in np.unique(fold):
-            train = fold != f
+            train = np.append(fold != f, none)
             q = Q[:, train].reshape(-1, r)
             G = np.zeros((r + len(self.s),) * 2)
             G[:r, :r] = q.T @ q + held * np.eye(r)
@@ -285,11 +286,6 @@ class SplineFit:
     def c(self) -> Array:
         """(k,) coefficients."""
         return np.asarray(np.linalg.solve(self.columns.D + self.P, self.columns.s))
-
-    @property
-    def made(self) -> Array:
-        """(n, M) magnitude of its torque that nothing else makes."""
-        return np.abs(self.columns.fit.beside({self.joint: self.columns.z}) @ self.c)
 
     @cached_property
     def projector(self) -> Array:

@@ -102,7 +102,8 @@ def measured_curves(
         beside = _best(search, search.terms, joint, variables) if joint in left else None
         wanted = own and (beside is not None or joint in parts)
         alone = _best(search, rest, joint, variables) if wanted else None
-        instead = alone is not None and _instead(search.worth(own, rest), own, alone, beside)
+        worth = sum(t.J for t in search.together(own, rest))
+        instead = alone is not None and _instead(worth, own, alone, beside)
         best = alone if instead else beside
         if best is not None:
             out.append(_measured(search, *best[1:], variables, fold, tuple(own) if instead else ()))
@@ -121,7 +122,8 @@ def _instead(worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | 
 
 def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variables) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
-    fit, data, score = search.score.fit(terms, search.fit), search.data, search.score
+    data, score = search.data, search.score
+    fit = score.fit(search.with_misfits(terms), search.fit)
     # What is a curve already is no second one of the same variables.
     have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
     curves = [e for e in have if isinstance(e, MeasuredCurve) and joint in e.joints]
@@ -144,7 +146,7 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     close = [b for n in (1, 2) for b in [b for _, b in rough if len(b.axes) == n][: CLOSELY // 2]]
     exact = [fitted(b, variables.exact(b), True) for b in close]
     least = max(((1.0 - FORM) * f.J - EQUIVALENT for f in exact), default=0.0)
-    alike = [f for f in exact if max(least, search.margin(f.made, terms)) < f.J]
+    alike = [f for f in exact if max(least, APART) < f.J]
     if not alike:
         return None
     best = min(alike, key=lambda f: (len(f.basis.axes), -f.J))
