@@ -65,15 +65,6 @@ def opened(path: str | Path) -> None:
         return
 
 
-def nameable(path: Path) -> bool:
-    """Whether the system takes this for a name: none too long, no zero byte."""
-    try:
-        path.stat()
-    except (OSError, ValueError) as error:
-        return getattr(error, "errno", None) in (errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.ELOOP)
-    return True
-
-
 def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
     """InputError unless it is a file that may be read whole."""
     if stat.S_ISDIR(mode):

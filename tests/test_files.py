@@ -195,20 +195,3 @@ def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"), files.alone(tmp_path / "file" / "out"):
         pass
-
-
-def test_two_writers_leave_one_whole_file(tmp_path):
-    path = tmp_path / "model.json"
-    texts = [letter * 200_000 for letter in "ab"]
-
-    def write(text: str) -> None:
-        for _ in range(20):
-            files.write_text(path, text)
-
-    writers = [threading.Thread(target=write, args=(text,)) for text in texts]
-    for writer in writers:
-        writer.start()
-    for writer in writers:
-        writer.join()
-    assert path.read_text() in texts
-    assert [p.name for p in tmp_path.iterdir()] == ["model.json"]

@@ -1,6 +1,7 @@
 """Reading and writing runs: the format comes from the suffix, what makes a run useless is refused."""
 
 import glob
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -16,8 +17,8 @@ from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffi
 from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate, without_traces
 from sdp_vs_penalty.data.store import parts
-from sdp_vs_penalty.errors import InputError, given, other_robot, unreadable
-from sdp_vs_penalty.files import nameable, reading
+from sdp_vs_penalty.errors import InputError, given, other_robot
+from sdp_vs_penalty.files import reading
 
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence of runs.
 Source: TypeAlias = Any
@@ -125,11 +126,10 @@ def run_files(path: str | Path) -> list[Path]:
     Raises InputError for a pattern that matches nothing.
     """
     path = Path(path)
-    if not nameable(path):
-        return [path]  # whoever reads it says so
-    if path.is_dir() and format_of(path) is panda_folder and not panda_folder.is_log(path):
+    if os.path.isdir(path) and format_of(path) is panda_folder and not panda_folder.is_log(path):
         return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [path]
-    if any(c in str(path) for c in "*?[") and not path.exists():
+    pattern = any(c in str(path) for c in "*?[") and "\0" not in str(path)
+    if pattern and not os.path.exists(path):
         found = sorted(map(Path, glob.glob(str(path))))
         if not found:
             raise InputError("no file matches this pattern", "check its name", path)
@@ -168,17 +168,10 @@ def read_run(
 
     names, topic, rename : see :class:`sdp_vs_penalty.data.formats.columns.Choice`.
     """
-    path = Path(path)
-    try:
-        path.stat()
-    except FileNotFoundError:
-        raise InputError("no such file", "check its name", path) from None
-    except (OSError, ValueError) as error:
-        raise unreadable(error, path) from error
-    home = format_of(path) or csv
-    if topic is not None and home is not bag:
-        raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
-    with reading(path):
+    with reading(path) as path:
+        home = format_of(path) or csv
+        if topic is not None and home is not bag:
+            raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
         part: Measurements = home.read(path, Choice(names, topic, rename))
     if joints is not None and part.n != joints:
         raise other_robot(part.n, joints, path)

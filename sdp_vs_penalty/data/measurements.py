@@ -177,13 +177,12 @@ def without_traces(measured: Measurements) -> Measurements:
     Whatever the unit, no sensor resolves 1e-30, and filters that fade out leave less.
     """
     found, least = {"t": measured.t, **measured.groups}, 1e-30
-    odd = [
-        name
+    odd = {
+        name: joined(np.where(np.abs(x) < least, 0.0, x) for _, x in parts(block))
         for name, block in found.items()
         if any(np.any((np.abs(x) < least) & (x != 0.0)) for _, x in parts(block))
-    ]
-    for name in odd:
-        found[name] = joined(np.where(np.abs(x) < least, 0.0, x) for _, x in parts(found[name]))
+    }
+    found |= odd
     return Measurements.of(found.pop("t"), found, measured.names, measured.run) if odd else measured
 
 

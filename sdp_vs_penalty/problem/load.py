@@ -4,6 +4,7 @@ And the verb ``convert``: measurements of another program, for the robot of a pr
 """
 
 import json
+import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -21,7 +22,7 @@ from sdp_vs_penalty.data.formats.csv import read_headerless
 from sdp_vs_penalty.data.formats.recognition import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, given
-from sdp_vs_penalty.files import nameable, problems_folder, read_table, read_toml
+from sdp_vs_penalty.files import problems_folder, read_table, read_toml
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box
@@ -265,9 +266,9 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
     path = Path(source)
     if str(source) in problem_names():
         path = problems_folder() / str(source)
-    if nameable(path) and (path / "problem.toml").is_file():
+    if os.path.isfile(path / "problem.toml"):  # False for what can be no name
         problem = read_toml(path / "problem.toml", partial(_from_toml, path))
-    elif nameable(path) and path.is_file():
+    elif os.path.isfile(path):
         robot, links = load_urdf(path)
         box = open_box(robot.links, c.DEFAULT_LINK_MASS[0])
         box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * links[:, 0])

@@ -222,23 +222,15 @@ class Regression:
 
 def triangular(parts: Sequence[Array]) -> Array:
     """The R factor of the stacked matrices, with a non-negative diagonal; at most square."""
-    return _triangles(np.vstack(parts))
-
-
-def _triangles(stacks: Array) -> Array:
-    """The same of each matrix (..., m, p)."""
-    r: Array = np.asarray(np.linalg.qr(stacks, mode="r"))
-    sign = np.where(np.diagonal(r, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
-    r[..., : sign.shape[-1], :] *= sign[..., None]
+    r: Array = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
+    sign = np.where(np.diagonal(r) < 0, -1.0, 1.0)
+    r[: len(sign)] *= sign[:, None]
     return r
 
 
-def _each_folded(parts: Sequence[Array]) -> list[Array]:
-    """Matrices of about as many rows, as triangles where one has more than twice as many rows as
-    columns (fewer cost more to factorise than to keep): by one call, since rows of zeros add nothing."""
-    if max(len(part) for part in parts) <= 2 * parts[0].shape[1]:
-        return list(parts)
-    return list(_triangles(_padded(parts)))
+def _folded(rows: Array) -> Array:
+    """A triangle where rows are more than twice as many as columns: fewer cost less as they are."""
+    return triangular([rows]) if len(rows) > 2 * rows.shape[1] else rows
 
 
 def _padded(parts: Sequence[Array]) -> Array:
@@ -308,7 +300,7 @@ def compress_cells(
     if own_errors or any("qsim" in run.run.commanded for run in runs.runs):
         made = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
         factors = [
-            replace(f, indices=own, triangle=_each_folded([whole])[0])
+            replace(f, indices=own, triangle=_folded(whole))
             for f, (own, whole) in zip(factors, made, strict=True)
         ]
     oversampling = rows / sum(samples for _, samples in found)
@@ -336,11 +328,7 @@ def _take(found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.in
             order = np.argsort(own, kind="stable")
             blocks, begin = np.unique(own[order], return_index=True)
         both = np.column_stack([columns.columns, rows.torque[:, joint]]).take(order, axis=0)
-        keys = [(b, joint) for b in blocks.tolist()]
-        pieces = np.split(both, begin[1:])
-        counts = [len(piece) for piece in pieces]
-        for k, key in enumerate(keys):
-            if (old := found.get(key)) is not None:
-                pieces[k], counts[k] = np.vstack([old.triangle, pieces[k]]), counts[k] + old.rows
-        for key, piece, count in zip(keys, _each_folded(pieces), counts, strict=True):
-            found[key] = Factor(joint, key[0], columns.indices, piece, count)
+        for block, piece in zip(blocks.tolist(), np.split(both, begin[1:]), strict=True):
+            old = found.get((block, joint), Factor(joint, block, columns.indices, both[:0], 0))
+            piece, count = np.vstack([old.triangle, piece]), old.rows + len(piece)
+            found[block, joint] = replace(old, triangle=_folded(piece), rows=count)

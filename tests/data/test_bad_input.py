@@ -138,7 +138,7 @@ def test_bad_npz(arrays, words, tmp_path):
 
 
 def test_files_and_folders_that_are_not_there(tmp_path):
-    refusal(lambda: load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "no such file")
+    refusal(lambda: load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "No such file")
     (tmp_path / "folder.csv").mkdir()
     for folder in (tmp_path / "folder.csv", tmp_path):
         refusal(lambda folder=folder: load_measurements(folder), "no runs in this folder")

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty import InputError, Measurements, check, compare, load_problem
+from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.data import save, store
 from sdp_vs_penalty.data.files import load_measurements
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 
 
 @pytest.fixture
@@ -74,10 +73,6 @@ def test_the_same_estimate_from_disk_and_from_memory(tmp_path):
     assert mapped(on_disk.q)
     assert mapped(on_disk.runs()[1].tau)
     assert on_disk.names == ("run0.parquet", "run1.parquet")
-    a, b = (identify(problem, source) for source in (on_disk, runs))
-    torque = compare({"x": b}, runs)[0].signals.modelled
-    from_disk = compare({"x": a}, on_disk)[0].signals.modelled
-    assert np.linalg.norm(from_disk - torque) <= 1e-9 * np.linalg.norm(torque)
     pattern = load_measurements(str(tmp_path / "run?.parquet"))
     assert pattern.data_hash == on_disk.data_hash
     with pytest.raises(InputError, match="no file matches"):

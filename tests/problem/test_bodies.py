@@ -1,6 +1,5 @@
 """Bodies of links: what they hold, where they come from, and files that make it hard to tell."""
 
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -106,15 +105,6 @@ def test_a_files_own_inertials_fit_and_travel(seed, tmp_path):
     assert again.nominal_from == problem.nominal_from
 
 
-def stl(path: Path, size: tuple[float, float, float]) -> None:
-    """A box between the origin and ``size``, as a binary STL."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size
-    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
-    triangles = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
-    body = b"".join(struct.pack("<12fH", 0, 0, 0, *corners[list(t)].ravel(), 0) for t in triangles)
-    path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + body)
-
-
 def arm(folder: Path, shape: str, inertial: str = "", fixed: str = "") -> Problem:
     """One moving link with a shape, another fixed to it 0.3 m out."""
     (folder / "arm.urdf").write_text(
@@ -129,35 +119,18 @@ def arm(folder: Path, shape: str, inertial: str = "", fixed: str = "") -> Proble
     return load_problem(folder / "arm.urdf")
 
 
-BOX = (0.4, 0.1, 0.08)
-SHAPES = {
-    "metres": ('<mesh filename="package://my_arm/box.stl"/>', 1.0),
-    "millimetres": ('<mesh filename="box.stl" scale="0.001 0.001 0.001"/>', 1000.0),
-    "primitive": ('<box size="0.4 0.1 0.08"/>', 1.0),
-}
-
-
-@pytest.mark.parametrize("kind", SHAPES)
-def test_geometry_is_read_in_any_unit(kind, tmp_path):
-    """The same box; without inertials the nominal link fills it with the stated density."""
-    shape, unit = SHAPES[kind]
-    folder = tmp_path / "my_arm"
-    folder.mkdir()
-    stl(folder / "box.stl", tuple(unit * x for x in BOX))
-    problem = arm(folder, shape)
+def test_the_nominal_link_fills_its_geometry(tmp_path):
+    """Without inertials, with the stated density; other units and files: tests/robot/test_shapes.py."""
+    size = np.array([0.08, 0.1, 0.4])
+    problem = arm(tmp_path, '<box size="0.4 0.1 0.08"/>')
     (body,) = problem.link_bodies
-    assert body.source == "geometry"
-    assert body.volume == pytest.approx(np.prod(BOX), rel=1e-4)
-    np.testing.assert_allclose(
-        np.sort(body.half_axes), 1.2 * np.sqrt(3.0) / 2.0 * np.sort(BOX) + 0.03, rtol=0.03
-    )
-    assert problem.nominal_from == ("geometry",)
-    assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * np.prod(BOX), rel=1e-4)
+    assert (body.source, problem.nominal_from) == ("geometry", ("geometry",))
+    assert body.volume == pytest.approx(size.prod())
+    np.testing.assert_allclose(np.sort(body.half_axes), 1.2 * np.sqrt(0.75) * size + 0.03, rtol=0.03)
+    assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * size.prod())
     # Second moments between those of a ball and a box, of the bare ellipsoid around it.
-    pseudo = inertia.pseudo_inertia(problem.nominal_links[0])
-    centre = pseudo[:3, 3] / pseudo[3, 3]
-    second = np.linalg.eigvalsh(pseudo[:3, :3] / pseudo[3, 3] - np.outer(centre, centre))
-    np.testing.assert_allclose(second, 3.0 * np.sort(BOX) ** 2 / 4.0 / 7.0, rtol=0.06)
+    second = np.linalg.eigvalsh(inertia.second_moment(problem.nominal_links[0]))
+    np.testing.assert_allclose(second, 0.75 * size**2 / 7.0, rtol=0.06)
 
 
 def visual(radius: float) -> str:

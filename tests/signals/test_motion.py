@@ -74,37 +74,28 @@ def folds_of(*runs: Measurements, count: int = 5) -> phases.PhaseFolds:
     return phases.phase_folds(concatenate(list(runs)), SETTINGS, count)
 
 
-@pytest.mark.parametrize("still", [0.0, 3.0])
-def test_samples_a_period_apart_are_on_one_side(still):
-    run = run_of(10, 27.0, still=still)
-    (clock,) = phases.motion_clocks(phases.tracks_of(run))
-    assert clock.periodic
-    assert clock.length == pytest.approx(9.63, abs=0.01)
+@pytest.mark.parametrize(("seconds", "still"), [(27.0, 0.0), (27.0, 3.0), (8.0, 0.0)])
+def test_every_instant_is_tested_once_with_all_its_periods_and_the_guard_is_kept(seconds, still):
+    run = run_of(10, seconds, still=still)
     split = folds_of(run)
+    (clock,) = split.clocks
+    assert clock.periodic == (seconds > 20.0)
+    assert clock.length == pytest.approx(9.63 if clock.periodic else seconds, abs=0.01)
     t = run.t[run.t > still + 0.1]
-    later = t + 9.63
-    for fold in range(5):
-        uses = [np.isin(split.cell(0, x), split.tested(fold)) for x in (t, later)]
-        assert np.mean(uses[0] != uses[1]) < 0.01  # but for the border's own rounding
-        kept = [np.isin(split.cell(0, x), split.training(fold)) for x in (t, later)]
-        assert not np.any(uses[0] & kept[1])
-        assert not np.any(uses[1] & kept[0])
-
-
-def test_every_instant_is_tested_once_and_the_guard_is_kept():
-    run = run_of(10, 8.0)  # not long enough to repeat itself
-    split = folds_of(run, count=4)
-    assert not split.clocks[0].periodic
-    cell = split.cell(0, run.t)
-    tested = sum(np.isin(cell, split.tested(k)).astype(int) for k in range(4))
-    assert np.all(tested == 1)
-    assert all(
-        np.array_equal(np.isin(cell, split.tested(k)), split.fold(0, run.t) == k) for k in range(4)
-    )
-    for k in range(4):
-        test, train = run.t[np.isin(cell, split.tested(k))], run.t[np.isin(cell, split.training(k))]
-        assert np.all((train < test.min() - split.guard) | (train > test.max() + split.guard))
-        assert len(train) > 0.3 * len(run.t)
+    at, cell, stretch = clock.at(t), split.cell(0, t), clock.length / 5
+    for k in range(5):
+        tested, trained = (np.isin(cell, x) for x in (split.tested(k), split.training(k)))
+        assert np.array_equal(tested, split.fold(0, t) == k)
+        assert np.all((at[tested] >= k * stretch) & (at[tested] <= (k + 1) * stretch))
+        ahead = at[trained] - (k + 1) * stretch, k * stretch - at[trained]
+        away = (
+            np.min([x % clock.length for x in ahead], axis=0)
+            if clock.periodic
+            else np.max(ahead, axis=0)
+        )
+        assert np.all(away >= split.guard - 1e-9)
+        kept = clock.length - stretch - (2 if clock.periodic or 0 < k < 4 else 1) * split.guard
+        assert np.mean(trained) == pytest.approx(kept / clock.length, abs=0.1)
 
 
 def test_runs_of_one_motion_share_its_clock():

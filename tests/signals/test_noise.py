@@ -12,7 +12,7 @@ from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Kernel, Preprocessing, noise_of, segmented
-from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM, spectral_floor
+from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
@@ -79,7 +79,8 @@ def test_the_floor_of_runs_that_repeat_each_other():
 def test_drift_and_events_are_no_noise():
     run = run_of(3, 10.0, 80.0)
     clean = noise_of(without_model(run)).floor
-    disturbed = run.tau + 0.02 * run.t[:, None]
+    t, rate = run.t[:, None] - run.t[0], np.gradient(run.q, run.t, axis=0)
+    disturbed = run.tau + 0.02 * t + 1e-3 * t**2 + (0.02 * t + 1e-3 * t**2) * rate  # ever faster
     disturbed[5000:5060, 2] += 30.0
     noise = noise_of(without_model(replace(run, tau=disturbed)))
     np.testing.assert_allclose(noise.floor, clean, rtol=0.05)
@@ -139,28 +140,3 @@ def test_a_window_has_the_floor_of_the_whole():
     assert len(shown)
     assert np.all((shown > 1.0) & (shown < 4.5))
     assert not beside.suspect[:, [0, 1, 3, 4, 5]].any()
-
-
-@pytest.mark.parametrize("what", ["plain", "smoothed", "louder while it moves"])
-def test_torque_that_says_nothing_of_its_noise(what):
-    """Smoothed before it was logged, as on a real UR10: far above the motion is only what the filter has
-    left. Louder while the arm moves, as on a real TX40: halves of one log had floors 31 times apart."""
-    rng = np.random.default_rng(3)
-    t = np.arange(0.0, 24.0, 0.004)
-    q = np.sin(2.0 * np.pi * 0.31 * t)[:, None] + np.cos(2.0 * np.pi * 0.83 * t)[:, None]
-    noise, ripple = rng.normal(scale=[[0.3], [6.0]], size=(2, len(t)))[..., None]
-    torque = 8.0 * q + noise
-    if what == "smoothed":
-        low = signal.butter(2, 2.0, fs=250.0, output="sos")
-        torque = signal.sosfiltfilt(low, torque, axis=0)
-    elif what != "plain":
-        torque = torque + ripple * (t[:, None] % 4.0 > 2.0)
-    floor = spectral_floor(segmented(Measurements(t, q, torque), SETTINGS))
-    assert (floor is None) == (what != "plain")
-
-
-def test_a_log_that_is_too_slow_or_short_shows_nothing():
-    t = np.arange(0.0, 3.0, 0.05)
-    q = np.sin(t)[:, None]
-    rows = segmented(Measurements(t, q, q), Preprocessing(2.0, 4.0))
-    assert spectral_floor(rows) is None

@@ -7,7 +7,17 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from sdp_vs_penalty import Measurements
-from sdp_vs_penalty.signals import Kernel, coloured_noise, noise, repetition, runs, spectrum, standstill
+from sdp_vs_penalty.signals import (
+    Kernel,
+    Preprocessing,
+    coloured_noise,
+    noise,
+    repetition,
+    runs,
+    segmented,
+    spectrum,
+    standstill,
+)
 
 quick = settings(max_examples=25, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
@@ -87,10 +97,12 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     law = 1.0 / (1.0 + ar**2 - 2.0 * ar * np.cos(w))
     np.testing.assert_allclose(density, np.outer([0.3**2, 4.0], law), rtol=0.08)
     assert (smoothed, uneven) == (False, False)
-    louder = run.tau + 19.0 * shown * (run.t % 40.0 > 20.0)[:, None]
-    assert spectrum.torque_spectrum(list(runs.stretches(log(run.t, run.q, louder))), 8.0)[3]
     low = signal.sosfiltfilt(signal.butter(2, 4.0, fs=250.0, output="sos"), run.tau, axis=0)
-    assert spectrum.torque_spectrum(list(runs.stretches(log(run.t, run.q, low))), 8.0)[2]
+    louder = run.tau + 19.0 * shown * (run.t % 40.0 > 20.0)[:, None]
+    for tau, flags in ((low, (True, False)), (louder, (False, True))):  # as of a UR10, of a TX40
+        other = log(run.t, run.q, tau)
+        assert spectrum.torque_spectrum(list(runs.stretches(other)), 8.0)[2:] == flags
+        assert noise.spectral_floor(segmented(other, Preprocessing(5.0, 8.0))) is None
     # What fits into the motion's band, or into two windows, shows nothing.
     assert spectrum.torque_spectrum(parts, 60.0) is None
     assert spectrum.torque_spectrum(list(runs.stretches(run.window(0.0, 0.5))), 8.0) is None
@@ -207,8 +219,6 @@ def test_the_resolution_of_positions_is_four_of_their_noises_deviations():
 
 @pytest.mark.parametrize("ar", [0.0, 0.6])
 def test_the_floor_from_the_spectrum_is_that_of_the_filtered_noise(ar):
-    from sdp_vs_penalty.signals import Preprocessing, segmented
-
     run, _ = coloured(4, ar, 60_000)
     h = Kernel(8.0, 4e-3).value
     lags = np.abs(np.subtract.outer(np.arange(len(h)), np.arange(len(h))))
