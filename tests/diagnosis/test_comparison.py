@@ -5,20 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_robots import repeating_run
 from random_robots import repeating_run as run_of
 
 from sdp_vs_penalty import Estimate, InputError, Problem, identify, load_estimate, where_it_fails
-from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
-from sdp_vs_penalty.diagnosis.where_it_fails import REVERSAL
 from sdp_vs_penalty.signals import Preprocessing
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
-
-FIELDS = {"judged_on", "model", "verdict", "rmse", "mse", "r2", "noise_floor", "band_hz"}
-FIELDS |= {"relative_error_percent", "new_motion_share", "outside"}
 
 
 @pytest.fixture(scope="module")
@@ -103,11 +97,10 @@ def test_a_model_keeps_the_noise_of_its_own_runs(two_link, estimate, tmp_path):
             load_estimate(tmp_path / "damaged.json")
 
 
-def test_json_has_the_promised_schema_and_null_for_what_is_undefined(two_link, estimate):
+def test_json_has_null_for_what_is_undefined(two_link, estimate):
     run = run_of(two_link, 1)
     dead = Measurements(run.t, run.q + 0.02 * run.t[:, None], run.tau * [1.0, 0.0])
     model = compare(estimate, dead)[0].to_dict()
-    assert set(model) == FIELDS
     assert model["model"] == "lmi-sdp"
     assert model["noise_floor"] != [None, None]  # the motion drifts: the spectrum shows it
     assert model["r2"][1] is None  # a torque channel without variance
@@ -128,32 +121,8 @@ def test_the_real_panda_repeats_and_has_a_floor_below_every_error(panda, panda_r
         np.testing.assert_allclose(window.noise_floor, found.noise_floor)
 
 
-def test_an_error_after_reversals_is_seen_there(two_link, capsys):
-    run = repeating_run(two_link, 0, noise=0.05)
-    velocity = np.gradient(run.q[:, 1], run.t)
-    turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))
-    late = np.zeros(len(run.t))
-    for k in turns:  # what a bent asperity does: it takes 0.3 s to follow
-        after = run.t - run.t[k]
-        late += np.where((after >= 0.0) & (after < 0.3), -np.sign(velocity[k + 1]), 0.0)
-    tau = run.tau.copy()
-    tau[:, 1] += 2.0 * late
-    model = identify(two_link, run)
-    first, second = where_it_fails(model, replace(run, tau=tau))
-    assert second.held_out_shares[REVERSAL] > 0.4
-    assert max(second.held_out_shares, key=lambda name: second.held_out_shares[name]) == REVERSAL
-    assert first.held_out_shares[REVERSAL] < 0.1
-    near = [s for s in second.stretches if s.cause == REVERSAL]
-    assert len(near) >= 3
-    instants = run.t[turns]
-    assert all(np.min(np.abs(instants - 0.5 * (s.start + s.stop))) < 0.5 for s in near)
-    assert not any(s.cause == REVERSAL for s in first.stretches)
-    printing.where_it_fails([first, second], ["N m", "N m"], "it")
-    assert "joint 2: The error depends" in capsys.readouterr().out
-
-
 def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link):
-    run = repeating_run(two_link, 0, noise=0.05)
+    run = run_of(two_link, 0, noise=0.05)
     ripple = run.tau + [[0.0, 0.6]] * np.sin(40.0 * run.q)
     first, second = where_it_fails(identify(two_link, run), replace(run, tau=ripple))
     order, amplitude, over = second.orders[0]

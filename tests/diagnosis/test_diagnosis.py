@@ -16,7 +16,6 @@ from sdp_vs_penalty import (
     compare,
     diagnose,
     identify,
-    load_estimate,
     load_problem,
 )
 from sdp_vs_penalty.cli import printing
@@ -55,25 +54,14 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
     assert first.shape["vs"] == pytest.approx(hidden.shape["vs"], rel=0.2)
     assert first.std < 0.1 * first.size
     assert first.unit == "N*m"
-
-
-def test_the_held_out_error_falls_to_the_noise(found):
-    first = found.effects[0]
-    assert first.held_out_rmse_after[2] < 0.8 * first.held_out_rmse_before[2]
+    before, after = np.array(first.held_out_rmse_before), np.array(first.held_out_rmse_after)
+    assert after[2] < 0.8 * before[2]
     assert found.held_out_rmse[2] < 1.25 * found.noise_floor[2]
-    others = [0, 1, 3, 4, 5, 6]
-    np.testing.assert_allclose(
-        first.held_out_rmse_after[others], first.held_out_rmse_before[others], rtol=0.1
-    )
+    np.testing.assert_allclose(np.delete(after, 2), np.delete(before, 2), rtol=0.1)
 
 
 def test_findings_json_is_the_interface(found):
     data = json.loads(json.dumps(found.to_dict()))
-    assert set(data) == {
-        *("verdict", "frozen", "effects", "noise_floor", "noise_source", "unexplained", "band_hz"),
-        *("held_out_source", "held_out_rmse_before", "held_out_rmse", "invisible", "events", "remarks"),
-        *("new_motion_share", "retuned", "curves", "remains"),
-    }
     assert data["held_out_source"] == "test"
     # identify had no Stribeck friction to blame: its Coulomb turned too early, on that joint only.
     assert {r["joint"] for r in data["retuned"]} <= {3}
@@ -81,11 +69,6 @@ def test_findings_json_is_the_interface(found):
     assert Diagnosis.from_dict(data).to_dict() == data
     for finding in data["effects"]:
         assert bool(finding["remarks"]) == (finding["confidence"] == "weak")
-    assert set(data["effects"][0]) == {
-        *("number", "text", "std", "parameters", "gain", "remarks", "constants", "effect"),
-        *("joints", "shape", "size", "unit", "confidence", "indistinguishable_from", "explanation"),
-        *("held_out_rmse_before", "held_out_rmse_after"),
-    }
 
 
 def test_what_the_links_absorb_is_reported_as_invisible(found):
@@ -130,16 +113,6 @@ def slope(two_link: Problem) -> HiddenRuns:
     return hidden_runs(two_link, [("asymmetric_viscous_friction", [1])], "medium", seed=21)
 
 
-@pytest.fixture(scope="module")
-def small_slope(slope: HiddenRuns) -> tuple[Estimate, Measurements]:
-    data = concatenate(slope.runs[:3])
-    return identified(slope, data), data
-
-
-def first_name(result: Diagnosis) -> tuple[str, tuple[int, ...]]:
-    return result.effects[0].effect, result.effects[0].joints
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("what", ["as it is", "slower log", "one run", "unequal", "no repeats"])
 def test_two_joints_whatever_the_record(slope, what):
@@ -157,7 +130,8 @@ def test_two_joints_whatever_the_record(slope, what):
         ]
     data = concatenate(runs)
     result = diagnose(identified(slope, data), data, slope.runs[3])
-    assert first_name(result) == ("asymmetric_viscous_friction", (2,))
+    first = result.effects[0]
+    assert (first.effect, first.joints) == ("asymmetric_viscous_friction", (2,))
     assert result.noise_source == ("spectrum" if what == "no repeats" else "repetition")
     assert ("within a factor of two" in result.headline) == (what == "no repeats")
     if what == "no repeats":
@@ -196,33 +170,14 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     assert "cooled down" in warm.cooled
 
 
-@pytest.fixture(scope="module")
-def presliding(hidden):
+def test_the_search_ends_at_the_error_and_the_shape_of_what_add_returns(hidden):
     data = concatenate(hidden.runs[:3])
-    return hidden, data, identify(hidden.problem, data, effects=hidden.truth["model_effects"])
-
-
-def test_add_estimates_the_shape_and_saves(presliding, tmp_path):
-    made, data, estimate = presliding
-    bigger = add(estimate, "presliding_hysteresis:1", data)
-    new = bigger.model.effects[-1]
-    true = made.hidden[0].shape["d"]
-    assert new.shape["d"] == pytest.approx(true, rel=0.15)
-    assert bigger.method == estimate.method
-    before, after = compare({"before": estimate, "after": bigger}, made.runs[3])
-    assert after.rmse[0] < 0.6 * before.rmse[0]
-    path = tmp_path / "model.json"
-    bigger.save(path)
-    np.testing.assert_array_equal(load_estimate(path).theta, bigger.theta)
-    again = compare({"after": load_estimate(path)}, made.runs[3])[0]
-    np.testing.assert_array_equal(again.rmse, after.rmse)
-
-
-def test_the_ladder_ends_at_the_error_of_what_add_returns(presliding):
-    made, data, estimate = presliding
-    result = diagnose(estimate, data, made.runs[3])
-    assert result.effects
-    added = compare(add(estimate, result, data), made.runs[3])[0]
+    estimate = identify(hidden.problem, data, effects=hidden.truth["model_effects"])
+    result = diagnose(estimate, data, hidden.runs[3])
+    bigger = add(estimate, result, data)
+    added = compare(bigger, hidden.runs[3])[0]
+    new = next(e for e in bigger.model.effects if e.name == "presliding_hysteresis")
+    assert new.shape["d"] == pytest.approx(hidden.hidden[0].shape["d"], rel=0.15)
     np.testing.assert_allclose(result.held_out_rmse, added.rmse, rtol=5e-3)
 
 
@@ -246,10 +201,10 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
         ("", "No effect"),
     ],
 )
-def test_what_cannot_be_added_is_said(small_slope, effect, message):
-    estimate, data = small_slope
+def test_what_cannot_be_added_is_said(stribeck, effect, message):
+    data = stribeck.runs[0]
     with pytest.raises(InputError, match=message):
-        add(estimate, effect, data)
+        add(identified(stribeck, data), effect, data)
 
 
 def test_what_would_hide_nothing_is_said(panda):

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from small_runs import small_run
 
 from sdp_vs_penalty import identify
@@ -110,20 +109,6 @@ def test_noise_is_not_taken_for_an_effect():
         terms = [score.judged(fit, form(), {0: rng.normal(size=(M, 1))}) for _ in range(100)]
         highest.append(max(t.J for t in terms))
     assert max(highest) < 0.0
-
-
-def test_more_rows_of_a_law_that_is_only_nearly_right_do_not_make_it_sure():
-    """Twice the rows at the same error are not twice the evidence: the likelihood is coarsened."""
-    data, z = made(size=0.2)
-    twice = SimpleNamespace(
-        **{**vars(data), "X": np.tile(data.X, (1, 8, 1)), "y": np.tile(data.y, (1, 8))}
-    )
-    twice.count, twice.clusters = 8 * data.count, tuple(np.tile(c, 8) for c in data.clusters)
-    scores = []
-    for d, own in ((data, z), (twice, np.tile(z, (8, 1)))):
-        score = Score(d, 10)
-        scores.append(score.judged(score.fit(()), form(), {0: own}).J)
-    assert scores[1] < 2.5 * max(scores[0], 10.0)
 
 
 def test_a_misfit_is_noise_that_its_columns_make():
@@ -237,41 +222,12 @@ def test_screening_is_the_drop_of_the_squared_error():
     assert score.screened(fit, forbidden)[0] == pytest.approx(-np.log(fit.degrees[0]))
 
 
-Array = NDArray[np.float64]
-
-
-def test_events_are_found_and_noise_is_left_alone():
-    rng = np.random.default_rng(8)
-    pieces = [np.arange(500), np.arange(500, 1000)]
-    false = sum(
-        coloured_noise.local_excess(rng.normal(size=1000), pieces, 1, 1000.0).any() for _ in range(200)
-    )
-    assert false <= 3
-    x = rng.normal(size=1000)
-    x[700:708] += 4.0
-    found = coloured_noise.local_excess(x, pieces, 1, 1000.0)
-    assert found[700:708].mean() > 0.7
-    assert found[:650].sum() == found[760:].sum() == 0
-    # Of ever more series that are searched, chance reaches ever more energy; and of a doubtful variance.
-    marginal = rng.normal(size=1000)
+def test_of_more_series_and_a_doubtful_variance_chance_reaches_more_energy():
+    pieces, marginal = [np.arange(500), np.arange(500, 1000)], np.random.default_rng(8).normal(size=1000)
     marginal[300] = 6.4
-    told = [
-        coloured_noise.local_excess(marginal, pieces, tests, 1000.0)[300] for tests in (1, 10**3, 10**6)
-    ]
-    assert told == [True, False, False]
-    assert not coloured_noise.local_excess(marginal, pieces, 1, 8.0)[300]
-
-
-def test_noise_that_follows_a_rate_is_no_event():
-    rng = np.random.default_rng(9)
-    t = np.arange(1000) / 16.0
-    rates = np.column_stack([np.sin(0.5 * t), np.cos(0.3 * t)]) ** 2
-    spread = np.sqrt(0.3 + 3.0 * rates[:, 0])
-    profile = coloured_noise.noise_profile(spread * rng.normal(size=1000), rates, rates)
-    assert np.corrcoef(profile, spread)[0, 1] > 0.9
-    assert np.mean(profile**2) == pytest.approx(1.0)
-    faster = coloured_noise.noise_profile(spread * rng.normal(size=1000), rates, 2.0 * rates)
-    assert 1.6 < np.mean(faster**2) < 2.0
+    searched = ((1, 1000.0), (10**3, 1000.0), (10**6, 1000.0), (1, 8.0))
+    told = [coloured_noise.local_excess(marginal, pieces, *x)[300] for x in searched]
+    assert told == [True, False, False, False]
 
 
 def test_a_hum_is_a_line_and_noise_is_not():
@@ -284,28 +240,17 @@ def test_a_hum_is_a_line_and_noise_is_not():
 
 
 def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near():
+    """Error that swells at reversals, with tails, is none; the first rows and the last may be."""
     rng, M = np.random.default_rng(5), 1800
-    pieces = [np.arange(900), np.arange(900, M)]
-    slow = np.arange(M) % 120 < 30
-
-    def found(white: Array) -> Array:
-        return coloured_noise.lone_windows(white, pieces, slow, 30.0, 7)
-
-    # Error that swells at reversals, with tails.
+    pieces, slow = [np.arange(900), np.arange(900, M)], np.arange(M) % 120 < 30
     error = rng.normal(size=M) * np.where(slow, 6.0, 1.0) * np.exp(rng.normal(0.0, 0.3, M))
-    assert not found(error).any()
-    assert not found(np.zeros(M)).any()
-    knock = error.copy()
-    knock[700:704] += 60.0
-    where = np.flatnonzero(found(knock))
-    assert where.min() > 660
-    assert where.max() < 740
-    assert np.isin([700, 701, 702, 703], where).all()
-    for begin in (0, M - 4):  # the first and the last that was recorded
+    for white in (error, np.zeros(M), rng.standard_t(2, size=M)):
+        assert not coloured_noise.lone_windows(white, pieces, slow, 30.0, 7).any()
+    for begin, size in ((700, 60.0), (0, 600.0), (M - 4, 600.0)):
         knock = error.copy()
-        knock[begin : begin + 4] += 600.0
-        assert found(knock)[begin : begin + 4].all()
-    assert not found(rng.standard_t(2, size=M)).any()
+        knock[begin : begin + 4] += size
+        found = np.flatnonzero(coloured_noise.lone_windows(knock, pieces, slow, 30.0, 7))
+        assert {*range(begin, begin + 4)} <= {*found.tolist()} <= {*range(begin - 40, begin + 40)}
 
 
 @pytest.mark.parametrize(

@@ -8,28 +8,22 @@ from effect_contract import robots, steady_motion, wide_columns
 from random_robots import sines
 from scipy import interpolate
 
-from sdp_vs_penalty import InputError, Problem
-from sdp_vs_penalty.effects import CurrentModel, Model, Motion, effect_types, parse_effects
+from sdp_vs_penalty import InputError
+from sdp_vs_penalty.effects import Model, Motion, effect_types, parse_effects
 from sdp_vs_penalty.effects.measured_curve import Variable
 
 
-def current_motion(problem: Problem, rate: float = 200.0, duration: float = 4.0) -> Motion:
-    t, links = np.arange(0.0, duration, 1.0 / rate), problem.nominal_links
-    m = sines(np.random.default_rng(0), problem.robot.n, t)
-    torque = problem.robot.inverse_dynamics(links.ravel(), m.q, m.dq, m.ddq) + 0.3 * m.dq
-    return replace(m, torque=torque, current=CurrentModel(problem.robot, links))
-
-
-def test_a_model_computes_its_current_torque_from_its_own_reference(panda):
-    problem = panda
-    model = problem.model("rigid_body,torque_gain,viscous_friction")
-    motion = current_motion(problem)
-    bare = Motion(motion.t, motion.q, motion.dq, motion.ddq)
+def test_a_model_computes_its_current_torque_from_its_own_reference():
+    robot = robots()["arm"]
+    motion, effects = steady_motion(robot), "rigid_body,torque_gain,viscous_friction"
+    model, bare = Model(robot, parse_effects(effects, robot)), replace(motion, torque=None, current=None)
     with pytest.raises(InputError, match="identify the robot without it first"):
         model.columns(bare)
-    theta = np.concatenate([problem.nominal_links.ravel(), np.full(7, 0.05), np.full(7, 0.3)])
-    model = Model(model.robot, model.effects, reference=theta)
-    np.testing.assert_allclose(model.torque(theta, bare), 1.05 * motion.model_torque, atol=1e-9)
+    links = motion.model_links
+    theta = np.concatenate([links.ravel(), np.full(3, 0.05), np.full(3, 0.3)])
+    torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + 0.3 * motion.dq
+    found = replace(model, reference=theta).torque(theta, bare)
+    np.testing.assert_allclose(found, 1.05 * torque, atol=1e-9)
 
 
 def test_without_links_what_depends_on_them_makes_no_torque():
@@ -98,24 +92,6 @@ def test_a_variable_reads_back_as_it_is_written(name):
 def test_what_is_no_variable_is_refused(text):
     with pytest.raises(ValueError, match="no variable"):
         Variable.parse(text)
-
-
-@pytest.mark.parametrize(
-    ("text", "pairs"),
-    [
-        ("joint_coupling", [(0, 1), (1, 0), (2, 1)]),  # the joint before, after the first
-        ("joint_coupling@i=1", [(1, 0), (2, 0)]),
-        ("joint_coupling:1@i=3", [(0, 2)]),
-    ],
-)
-def test_coupling_is_with_the_joint_that_is_named(text, pairs):
-    robot = robots()["arm"]
-    motion = steady_motion(robot)
-    (effect,) = parse_effects(text, robot)
-    columns = wide_columns(effect, motion)
-    assert list(effect.joints) == [joint for joint, _ in pairs]
-    for k, (joint, other) in enumerate(pairs):
-        np.testing.assert_array_equal(columns[joint, :, k], motion.dq[:, other])
 
 
 @pytest.mark.parametrize(

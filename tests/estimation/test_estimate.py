@@ -1,7 +1,7 @@
 """The saved estimate: the same torques to the last bit, valid JSON, and who decides each parameter."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,22 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, open_problem, posed_task, repeating_run, sines, tree
 
-from sdp_vs_penalty import Estimate, InputError, Problem, add, compare, export, load_estimate
+from sdp_vs_penalty import Estimate, InputError, add, compare, export, load_estimate
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.estimation.identify import from_data
-from sdp_vs_penalty.estimation.uncertainty import Interval
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.regression import LeastSquares
 
 seeds = st.integers(0, 2**32 - 1)
-
-FIELDS = {f.name for f in fields(Interval)} | {"effect", "joint", "nominal", "source"}
-
-
-def random_problem(rng: np.random.Generator, n: int) -> Problem:
-    nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
-    return open_problem(tree(rng, n, link_frames=bool(rng.integers(2))), nominal)
 
 
 noisy_run = partial(repeating_run, noise=0.2, base=0.15, motion_seed=3, seconds=8.0)
@@ -51,7 +43,9 @@ def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
 @given(seed=seeds)
 def test_a_model_file_predicts_the_same_to_the_last_bit(tmp_path_factory, method, seed):
     rng = np.random.default_rng(seed)
-    problem = random_problem(rng, int(rng.integers(1, 5)))
+    n = int(rng.integers(1, 5))
+    nominal = np.array([link_parameters(rng, 0.5, thickness=0.05) for _ in range(n)])
+    problem = open_problem(tree(rng, n, link_frames=bool(rng.integers(2))), nominal)
     estimate = identify(problem, noisy_run(problem, seed % 1000), method)
     path = tmp_path_factory.mktemp("m") / "model.json"
     estimate.save(path)
@@ -87,7 +81,6 @@ def test_the_file_holds_what_was_promised(two_link, tmp_path):
     estimate.save(tmp_path / "model.json")
     data = strict((tmp_path / "model.json").read_text())
     parameters = data["parameters"]
-    assert [set(p) for p in parameters] == [FIELDS] * 26
     assert [p["name"] for p in parameters[10:20]] == [
         *("m2", "mx2", "my2", "mz2"),
         *("Ixx2", "Ixy2", "Iyy2", "Ixz2", "Iyz2", "Izz2"),
@@ -98,7 +91,6 @@ def test_the_file_holds_what_was_promised(two_link, tmp_path):
     assert (made["seed"], made["data_hash"]) == (12, run.data_hash)
     assert {"numpy", "scipy", "pin", "python", "sdp_vs_penalty"} <= set(made["versions"])
     assert data["settings"] | {"weighting": "noise", "entropy": LmiSdp.entropy} == data["settings"]
-    assert {"violations", "loss", "upper", "lower", "gap"} <= set(data["certificate"])
     names = [p["name"] for p in parameters]
     seen = data["covariance"]["parameters"]
     assert set(seen) <= set(names)

@@ -98,16 +98,13 @@ def run(estimate: Estimate) -> excitation.PayloadRun:
     return excitation.payload_run(estimate, iterations=8, seed=1)
 
 
-def test_only_the_wrist_moves_and_within_its_limits(estimate, run):
+def test_only_the_wrist_moves_within_its_limits_and_weighs_better_than_at_random(estimate, run):
     assert run.trajectory.duration == 2.0
     q, dq, _ = run.trajectory.states(np.linspace(0.0, 2.0, 401))
     assert np.ptp(q[:, :4], axis=0).max() == 0.0
     assert np.ptp(q[:, 4:], axis=0).min() > 0.1
     assert np.abs(dq).max() > 0.5
     assert Limits.of_robot(estimate.robot).excess(run.trajectory) <= 1.0
-
-
-def test_it_weighs_better_than_a_random_motion(run):
     assert np.exp(np.mean(np.log(run.deviation / run.started))) < 0.7
 
 
@@ -149,8 +146,7 @@ def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits():
 def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):
     found = separation.separate(small, PAIR, duration=10.0, level=0.5, iterations=30)
     limits = Limits.of_robot(small.robot)
-    t = np.linspace(0.0, 10.0, 4001)
-    q, dq, ddq = found.trajectory.states(t)
+    q, dq, ddq = found.trajectory.states(np.linspace(0.0, 10.0, 4001))
     assert np.all((q >= limits.lower) & (q <= limits.upper))
     assert np.all(np.abs(dq) <= limits.velocity)
     assert np.all(np.abs(ddq) <= limits.acceleration)

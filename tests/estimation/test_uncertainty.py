@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError, Measurements, Problem
-from sdp_vs_penalty.effects import Model, Motion
+from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.pose import pose
@@ -126,23 +126,3 @@ def test_what_cannot_be_seen_is_said(two_link):
         assert verdicts[name].lower < verdicts[name].value < verdicts[name].upper
     assert sum(counts(known.base).values()) == len(known.base) == 8 + 6
     assert counts(known.base)[NOT_SEEN] == 0
-
-
-def test_the_band_holds_torques_of_another_motion(two_link):
-    """Most true torques lie in the 95 % band; measured ones in the band with noise."""
-    model = two_link.model(EFFECTS)
-    theta = truth_of(two_link, model)
-    run = measured(two_link, theta, model, 2, 40.0)
-    known = told(two_link, model, run)
-    value = np.array([i.value for i in known.standard])
-    other = random_trajectory(two_link.robot, seed=11, duration=20.0)
-    t = np.linspace(1.0, 19.0, 400)
-    motion = Motion(t, *other.states(t))
-    centre, std = known.band(value, model.columns(motion))
-    low, high = centre - NORMAL_95 * std, centre + NORMAL_95 * std
-    true = model.torque(theta, motion)
-    inside = float(np.mean((low <= true) & (true <= high)))
-    assert inside > 0.75
-    np.testing.assert_allclose(centre, model.torque(value, motion))
-    noisy = true + np.random.default_rng(0).normal(size=true.shape) * known.torque_noise
-    assert np.mean(np.abs(noisy - centre) <= NORMAL_95 * np.hypot(std, known.torque_noise)) > 0.8

@@ -170,12 +170,3 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     (run,) = free.details["runs"]  # judged by the last weight
     assert run["penalised"] == pytest.approx(run["objective"], rel=1e-9)
     assert all(0 < run["evaluations"] < 2000 for run in runs)
-
-
-def test_penalty_without_links(two_link):
-    run = run_of(two_link, two_link.nominal_links)
-    task = posed_task(two_link, run, "viscous_friction,torque_offset")
-    _, sdp = certify(task, make_estimator("lmi-sdp").fit(task))
-    for method in ("penalty", "penalty-paper"):
-        _, certificate = certify(task, make_estimator(method).fit(task))
-        assert certificate.loss == pytest.approx(sdp.loss, rel=1e-6)

@@ -308,11 +308,8 @@ def check_columns_are_the_hidden_torque(name: str) -> None:
             if len(theta) == 1:
                 demands = case.effect.constraints(np.arange(len(theta)))
                 assert all(c.margin(theta) >= 0.0 for c in demands), "the truth itself is not possible"
-    assert met == (set() if kind.whole_robot else {"revolute", "prismatic"} - _not_met(name))
-
-
-def _not_met(name: str) -> set[str]:
-    return {"prismatic"} if name == "transmission_friction" else set()  # wrists turn
+    wrist = name == "transmission_friction"  # they turn
+    assert met == (set() if kind.whole_robot else {"revolute", *["prismatic"] * (not wrist)})
 
 
 def check_every_form_is_met(name: str) -> None:

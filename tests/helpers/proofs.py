@@ -260,6 +260,7 @@ def unreadable(whole: str, rng: np.random.Generator) -> str:
         lambda: whole[: int(rng.integers(0, len(whole)))],
         lambda: whole.replace('"floor"', '"floor": "1", "floor"', 1),
         lambda: whole.replace('"kind"', '"kind": NaN, "also"', 1),
+        lambda: "\ufeff" + whole,
         lambda: "[" * int(rng.integers(1, 200_000)),
         lambda: whole.replace('"name": "', '"name": "-', 1),
         lambda: whole.replace(verify_proof.FORMAT, "sdp-vs-penalty proof 1", 1),

@@ -1,4 +1,4 @@
-"""Readers of the two SDP file formats, independent of the writers, and programs that solve a .dat-s."""
+"""A reader of CBF files, independent of the writer, and programs that solve a .dat-s."""
 
 import re
 import shutil
@@ -11,30 +11,6 @@ from scipy import sparse
 
 from sdp_vs_penalty.solvers import Cone, ConicProblem
 from sdp_vs_penalty.solvers.conic import CBF_NAMES
-
-
-def read_sdpa(path: str | Path) -> ConicProblem:
-    """The problem of a sparse SDPA file."""
-    body = [s for s in Path(path).read_text().splitlines() if s.strip() and s[0] not in '"*']
-    variables, blocks = (int(line.split()[0]) for line in body[:2])
-    # SDPA allows commas, braces and parentheses between numbers.
-    sizes, q = (line.translate(str.maketrans(",(){}", "     ")).split() for line in body[2:4])
-    assert (len(sizes), len(q)) == (blocks, variables)
-    cones = tuple(Cone("nonnegative" if s < 0 else "psd", abs(s)) for s in map(int, sizes))
-    starts = np.cumsum([0, *(c.rows for c in cones)])
-    b, A = np.zeros(starts[-1]), sparse.lil_matrix((int(starts[-1]), variables))
-    for text in body[4:]:
-        k, block, i, j = (int(word) for word in text.split()[:4])
-        at, weight = _psd_row(i - 1, j - 1)
-        if cones[block - 1].kind == "nonnegative":
-            at, weight = i - 1, 1.0
-        row, value = int(starts[block - 1]) + at, float(text.split()[4]) * weight
-        if k == 0:
-            b[row] -= value
-        else:
-            A[row, k - 1] -= value
-    nothing = sparse.csc_matrix((variables, variables))
-    return ConicProblem(nothing, np.array(q, float), sparse.csc_matrix(A), b, cones)
 
 
 def read_cbf(path: str | Path) -> ConicProblem:

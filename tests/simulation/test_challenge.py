@@ -10,6 +10,7 @@ import pytest
 from challenge import judge
 from challenge import worlds as challenged
 from challenge.cases import CLASSES, Case, run_case
+from figures import differences
 
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.world import DryFriction, bristles
@@ -93,16 +94,7 @@ def test_cases_of_the_challenge_come_out_as_committed(name):
     kind, nuisance, seed, index = key.split("/")
     _, again = run_case(Case(kind, nuisance, int(seed), int(index)))
     for field in ("truth", "verdict", "events", "found", "retuned", "energy", "after"):
-        assert again[field] == approximately(record[field]), field
-
-
-def approximately(value: Any) -> Any:
-    """pytest.approx through lists and dictionaries, for processors that round otherwise."""
-    if isinstance(value, float):
-        return pytest.approx(value, rel=1e-3, abs=1e-12)
-    if isinstance(value, dict):
-        return {k: approximately(v) for k, v in value.items()}
-    return [approximately(v) for v in value] if isinstance(value, list) else value
+        assert not differences(record[field], json.loads(json.dumps(again[field])), field)
 
 
 FOLDERS = [Path(home.__file__).parent for home in (worlds, challenged)]
