@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import write_folder
 from commands import run_cli
 from small_runs import write_run
 
@@ -41,13 +42,7 @@ def test_an_input_is_never_replaced(log, how, tmp_path, monkeypatch, capsys):
 
 def test_what_only_a_reader_opens_is_protected_too(log, tmp_path):
     """A problem's folder is named on the command line, its table of bounds is not."""
-    folder = tmp_path / "arm"
-    folder.mkdir()
-    (folder / "problem.toml").write_text(
-        'title = "an arm"\n[kinematics]\nconvention = "modified"\na = [0.0, 0.5]\n'
-        "alpha_over_pi = [0.0, 0.5]\nd = [0.3, 0.0]\n[bounds]\ntables = ['bounds.csv']\n"
-    )
-    (folder / "bounds.csv").write_text("parameter,lower,upper\nm1,0.1,9\n")
+    folder = write_folder(tmp_path / "arm")
     before = (folder / "bounds.csv").read_bytes()
     assert run_cli("identify", folder, "--data", log, "--out", folder / "bounds.csv", "--no-check") == 2
     assert (folder / "bounds.csv").read_bytes() == before
@@ -155,14 +150,6 @@ def test_the_largest_size_is_the_last_that_is_read(tmp_path):
         if other.exists():
             with pytest.raises(InputError, match="larger than"):
                 files.read_bytes(other, largest)
-
-
-def test_json_of_another_kind_is_refused(tmp_path):
-    path = tmp_path / "model.json"
-    path.write_text('{"format": 1}')
-    assert files.read_json(path, "model", "format", dict) == {"format": 1}
-    with pytest.raises(InputError, match="not a proof of this program"):
-        files.read_json(path, "proof", "multipliers", dict)
 
 
 def test_what_a_living_writer_has_begun_stays(tmp_path):

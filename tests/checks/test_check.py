@@ -2,10 +2,8 @@
 
 import json
 import re
-import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,6 +100,8 @@ SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
         changed("tau", 2, lambda x: np.clip(x, 0.6 * x.min(), 0.6 * x.max())),
         "saturation", "tau2 is stuck at", "warning",
     ),
+    "microseconds": (lambda run: replace(run, t=1e6 * run.t), "time unit", "microseconds", "error"),
+    "nanoseconds": (lambda run: replace(run, t=1e9 * run.t), "time unit", "nanoseconds", "error"),
     "a dead channel": (changed("tau", 2, lambda x: 0.25), "dead channel", "tau2 is 0.25", "error"),
 }  # fmt: skip
 
@@ -139,14 +139,6 @@ def test_only_what_is_certain_is_fixed(simulated):
     assert "one-off event" in left
 
 
-def test_an_arm_on_the_ceiling_is_no_flipped_sign():
-    """Light links: one sign turned leaves little of a weight that points up, gravity leaves less."""
-    problem = load_problem(str(Path(__file__).parents[2] / "docs" / "my_arm.urdf"))
-    run = experiment(problem).training_run(0)
-    report = check(problem.with_gravity((0.0, 0.0, 9.81)), run)[0]
-    assert [f.kind for f in report.problems] == ["gravity direction"]
-
-
 def test_few_rows_far_apart_are_not_asked_for_two_arms(small):
     """Each of two stretches needs rows for the parts that are left out of it in turn."""
     problem, run = small
@@ -164,35 +156,17 @@ def test_positions_beyond_a_straight_axis_name_it(far, kind):
     assert [f.where for f in report.problems if f.kind == kind] == ["joint 1"]
 
 
-def test_silence_on_simulated_data():
-    for name in ("two_link", "ur10e"):
-        problem = load_problem(name)
-        setup = experiment(problem)
-        setup = replace(setup, validation=(1, setup.validation[1]))
-        for run in (setup.training_run(1), *setup.validation_runs(2)):
-            assert not check(problem, run)[0].problems, (name, run.names)
-
-
-@pytest.mark.real_data
-def test_silence_on_the_real_panda_and_how_long_it_takes(panda, panda_run):
-    begin = time.process_time()
-    (report,) = check(panda, panda_run)
-    assert time.process_time() - begin < 3.0
-    assert not report.problems
-    assert report.unexplained < 0.02
-
-
 #: Of the UR10e's eight runs: exciting, exciting with a knock, one joint alone.
 SOME = ("12-50sec_12harm", "15harm50secLoad", "joint_2")
 
 
 @pytest.mark.real_data
 @pytest.mark.parametrize("some", [True, pytest.param(False, marks=pytest.mark.long)])
-def test_silence_on_real_arms(some):
+def test_silence_on_real_arms(some, panda_run):
     runs = [("ur10e", r) for r in measured_runs("ur10e").values() if r.names[0].endswith(SOME) == some]
     if some:
-        runs += [("emps", run) for run in measured_runs("emps").values()]
-    assert len(runs) == 5
+        runs += [("emps", run) for run in measured_runs("emps").values()] + [("panda", panda_run)]
+    assert len(runs) == 5 + some
     for name, run in runs:
         report = check(load_problem(name), run)[0]
         if "joint_" in run.names[0]:  # one joint moves alone: that, and nothing else, is a problem
@@ -215,27 +189,16 @@ def test_a_log_without_torque_is_checked_for_rows_clock_and_positions(two_link):
     assert "no torque was logged" in report.verdict
 
 
-@pytest.mark.parametrize("frozen", [False, True])
-def test_a_joint_that_rests_between_two_moves_is_not_frozen(frozen, two_link):
-    """From point to point, with an encoder that counts one by one; and stopped in mid-motion."""
-    t, rest = np.arange(0.0, 16.0, 0.002), 0.0 if frozen else 1.2
+def test_a_joint_that_rests_between_two_moves_is_not_frozen(two_link):
+    """From point to point, with an encoder that counts one by one."""
+    t = np.arange(0.0, 16.0, 0.002)
     into = np.clip(t / 3.0, 0.0, 1.0)
-    later = np.maximum(t - 3.0 - rest, 0.0)
+    later = np.maximum(t - 4.2, 0.0)
     slow = 0.6 * (10.0 * into**3 - 15.0 * into**4 + 6.0 * into**5) - 0.3 * (1.0 - np.cos(1.5 * later))
     slow = np.round(slow * 2**15) / 2**15
-    if frozen:
-        slow = np.where((t > 1.0) & (t < 2.5), slow[500], slow)
     q, tau = np.column_stack([np.sin(3.0 * t), slow]), np.column_stack([np.cos(t), np.sin(t)])
     run = Measurements(t, q, tau)
-    found = [issue.kind for issue in mended(run, two_link.robot, 0.005)[0]]
-    assert ("frozen position" in found) == frozen, found
-
-
-@pytest.mark.real_data
-def test_the_force_of_the_real_emps_turned():
-    run = measured_runs("emps")["tracking"]
-    report = check(load_problem("emps"), replace(run, tau=-run.tau))[0]
-    assert [(f.kind, f.where) for f in report.problems] == [("torque sign", "joint 1")]
+    assert "frozen position" not in [issue.kind for issue in mended(run, two_link.robot, 0.005)[0]]
 
 
 @pytest.mark.parametrize("samples", [1, 2, 5, 40])
@@ -360,19 +323,6 @@ def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
         assert np.allclose([float(x) for x in stated.groups()], (0.0, 0.0, -9.81), atol=0.03)
     assert "masses" in finding.remedy or field == "gravity" or "total_mass" in finding.remedy
     assert report.mended.tau is run.tau
-
-
-CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-
-
-@pytest.mark.parametrize("unit", CLOCKS)
-def test_a_clock_in_another_unit_is_named_and_mended(unit, small):
-    problem, run = small
-    report = check(problem, replace(run, t=CLOCKS[unit] * run.t), thorough=False)[0]
-    assert {f.kind for f in report.problems} == {"time unit"}
-    assert unit in report.issues[0].what
-    assert report.meaningless
-    assert report.mended.t == pytest.approx(run.t)
 
 
 def test_a_slow_log_keeps_its_seconds(simulated):

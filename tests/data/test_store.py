@@ -51,17 +51,6 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
         assert load_measurements(out).data_hash == whole.data_hash
 
 
-def test_a_bad_row_behind_the_first_piece_is_named(tmp_path, monkeypatch):
-    path = tmp_path / "run.csv"
-    save(small_run(load_problem("two_link")), path)
-    lines = path.read_text().splitlines()
-    lines[500] = lines[500].replace(",", ",x", 1)
-    path.write_text("\n".join(lines) + "\n")
-    monkeypatch.setattr("sdp_vs_penalty.data.formats.csv.PIECE", 999)
-    with pytest.raises(InputError, match="row 501, column 2 holds 'x"):
-        load_measurements(path)
-
-
 @pytest.mark.usefixtures("small_store")
 def test_the_same_estimate_from_disk_and_from_memory(tmp_path):
     problem = load_problem("two_link")

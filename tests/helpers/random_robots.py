@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import Measurements, Problem
-from sdp_vs_penalty.effects import Motion
+from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.estimators import Task, make_task
 from sdp_vs_penalty.problem import open_box, plausible_links
 from sdp_vs_penalty.regression import LeastSquares, compress
@@ -84,6 +84,24 @@ def sines(
     s, c = np.sin(wt), np.cos(wt)
     q = s @ (a / w).T - c @ (b / w).T + rng.uniform(-1, 1, n)
     return Motion(t, q, c @ a.T + s @ b.T, -s @ (a * w).T + c @ (b * w).T)
+
+
+def driven(
+    seed: int = 0,
+    seconds: float = 12.0,
+    dt: float = 2e-3,
+    effects: str = "rigid_body,viscous_friction",
+    noise: float = 0.0,
+) -> tuple[Model, Array, Measurements]:
+    """The model of a random tree of three joints, its parameters, and a run of it with white noise."""
+    rng = np.random.default_rng(seed)
+    robot = tree(rng, 3)
+    model = Model(robot, parse_effects(effects, robot))
+    links = [link_parameters(rng, 0.4) for _ in robot.joints]
+    theta = np.concatenate([*links, rng.uniform(0.1, 1.0, len(model.parameters) - 30)])
+    motion = sines(rng, 3, np.arange(0.0, seconds, dt))
+    tau = model.torque(theta, motion)
+    return model, theta, Measurements(motion.t, motion.q, tau + noise * rng.normal(size=tau.shape))
 
 
 def open_problem(robot: Robot, nominal: Array) -> Problem:

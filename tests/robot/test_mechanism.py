@@ -158,21 +158,14 @@ def test_tables_without_header_are_read_at_their_rate(tmp_path):
         convert(tmp_path / "none.csv", rate=200.0)
 
 
-CASES = pytest.mark.parametrize("seed", range(8))
-
-
-def drawn(seed: int, n: int = 5) -> tuple[Transmission, np.random.Generator]:
-    """Any regular coupling, each channel on either side."""
-    rng = np.random.default_rng(seed)
+@pytest.mark.parametrize("seed", range(8))
+def test_joints_come_back_from_channels_of_either_side(seed):
+    """Of any regular coupling, each channel on either side."""
+    rng, n = np.random.default_rng(seed), 5
     matrix = np.diag(rng.choice([-1.0, 1.0], n) * rng.uniform(20.0, 120.0, n))
     matrix[rng.integers(n), rng.integers(n)] += 30.0
     sides = [tuple(map(str, rng.choice(SIDES, n))) for _ in range(2)]
-    return Transmission(matrix, rng.normal(size=n), *sides), rng
-
-
-@CASES
-def test_joints_come_back_from_channels_of_either_side(seed):
-    transmission, rng = drawn(seed)
+    transmission = Transmission(matrix, rng.normal(size=n), *sides)
     q, dq, motors = rng.normal(size=(3, 40, transmission.n))
     tau = motors @ transmission.matrix
     turned = q @ transmission.matrix.T + transmission.offset
@@ -197,7 +190,6 @@ def test_joints_come_back_from_channels_of_either_side(seed):
     ("motors", "words"),
     [
         (["q1 q1"], "no sum"),
-        (["32 x1"], "no sum"),
         (["q1", "q3"], "joint 3"),
         (["q1 + q2", "2 q1 + 2 q2"], "do not follow"),
         (["q1", "5"], "do not follow"),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_robots import link_parameters, sines, tree
+from random_robots import driven, sines, tree
 
 from sdp_vs_penalty import InputError, Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
@@ -51,21 +51,9 @@ def test_a_position_far_from_zero_keeps_its_derivatives():
         np.testing.assert_allclose(a, b, atol=1e-7 * np.abs(a).max())
 
 
-def model_and_run(
-    seed: int = 0, seconds: float = 12.0, dt: float = 2e-3, effects: str = "rigid_body,viscous_friction"
-) -> tuple[Model, np.ndarray, Measurements]:
-    rng = np.random.default_rng(seed)
-    robot = tree(rng, 3)
-    model = Model(robot, parse_effects(effects, robot))
-    theta = np.concatenate([link_parameters(rng, 0.4) for _ in robot.joints])
-    theta = np.concatenate([theta, rng.uniform(0.1, 1.0, len(model.parameters) - len(theta))])
-    motion = sines(rng, 3, np.arange(0.0, seconds, dt))
-    return model, theta, Measurements(motion.t, motion.q, model.torque(theta, motion))
-
-
 @pytest.mark.parametrize("chunk", [1, 500])
 def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
-    model, _, run = model_and_run()
+    model, _, run = driven()
     settings = Preprocessing(4.0, 6.0).resolve(run)
     whole = FilteredRun(run, settings).all_rows(model)
     monkeypatch.setattr(filtered, "PART", chunk)
@@ -92,7 +80,7 @@ def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
 @pytest.mark.parametrize(("clock", "bound"), [("even", 1e-6), ("jittered", 2e-4), ("with a gap", 1e-6)])
 def test_rows_obey_the_model_where_the_measurements_do(clock, bound):
     """Between the samples of a jittering clock too; no row holds what lies on both sides of a gap."""
-    model, theta, run = model_and_run(seconds=20.0, dt=1e-3)
+    model, theta, run = driven(seconds=20.0, dt=1e-3)
     if clock == "jittered":
         t: NDArray[np.float64] = np.cumsum(np.random.default_rng(5).uniform(3e-4, 1.7e-3, 12_000))
         q, tau = (np.column_stack([np.interp(t, run.t, x) for x in y.T]) for y in (run.q, run.tau))
@@ -108,21 +96,6 @@ def test_rows_obey_the_model_where_the_measurements_do(clock, bound):
     assert rows.motion.t.max() > 9.5 + margin
 
 
-def test_standstill_is_dropped_and_motion_is_kept():
-    model, _, run = model_and_run(seconds=10.0, dt=2e-3)
-    rest = 3000
-    tail = np.repeat(run.q[-1:], rest, axis=0)
-    t = np.linspace(0.0, 2e-3 * (len(run.t) + rest - 1), len(run.t) + rest)
-    noise = 1e-6 * np.random.default_rng(1).normal(size=(len(t), 3))
-    stopped = Measurements(t, np.vstack([run.q, tail]) + noise, np.vstack([run.tau, 0 * tail]))
-    settings = Preprocessing(5.0, 8.0)
-    kept = FilteredRun(stopped, settings).all_rows(model).motion.t
-    assert kept.max() < run.t[-1] + 0.3
-    everything = FilteredRun(stopped, replace(settings, standstill=0.0)).all_rows(model).motion.t
-    np.testing.assert_array_equal(everything[everything < 9.5], kept[kept < 9.5])
-    assert everything.max() > 14.0
-
-
 def test_idle_joints_do_not_set_the_filters():
     """One joint moves, the others' encoders flicker: neither cut-off nor standstill is theirs."""
     rng = np.random.default_rng(3)
@@ -134,8 +107,14 @@ def test_idle_joints_do_not_set_the_filters():
     settings = Preprocessing().resolve(run)
     assert 4.8 <= settings.torque_cutoff < 12.8
     robot = tree(rng, 3)
-    rows = FilteredRun(run, settings).all_rows(Model(robot, parse_effects("torque_offset", robot)))
-    assert rows.motion.t.max() < 30.5
+    model = Model(robot, parse_effects("torque_offset", robot))
+    kept, every = (
+        FilteredRun(run, replace(settings, standstill=x)).all_rows(model).motion.t
+        for x in (settings.standstill, 0.0)
+    )
+    assert kept.max() < 30.5
+    assert every.max() > 39.0
+    np.testing.assert_array_equal(every[every < 29.5], kept[kept < 29.5])
 
 
 @pytest.mark.parametrize("base", [0.05, 0.2, 0.8])
@@ -183,13 +162,13 @@ def test_cutoffs_stay_below_what_the_rate_allows():
 
 
 def test_what_cannot_be_filtered_is_refused():
-    model, _, run = model_and_run(seconds=0.5)
+    model, _, run = driven(seconds=0.5)
     with pytest.raises(InputError, match=r"filters need more than.*record longer"):
         FilteredRun(run, Preprocessing(2.0, 4.0)).all_rows(model)
     broken = Measurements(run.t + np.arange(len(run.t)) // 10, run.q, run.tau)
     with pytest.raises(InputError, match="no 16 consecutive ones without a gap"):
         Preprocessing().resolve(broken)
-    model, _, long = model_and_run(seconds=8.0)
+    model, _, long = driven(seconds=8.0)
     pieces = replace(long, t=long.t + np.floor(long.t / 1.6))
     with pytest.raises(InputError, match=r"no continuous motion longer than 3 s"):
         FilteredRun(pieces, Preprocessing(2.0, 4.0)).all_rows(model)
@@ -203,7 +182,7 @@ def test_what_cannot_be_filtered_is_refused():
 
 @pytest.mark.parametrize("cutoffs", [(5.0, 8.0), (20.0, 8.0), (3.0, 12.0)])
 def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
-    model, _, run = model_and_run(seconds=8.0, dt=1e-3, effects="rigid_body")
+    model, _, run = driven(seconds=8.0, dt=1e-3, effects="rigid_body")
     settings = Preprocessing(*cutoffs)
     found, filters = FilteredRun(run, settings).all_rows(model), preprocessing.RunFilter(run, settings)
     half = filters.state.half
@@ -215,29 +194,15 @@ def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
         np.testing.assert_allclose(own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max())
 
 
-NOISE = 3e-6
-
-
-def _resolved(sticks: bool, noise: float = NOISE) -> Preprocessing:
-    """Of a joint that swings, and does not move for 60 ms at its reversals if it sticks."""
-    t = np.arange(0.0, 20.0, 0.002)
-    phase = 2.0 * np.pi * 0.5 * t
-    q = np.sin(phase)
-    if sticks:
-        q = np.clip(q, -np.cos(0.1), np.cos(0.1))
-    rng = np.random.default_rng(1)
-    q = q + rng.normal(0.0, noise, len(t))
-    torque = np.cos(phase) + rng.normal(0.0, 0.01, len(t))
-    return Preprocessing().resolve(Measurements(t, q[:, None], torque[:, None]))
-
-
 def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to():
-    smooth, sharp = _resolved(False), _resolved(True)
-    assert smooth.torque_cutoff == 1.6 * smooth.state_cutoff
+    """It stands for 60 ms at its reversals: that is let through, and not the noise of the positions."""
+    t, rng = np.arange(0.0, 20.0, 0.002), np.random.default_rng(1)
+    q, torque = np.sin(np.pi * t), np.cos(np.pi * t) + rng.normal(0.0, 0.01, len(t))
+    white, stuck = rng.normal(size=len(t)), np.clip(q, -np.cos(0.1), np.cos(0.1))
+    smooth, sharp, coarse = (
+        Preprocessing().resolve(Measurements(t, x[:, None], torque[:, None]))
+        for x in (q + 3e-6 * white, stuck + 3e-6 * white, stuck + 1e-3 * white)
+    )
+    assert smooth.torque_cutoff == sharp.torque_cutoff == 1.6 * smooth.state_cutoff
     assert sharp.state_cutoff > 2.0 * smooth.state_cutoff
-    assert sharp.torque_cutoff == smooth.torque_cutoff
-
-
-def test_noise_of_the_positions_is_not_let_through_for_it():
-    fine, coarse = _resolved(True), _resolved(True, 300.0 * NOISE)
-    assert coarse.state_cutoff < fine.state_cutoff
+    assert coarse.state_cutoff < sharp.state_cutoff
