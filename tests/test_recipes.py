@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 import sdp_vs_penalty.effects
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
-from sdp_vs_penalty import InputError, add, compare, diagnose, identify, load_estimate, load_problem
+from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.cli.verbs.list import details, listing
-from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.effects import effect_types, parse_effects
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.research.shootout.contestants import contestants
 from sdp_vs_penalty.simulation import MAKERS, experiment
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint, log_uniform
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
 from sdp_vs_penalty.solvers import solver_types
@@ -173,22 +171,3 @@ def test_one_file_keeps_the_contracts_and_is_listed(added):
     effect_contract.check_every_form_is_met(NAME)
     row = details("effects", NAME)
     assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")
-
-
-@pytest.mark.long
-def test_one_file_is_hidden_found_added_and_saved(added, two_link, tmp_path):
-    (written,) = parse_effects(f"{NAME}:2@q_0=0.7", two_link.robot)
-    assert written.constants == "q_0 = 0.7 rad"
-    made = hidden_runs(two_link, [(NAME, [1])], "strong", seed=3)
-    data = concatenate(made.runs[:3])
-    estimate = identify(two_link, data, "ols", effects=made.truth["model_effects"])
-    first = diagnose(estimate, data, made.runs[3]).effects[0]
-    assert (first.effect, first.joints) == (NAME, (2,))
-    (true,) = made.truth["effects"]
-    assert first.size == pytest.approx(true["size"], rel=0.1)
-    assert first.shape["q_0"] == pytest.approx(true["shape"]["q_0"], rel=0.1)
-    add(estimate, f"{NAME}:2", data).save(tmp_path / "model.json")
-    bigger = load_estimate(tmp_path / "model.json")
-    assert bigger.model.effects[-1].shape["q_0"] == pytest.approx(first.shape["q_0"], rel=0.1)
-    before, after = compare({"before": estimate, "after": bigger}, made.runs[3])
-    assert after.rmse[1] < 0.6 * before.rmse[1]

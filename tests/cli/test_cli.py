@@ -29,6 +29,7 @@ from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation.excitation import payload_run
 from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.formatting import number
 
 Run = Callable[..., tuple[int, str, str]]
@@ -110,11 +111,14 @@ def test_the_programs_own_words(run):
 
 
 def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(run, monkeypatch):
+    """Every list names what is registered, a line each at its beginning."""
     monkeypatch.setattr(console.out, "_width", 80)
-    code, out, _ = run("list", "effects")
-    assert code == 0
-    names = [row[0] for row in listing("effects")[1]]
-    assert len(out.splitlines()) <= 2 * len(names)
+    for kind in sorted((kind.value for kind in Kind), key="effects".__eq__):
+        code, out, _ = run("list", kind)
+        assert code == 0
+        names = [row[0] for row in listing(kind)[1]]
+        assert set(names) <= {line.split()[0] for line in out.splitlines() if line.split()}
+    assert len(names) < len(out.splitlines()) <= 2 * len(names)
     assert all(len(line) <= 80 for line in out.splitlines())
     for name in names:
         code, out, _ = run("list", "effects", name)
@@ -124,19 +128,6 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(run, mon
         for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shapes):
             assert text.strip()
             assert " ".join(text.split()) in shown
-    code, _, err = run("list", "effects", "ether")
-    assert code == 2
-    assert "'ether' is unknown" in err
-
-
-@pytest.mark.parametrize("kind", [kind.value for kind in Kind])
-def test_list_shows_every_registered_name(run, kind):
-    code, out, _ = run("list", kind)
-    assert code == 0
-    first_words = {line.split()[0] for line in out.splitlines() if line.split()}
-    names = {row[0] for row in listing(kind)[1]}
-    assert names
-    assert names <= first_words
 
 
 def test_identify_options_reach_the_model(run, runs, tmp_path):
@@ -194,7 +185,6 @@ def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
     assert next(iter(content)) == "models"
     assert [entry["model"] for entry in content["models"]] == [str(model), str(other)]
     for entry in content["models"]:
-        assert len(entry["rmse"]) == len(entry["r2"]) == 2
         assert np.allclose(np.square(entry["rmse"]), entry["mse"])
         # White noise of 0.05 N m at 100 Hz, of which the band lets a part through.
         assert all(0.0 < rmse < 0.05 for rmse in entry["rmse"])
@@ -217,8 +207,6 @@ def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
         (["identify", "two_link", "--method", "magic"], ["magic", "lmi-sdp", "ols"]),
         (["identify", "two_link", "--effects", "ether"], ["ether", "viscous_friction"]),
         (["identify", "two_link", "--effects", "rigid_body,viscous_friction:x"], ["viscous_friction:x"]),
-        (["identify", "two_link", "--effects", "viscous_friction:9"], ["joint 9", "2"]),
-        (["identify", "two_link", "--effects", "coulomb_friction@v_s=0"], ["above 0"]),
         (["identify", "two_link", "--solver", "oracle"], ["oracle", "clarabel"]),
         (["identify", "two_link", "--method", "ols", "--solver", "clarabel"], ["--solver"]),
         (["identify", "two_link", "--gravity", "0,0"], ["--gravity", "3 numbers"]),
@@ -228,49 +216,45 @@ def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
         (["identify", "two_link", "--seed", "-1"], ["--seed", "it must be at least 0"]),
         (["identify", "two_link", "--seed", "x"], ["--seed", "a whole number is needed"]),
         (["identify", "panda"], ["run1.csv", "2 joints", "7"]),
-    ],
-)
-def test_identify_refuses_in_one_sentence(run, runs, tmp_path, arguments, words):
-    kept = tmp_path / "model.json"
-    kept.write_text("old")
-    refused(run, (*arguments, "--data", runs[0], "--out", kept), *words)
-    assert kept.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [kept]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
         (["fly"], ["fly"]),
         (["list"], ["required: problems|effects"]),
         (["list", "robots"], ["'robots' is not one of 'problems', 'effects'"]),
+        (["list", "effects", "ether"], ["'ether' is unknown"]),
         (["fetch", "moon"], ["moon", "panda", "ur10e", "emps", "tx40"]),
-        (["compare", "nowhere.json", "--data", "x.csv"], ["nowhere.json"]),
         (["identify", "two_link", "--out", "m.json"], ["--data"]),
-        (["identify", "two_link", "--data", "nowhere.csv", "--out", "m.json"], ["nowhere.csv"]),
         (["tables", "--budget", "endless"], ["endless", "quick", "paper"]),
         (["tables", "III", "--all"], ["--all makes every table"]),
+        (["tables", "III", "XII"], ["table 'XII' is unknown"]),
+        (["tables", "VII", "--problem", "panda"], ["belongs to two_link"]),
+        (["figures", "8", "4"], ["photograph"]),
+        (["figures", "8", "11"], ["choose from 1, 2, 3, 5"]),
         (["shootout", "--solvers", "gurobi"], ["solver 'gurobi' is unknown: there are: clarabel"]),
+        (["export-sdp", "two_link", "--out", "a.mps", "--data"], [".dat-s"]),
+        (["export-sdp", "two_link", "--method", "penalty", "--out", "a.cbf", "--data"], ["single SDP"]),
         (["shootout", "--problems", "pandas"], ["'pandas' is unknown"]),
         (["shootout", "--accuracy", "small"], ["--accuracy 'small'"]),
         (["shootout", "--accuracy", "2"], ["--accuracy"]),
         (["shootout", "--time-limit", "0"], ["--time-limit"]),
     ],
 )
-def test_usage_errors_are_one_sentence(run, arguments, words, tmp_path, monkeypatch):
+def test_usage_errors_are_one_sentence(run, runs, arguments, words, tmp_path, monkeypatch):
+    """The old file stays, and no other is there."""
     monkeypatch.chdir(tmp_path)
+    kept = tmp_path / "model.json"
+    kept.write_text("old")
+    if arguments[-1] == "--data":
+        arguments = [*arguments, runs[0]]
+    elif arguments[0] == "identify" and "--out" not in arguments:
+        arguments = [*arguments, "--data", runs[0], "--out", kept]
     refused(run, arguments, *words)
+    assert kept.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [kept]
 
 
 def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
     code, said, _ = run("shootout", "--list")
     assert code == 0
-    for name in (
-        "panda gram g mm",
-        "chain of 60 links gyration 0",
-        "log-cholesky L-BFGS",
-        "sdpa-program",
-    ):
+    for name in ("panda gram g mm", "log-cholesky L-BFGS", "sdpa-program"):
         assert name in said
     assert re.search(r"clarabel +here", said)
     choice = ("--solvers", "clarabel,lmi-sdp", "--problems", "two_link simulated one-step plain")
@@ -280,13 +264,6 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
     for name in ("runs.csv", "summary.md", "summary.csv"):
         assert str(tmp_path / name) in said
         assert (tmp_path / name).is_file()
-
-
-def test_what_is_no_single_sdp_is_not_exported(run, runs, tmp_path):
-    of = ("export-sdp", "two_link", "--data", runs[0], "--out")
-    refused(run, (*of, tmp_path / "a.mps"), ".dat-s")
-    refused(run, (*of, tmp_path / "a.cbf", "--method", "penalty"), "not a single SDP")
-    assert not [*tmp_path.iterdir()]
 
 
 def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
@@ -320,22 +297,16 @@ def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
         assert set(tmp_path.iterdir()) == kept
 
 
-def test_debug_shows_the_traceback(runs, tmp_path):
-    arguments = ["identify", "two_link", "--method", "magic", "--data", runs[0], "--out", "m.json"]
-    result = python(*PROGRAM, *arguments, "--debug", cwd=tmp_path)
-    assert result.returncode == 2
-    assert "Traceback" in result.stderr
-    assert "magic" in result.stderr
-
-
-def test_an_error_of_our_own_is_no_traceback(run, runs, tmp_path, monkeypatch):
+def test_an_error_of_our_own_is_no_traceback_unless_asked_for(run, runs, tmp_path, monkeypatch):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("inner")
 
     monkeypatch.setattr("sdp_vs_penalty.cli.runs.load_measurements", broken)
-    code, _, err = run("identify", "two_link", "--data", runs[0], "--out", tmp_path / "m.json")
+    words = ("identify", "two_link", "--data", runs[0], "--out", tmp_path / "m.json")
+    code, _, err = run(*words)
     assert code == 1
     assert_one_sentence(err, "ZeroDivisionError", "--debug")
+    assert "Traceback" in run(*words, "--debug")[2]
 
 
 def test_without_docstrings_it_says_so():
@@ -345,29 +316,15 @@ def test_without_docstrings_it_says_so():
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals differ")
-def test_ctrl_c_leaves_the_old_file(runs, tmp_path):
+def test_ctrl_c_leaves_the_old_file(run, runs, tmp_path, monkeypatch):
     """SIGINT in the middle of an identification: exit 130 and the file as it was."""
     kept = tmp_path / "model.json"
     kept.write_text("old")
-    code = (
-        "import sdp_vs_penalty.estimators.lmi_sdp as l, signal, sys, time\n"
-        # A job in the background of a shell inherits an ignored SIGINT.
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "def endless(self, task):\n    print('fitting', flush=True)\n    time.sleep(60)\n"
-        "l.LmiSdp.fit = endless\n"
-        "from sdp_vs_penalty.cli.main import main; main()"
-    )
-    arguments = ["identify", "two_link", "--data", str(runs[0]), "--out", str(kept)]
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout.readline() == "fitting\n"
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=30)
-    assert process.returncode == 130
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
+    monkeypatch.setattr(LmiSdp, "fit", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    code, _, err = run("identify", "two_link", "--data", runs[0], "--out", kept)
+    signal.signal(signal.SIGINT, before)
+    assert code == 130
     assert_one_sentence(err, "interrupted")
     assert kept.read_text() == "old"
     assert list(tmp_path.iterdir()) == [kept]

@@ -11,7 +11,6 @@ import sdp_vs_penalty
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.cli.main import VERBS, main, named
 from sdp_vs_penalty.cli.options import Parser
-from sdp_vs_penalty.data.formats import formats
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 PARSERS = {verb: Parser(verb, named(verb)) for verbs in VERBS.values() for verb in verbs}
@@ -27,21 +26,6 @@ def test_every_file_of_verbs_is_in_the_programs_help(capsys):
     left = files - {line.split()[0] for line in lines if line.startswith("  ")}
     assert not left, f"{left} begin with no line for the help"
     assert max(map(len, lines)) <= 80
-
-
-def test_every_format_is_named_where_a_file_is_asked_for():
-    """By its first suffix: the help is by hand, so that showing it imports no reader."""
-
-    def told(verb: str, name: str) -> str:
-        option = PARSERS[verb].options[name]
-        return f"{option.metavar} {option.help}"
-
-    for home in formats():
-        for suffix in home.SUFFIXES[:1]:
-            assert suffix in told("identify", "data"), f"{suffix}: name it in SHARED of cli/options.py"
-            assert suffix in told("convert", "source"), f"{suffix}: name it in cli/verbs/convert.py"
-            if hasattr(home, "write"):
-                assert suffix in told("convert", "out"), f"{suffix}: name it in cli/verbs/convert.py"
 
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))

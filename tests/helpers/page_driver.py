@@ -34,18 +34,12 @@ DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 ROOT = str(Path(__file__).parents[2])
 #: Milliseconds that a job may take on a busy computer.
 PATIENCE = 240_000
-ARM = """<robot name="arm"><link name="base"/><link name="column"/><link name="slider"/>
-  <joint name="turn" type="continuous"><parent link="base"/><child link="column"/>
-    <origin xyz="0 0 0.3"/><axis xyz="0 1 0"/></joint>
-  <joint name="slide" type="prismatic"><parent link="column"/><child link="slider"/>
-    <axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="100"/></joint></robot>"""
 
 
 @dataclass
 class Server:
     process: subprocess.Popen[str]
     port: int
-    temporary: Path
     key: str
 
     @property
@@ -64,7 +58,9 @@ class Server:
         return found
 
 
-def start(temporary: Path, *arguments: str) -> Server:
+@contextmanager
+def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
+    """The verb; at the end it leaves neither processes nor files behind."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -80,14 +76,7 @@ def start(temporary: Path, *arguments: str) -> Server:
         command, cwd=temporary, env=environment, stdout=subprocess.PIPE, text=True
     )
     printed = re.search(rf"http://127\.0\.0\.1:{port}/\?key=(\S+)", process.stdout.readline())
-    assert printed
-    return Server(process, port, temporary, printed[1])
-
-
-@contextmanager
-def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
-    """The verb; at the end it leaves neither processes nor files behind."""
-    made = start(temporary, *arguments)
+    made = Server(process, port, printed[1])
     try:
         yield made
     finally:
@@ -96,8 +85,8 @@ def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
         made.process.wait(60)
     _, alive = psutil.wait_procs(family, 30)
     assert not alive, alive
-    assert list(made.temporary.glob("sdp-vs-penalty-page-*")) == []
-    assert list(made.temporary.glob("pymp-*")) == []  # Python's own, of its processes
+    assert list(temporary.glob("sdp-vs-penalty-page-*")) == []
+    assert list(temporary.glob("pymp-*")) == []  # Python's own, of its processes
 
 
 @contextmanager
@@ -122,8 +111,7 @@ def a_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
 def written(hidden: HiddenRuns, folder: Path) -> list[Path]:
     """Three runs and a test run, in two formats."""
     paths = [folder / "run1.csv", folder / "run2.npz", folder / "run3.npz", folder / "test.npz"]
-    save(hidden.runs[0], paths[0])
-    for run, path in zip(hidden.runs[1:], paths[1:], strict=True):
+    for run, path in zip(hidden.runs, paths, strict=True):
         save(run, path)
     return paths
 
@@ -154,11 +142,6 @@ def open_page(context: BrowserContext, server: Server, path: str = "new") -> Pag
 
 def idle(page: Page) -> None:
     expect(page.locator(".working")).to_be_hidden(timeout=PATIENCE)
-
-
-def alert(page: Page) -> str:
-    page.wait_for_selector(".notice[role=alert] p")
-    return page.inner_text(".notice[role=alert] .texts")
 
 
 def go(page: Page, stage: str) -> None:

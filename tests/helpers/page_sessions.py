@@ -1,6 +1,7 @@
 """Sessions of the page without a browser, their jobs done in this process, and their screens."""
 
 import asyncio
+import base64
 import json
 import re
 from argparse import Action
@@ -8,6 +9,7 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sdp_vs_penalty import InputError
@@ -16,6 +18,13 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.page import jobs, worker
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import Sessions
+
+
+def numbers(packed: Any) -> np.ndarray:
+    """An array of a chart, as plotly's script reads it."""
+    if isinstance(packed, list):
+        return np.array(packed)
+    return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
 
 
 class Here:
@@ -146,6 +155,3 @@ class Screen:
     def set(self, key: str, value: Any) -> None:
         """Write into a field, choose, or tick."""
         self.hear(self.at(key), "change", value)
-
-    def close(self) -> None:
-        self.loop.close()

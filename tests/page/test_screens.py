@@ -1,7 +1,6 @@
 """What screens show is what the functions behind the verbs say; each control does what it says."""
 
 import asyncio
-import base64
 import json
 import re
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from page_sessions import Here, Screen, saved
+from page_sessions import Here, Screen, numbers, saved
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
@@ -28,13 +27,6 @@ from sdp_vs_penalty.page.sessions import Sessions
 from sdp_vs_penalty.reports.sections import judged_row, standard_rows
 
 NAMES = ("a.csv", "b.csv", "test.csv")
-
-
-def numbers(packed: Any) -> np.ndarray:
-    """An array of a chart, as plotly's script reads it."""
-    if isinstance(packed, list):
-        return np.array(packed)
-    return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
 
 
 def traces(chart: dict[str, Any]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -108,6 +100,25 @@ def test_a_screen_is_there_when_what_it_needs_is(story):
     assert [re.findall(r'"(\w+)"', code) for code in shown] == [
         ["identify", "fit"], ["diagnose", "findings"], ["diagnose", "history"],
     ]  # fmt: skip
+
+
+def test_one_grade_everywhere_and_no_stale_sentence(story):
+    """After each change every stage says the same, in words and colour, of the model that is shown."""
+    names = {"good": "Good", "usable": "Usable", "do not use": "Do not use"}
+    grades = [names[judged.verdict.grade] for judged in story.judged]
+    for step, now in story.said.items():
+        current = grades[step in ("added", "redone", "compared")]
+        for stage in ("measure", "check", "identify", "diagnose", "use"):
+            said = re.findall(r"(?:^|[.!] ?| )(Good|Usable|Do not use) ?\. ", now[stage])
+            assert set(said) <= {current}, (step, stage)
+            assert "`" not in now[stage]
+            if stage in ("identify", "use") and step not in ("empty", "robot", "runs"):
+                assert said, (step, stage)
+        assert ("Missing:" in now["diagnose"]) == (step in ("found", "undone"))
+    level = {"Good": "good", "Usable": "usable"}.get(grades[1], "bad")
+    for stage in ("identify", "use"):
+        marks = {c for e in story.screen.under() if e.props.get("data-to") == stage for c in e.classes}
+        assert marks & {"good", "usable", "bad"} == {level}, (stage, marks)
 
 
 def test_what_is_measured_is_told_and_drawn(story):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import run_cli
+from page_sessions import numbers
 from small_runs import small_run
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, follow, report
@@ -71,12 +72,11 @@ def test_one_file_with_every_section_and_no_request(made):
     assert html.index('id="provenance"') < html.index('id="plotly"')
     assert html.index('class="verdict') < html.index('id="torques"')
     assert len(html) < 2.5e6
-    for words in ("Error over the noise floor", "where 95 % of the errors", "cause \\ joint"):
-        assert words in html
     assert 'aria-label=""' not in html
-    drawn = "".join(figures_of(html))
-    for words in ("measured", "link 2", "joint 1 [N m]", '"y domain"'):
-        assert words in drawn
+    # Nothing of the user becomes markup.
+    assert "<script>alert(1)" not in html
+    assert "&lt;script&gt;alert(1)" in html
+    assert "<b>x</b>" not in html
 
 
 def figures_of(html: str) -> list[str]:
@@ -85,19 +85,13 @@ def figures_of(html: str) -> list[str]:
     return [gzip.decompress(base64.b64decode(text)).decode() for text in found]
 
 
-def numbers(packed: Any) -> np.ndarray:
-    """An array of a figure, as plotly's script reads it."""
-    return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
-
-
 def test_curves_of_figures_are_whole_and_bands_lie_about_them(made):
     bands = 0
     for drawn in figures_of(made[2]):
         flat = [trace for trace in json.loads(drawn)["data"] if trace["type"] == "scatter"]
         for before, trace in pairwise(flat):
-            x, y = numbers(trace["x"]), numbers(trace["y"])
-            assert len(x) == len(y) > 1
-            assert np.all(np.isfinite(y))
+            y = numbers(trace["y"])
+            assert len(y) == len(numbers(trace["x"])) > 1
             if trace.get("fill") == "tonexty":
                 bands += 1
                 assert np.all(numbers(before["y"]) > y)
@@ -130,21 +124,17 @@ def test_torques_and_arm_are_drawn_as_they_are(made):
     (poses,) = last.robot.poses(last.robot.tree_state(run.q.mean(axis=0))[0])
     balls = [trace for trace in arm["data"] if trace["type"] == "mesh3d"]
     for ball, pose, joint, link in zip(balls, poses, last.robot.tree, last.links, strict=True):
-        frame = pose @ joint.link_frame
-        middle = [0.5 * (numbers(ball[c]).min() + numbers(ball[c]).max()) for c in "xyz"]
-        assert middle == pytest.approx(frame[:3, :3] @ link[1:4] / link[0] + frame[:3, 3], abs=0.03)
+        frame, com = pose @ joint.link_frame, link[1:4] / link[0]
+        points = np.array([numbers(ball[c]) for c in "xyz"]).T - frame[:3, 3]
+        centred = points @ frame[:3, :3] - com  # on the surface x^T (5 spread)^-1 x = 1
+        spread = inertia.pseudo_inertia(link)[:3, :3] / link[0] - np.outer(com, com)
+        form = np.einsum("ka,ab,kb->k", centred, np.linalg.inv(5.0 * spread), centred)
+        assert form == pytest.approx(np.ones(len(form)), abs=1e-2)
     lines = [trace for trace in arm["data"] if trace["type"] == "scatter3d"]
     for line, pose in zip(lines, poses, strict=True):
         assert [numbers(line[c])[1] for c in "xyz"] == pytest.approx(pose[:3, 3], abs=1e-5)
     unknown = [c.noise_floor is None for c in compared]
     assert ("the noise floor is unknown" in html) == all(unknown)
-
-
-def test_nothing_of_the_user_becomes_markup(made):
-    html = made[2]
-    assert "<script>alert(1)" not in html
-    assert "&lt;script&gt;alert(1)" in html
-    assert "<b>x</b>" not in html
 
 
 def test_the_figures_are_those_of_the_models(made):
@@ -171,16 +161,7 @@ def test_the_figures_are_those_of_the_models(made):
     assert f"numpy {np.__version__}" in text
 
 
-def test_the_ellipsoid_has_the_links_inertia(made):
-    """A solid ellipsoid of the drawn half axes and the link's mass has the link's inertia."""
-    link = np.array([2.0, 0.2, -0.4, 0.6, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])
-    points = ellipsoid(link, 60)
-    com = link[1:4] / link[0]
-    centred = points - com[:, None]
-    spread = inertia.pseudo_inertia(link)[:3, :3] / link[0] - np.outer(com, com)
-    # On the surface x^T (5 spread)^-1 x = 1.
-    form = np.einsum("ak,ab,bk->k", centred, np.linalg.inv(5.0 * spread), centred)
-    assert form == pytest.approx(np.ones(form.size), abs=1e-9)
+def test_what_is_no_body_has_no_ellipsoid():
     assert ellipsoid(np.zeros(10)) is None
     assert ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
 
@@ -189,35 +170,17 @@ def test_the_verb_and_short_runs(two_link, tmp_path):
     run = experiment(two_link).training_run(0)
     keep = (run.t > run.t[0] + 2.0) & (run.t < run.t[0] + 3.8)
     short = replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=None)
-    save(run, tmp_path / "run.csv")
     save(short, tmp_path / "short.csv")
     identify(two_link, run, "ols").save(tmp_path / "model.json")
-    for name, words in (("run", "identifiable"), ("short", "from the runs that it was identified")):
-        out = tmp_path / f"{name}.html"
-        arguments = ["report", tmp_path / "model.json", "--data", tmp_path / f"{name}.csv", "--out", out]
-        assert run_cli(*arguments) == 0
-        assert words in out.read_text()
+    out = tmp_path / "short.html"
+    assert (
+        run_cli("report", tmp_path / "model.json", "--data", tmp_path / "short.csv", "--out", out) == 0
+    )
+    assert "from the runs that it was identified" in out.read_text()
 
 
 def test_it_draws_in_chromium(made, tmp_path):
-    """Plots that can be seen are there after the scripts ran, and no script was refused."""
-    from page_driver import browsing  # which skips without Chromium
-
-    path = tmp_path / "report.html"
-    path.write_text(made[2])
-    faults: list[str] = []
-    with browsing() as browser:
-        page = browser.new_page(viewport={"width": 1200, "height": 12000})
-        page.on("pageerror", lambda error: faults.append(str(error)))
-        page.on("console", lambda said: faults.append(said.text) if said.type == "error" else None)
-        page.goto(path.as_uri())
-        page.wait_for_function("document.querySelectorAll('.plot-container').length >= 5")
-        page.wait_for_function("document.querySelectorAll('.js-line').length >= 2 * (3 + 2)")
-    assert faults == []
-
-
-@pytest.mark.slow
-def test_joints_are_zoomed_together_and_far_figures_wait(made, tmp_path):
+    """Joints are zoomed together, far figures wait, and no script was refused."""
     from page_driver import browsing  # which skips without Chromium
 
     path = tmp_path / "report.html"
@@ -225,8 +188,11 @@ def test_joints_are_zoomed_together_and_far_figures_wait(made, tmp_path):
     script = re.findall(r'id="plotly">(.*?)</script>', made[2])[0]
     read = gzip.decompress(base64.b64decode(script))
     assert b"root.moduleName = factory" not in read  # the function that a browser would read twice
+    faults: list[str] = []
     with browsing() as browser:
         page = browser.new_page(viewport={"width": 1000, "height": 1200})
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("console", lambda said: faults.append(said.text) if said.type == "error" else None)
         page.goto(path.as_uri())
         page.wait_for_function("document.querySelectorAll('#torques .js-line').length >= 8")
         assert page.locator("#provenance").count() == 1
@@ -238,6 +204,8 @@ def test_joints_are_zoomed_together_and_far_figures_wait(made, tmp_path):
         page.wait_for_function(f"{second}.data[1].visible === 'legendonly'")
         page.evaluate("document.querySelector('#friction').scrollIntoView()")
         page.wait_for_selector("#friction .js-plotly-plot")
+        page.wait_for_function("document.querySelectorAll('#friction .js-line').length >= 2 * 2")
+    assert faults == []
 
 
 def test_measured_curves_are_drawn_with_band_and_data(made):

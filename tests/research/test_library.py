@@ -9,8 +9,6 @@ import pytest
 from commands import run_cli
 from sdp_readers import read_cbf
 
-from sdp_vs_penalty import InputError
-from sdp_vs_penalty.research.shootout import catalogue
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.rewrite import reorder
 
@@ -36,17 +34,6 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
         rows = {row["name"]: row for row in csv.DictReader(file)}
     assert set(rows) == set(NAMES)
     return folder, rows
-
-
-def test_two_hundred_instances_need_no_measurements():
-    everything = catalogue.library()
-    assert sum(not item.measured for item in everything) >= 200
-    assert len({item.folder for item in everything}) == len(everything)
-    assert len({item.name for item in everything}) == len(everything)
-    for robot in ("panda", "ur10e", "emps", "tx40"):
-        assert {item.measured for item in everything if item.group == robot} == {True, False}
-    with pytest.raises(InputError, match="gurobi"):
-        catalogue.selected(["gurobi"], everything)
 
 
 def test_every_file_is_its_sum_and_every_proof_is_accepted(written):
