@@ -115,8 +115,9 @@ class Search:
         if term.text not in self._distorted:
             columns = distorted(self.data, term.form.effect, term.beta)
             self._distorted[term.text] = [(j, z, self._beyond_model({j: z})) for j, z in columns.items()]
+        expected = FORM * np.maximum(term.squares, 1e-200)
         return [
-            Misfit(f"misfit of {term.text} on {j}", {j: z}, np.sqrt(FORM * term.squares[j] / len(s) / s))
+            Misfit(f"misfit of {term.text} on {j}", {j: z}, np.sqrt(expected[j] / len(s) / s))
             for j, z, s in self._distorted[term.text]
         ]
 
