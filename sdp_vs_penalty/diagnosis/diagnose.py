@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
@@ -13,16 +11,15 @@ from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import Judge, harm, lowers
-from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.score import Term
-from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.search import Search, changed, run_search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
-from sdp_vs_penalty.effects.model import Model, depends
+from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.pose import independent_gains
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
+from sdp_vs_penalty.estimation.shapes import with_shapes
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -82,8 +79,7 @@ def diagnose(
         whole = with_estimate(segmented(noisy, settings), estimate)
     progress("noise, and columns of all candidates")
     data = prepare(rows, estimate, frozen, whole)
-    search = Search(data, library(data))
-    search.run(progress)
+    search = run_search(data, progress)
     progress("held-out errors")
     unseen = None if test is None else diagnosis_rows(test, estimate, settings)
     found = _offered(search, Judge(estimate, unseen, frozen))
@@ -103,7 +99,9 @@ def diagnose(
 
 def _offered(search: Search, judge: Judge) -> Found:
     """Findings and constants in order that data left out do not speak against."""
-    first, own = judge.first, [t for t in search.terms if t.form.own]
+    again = [t for t in search.terms if t.form.own]
+    own = [*(t for t in search.own if t.key not in {x.key for x in again}), *again]
+    first = judge.first
 
     def beside_model(kept: Sequence[Term], findings: Sequence[Term]) -> tuple[Estimate, Search]:
         """Findings beside the model with other constants of its own."""
@@ -138,19 +136,6 @@ def _offered(search: Search, judge: Judge) -> Found:
         return found
     curves = measured_curves(final, left.raised, parts, folds_of(final.data.rows, THIRDS))
     return _with_curves(found, curves, judge) if curves else found
-
-
-def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
-    """The constants of terms that stand in the place of a model's own effects, beside the model's."""
-    out = []
-    for t in own:
-        (joint,), new = t.joints, t.form.effect
-        old = next(e for e in model.effects if e.name == new.name and joint in e.joints)
-        for key in (k for k in new.estimated if new.shape[k] != old.shape[k]):
-            value, ends = new.shape[key], np.log(t.form.bounds(key) or (0.0, np.inf))
-            end = at_end(float(np.log(value)), *ends.tolist())
-            out.append(ShapeEstimate(new.name, joint, key, old.shape[key], value, gain=t.J, at_end=end))
-    return out
 
 
 def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Found:

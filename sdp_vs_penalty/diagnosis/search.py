@@ -10,21 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible
+from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible, library, renewed
 from sdp_vs_penalty.diagnosis.misfit import Misfit, distorted
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Times that a constant that is as large as its effect follows it: what is left of an error falls by the
 #: share of the effect that is not of first order, a quarter for the softest gears.
 _SIZED = 3
+#: Times that a search goes on beside constants that it has found of the model itself.
+ROUNDS = 3
 
 
 class Search:
-    """Forward selection with exchange over one library; afterwards ``terms`` and ``fit``."""
+    """Forward selection with exchange over one library; afterwards ``terms`` and ``fit``.
+
+    own : other constants of the first model's effects that the model in question has already.
+    """
 
     def __init__(self, data: WhiteData, library: Library) -> None:
         self.data, self.library = data, library
@@ -32,6 +39,7 @@ class Search:
         self._kept: dict[str, dict[int, Array]] = {}
         self._distorted: dict[str, list[tuple[int, Array, Array]]] = {}
         self.terms: list[Term] = []
+        self.own: tuple[Term, ...] = ()
         #: Candidates that had not enough left once they had joined.
         self.refused = set[Key]()
         self.fit = self.bare = self.score.fit(())
@@ -180,13 +188,18 @@ class Search:
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
         return min(plain, key=lambda t: (simplicity(t.form), -t.against(found[0])))
 
+    @property
+    def found(self) -> set[Key]:
+        """Whatever their constants."""
+        return {t.key for t in self.terms if not t.form.own}
+
     # The steps.
 
-    def settled(self, terms: Sequence[Term]) -> list[Term]:
-        """The constants of each term on the newest one's joints again beside all others; a term that has
-        not enough left goes."""
+    def settled(self, terms: Sequence[Term], on: Set[int] = frozenset()) -> list[Term]:
+        """The constants of each term on such joints (default: the newest one's) again beside all others;
+        a term that has not enough left goes."""
         terms = list(terms)
-        newest = terms[-1].joints if terms else frozenset()
+        newest = on or (terms[-1].joints if terms else frozenset[int]())
         full = self.score.fit(self.with_misfits(terms), self.fit)
         for _ in range(2):
             moved = False
@@ -287,6 +300,21 @@ class Search:
 
     # The same search beside something else.
 
+    def retuned(self) -> Search | None:
+        """The search to go on with beside the model that has the constants of its own which were found,
+        where a finding acts on their joints; else None."""
+        new = [t for t in self.terms if t.form.own]
+        joints = frozenset[int]().union(*(t.joints for t in new))
+        if all(t.form.own or t.joints.isdisjoint(joints) for t in self.terms):
+            return None
+        estimate, known = self.data.estimate, [t for t in self.own if t.key not in {x.key for x in new}]
+        effects = with_shapes(estimate.model.effects, changed(new, estimate.model))
+        model = replace(estimate.model, effects=effects)
+        out = self.carried(replace(estimate, model=model))
+        out.library, out.own = renewed(self.library, out.data), (*known, *new)
+        out.terms = out.settled([t for t in out.terms if not t.form.own], joints)
+        return out
+
     def carried(self, estimate: Estimate, without: NDArray[np.bool_] | None = None) -> Search:
         """The same findings beside another model, in the columns that this one makes; without : rows
         (M, n) that are no evidence."""
@@ -306,6 +334,35 @@ class Search:
         out.fit = out.score.fit(terms)
         out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
         return out
+
+
+def run_search(data: WhiteData, progress: Progress = no_progress) -> Search:
+    """Beside the model, and again beside that with the constants of its own that were found: columns of
+    what rubs turn round with the model's own sign of the velocity."""
+    search = Search(data, library(data))
+    search.run(progress)
+    for _ in range(ROUNDS):
+        again = search.retuned()
+        if again is None:
+            break
+        known, search = search.found, again
+        search.run(progress)
+        if search.found == known:
+            break
+    return search
+
+
+def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
+    """The constants of terms that stand in the place of a model's own effects, beside the model's."""
+    out = []
+    for t in own:
+        (joint,), new = t.joints, t.form.effect
+        old = next(e for e in model.effects if e.name == new.name and joint in e.joints)
+        for key in (k for k in new.estimated if new.shape[k] != old.shape[k]):
+            value, ends = new.shape[key], np.log(t.form.bounds(key) or (0.0, np.inf))
+            end = at_end(float(np.log(value)), *ends.tolist())
+            out.append(ShapeEstimate(new.name, joint, key, old.shape[key], value, gain=t.J, at_end=end))
+    return out
 
 
 def _as_good(term: Term, best: Term) -> bool:

@@ -251,6 +251,7 @@ class Backlash(LinkDeviation):
     units = ("rad", "m")
     usual = (0.02, 0.002)  # a worn gear; a new one has a tenth
     lower = 0.0
+    signless = True
     forward = "left out"  # a link that moves by itself within the play
     has_memory = True  # time derivatives of the side
     shapes = {
