@@ -169,7 +169,8 @@ def test_beside_another_width_of_the_models_own_all_candidates_turn_round_with_i
     assert search.retuned() is None  # nothing is named that would turn round otherwise
     search.terms.append(replace(search.judged(search.fit, bends), drop=1e6))
     again = search.retuned()
-    assert again is not None and [t.form.effect.text for t in again.own] == [own.effect.text]
+    assert again is not None
+    assert [t.form.effect.text for t in again.own] == [own.effect.text]
     assert again.data.rows.segments[0].motion.width(0) == wide
     made, fresh = (
         {f.effect.text: b.columns(k) for b in x.batches for k, f in enumerate(b.forms)}
