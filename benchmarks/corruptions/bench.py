@@ -32,10 +32,11 @@ from corruptions.kinds import Corruption, rows
 from sdp_vs_penalty import identify
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.issue import Issue
-from sdp_vs_penalty.data.measurements import concatenate
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.problem.problem import Problem
 
 #: A model this many times worse on clean data is harmed.
 HARMFUL = 1.3
@@ -71,12 +72,18 @@ class Case:
     contradicts: bool = False
 
 
-def run_case(arm: Arm, corruption: Corruption) -> Case:
+def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
+    """What is checked: an arm's log that was corrupted, and the problem that is believed."""
     run, problem = corruption.spoil(arm.train), corruption.problem(arm.problem)
     if corruption.beside:  # half of the run is clean: another run of the same arm
         middle = 0.5 * (run.t[0] + run.t[-1])
         halves = rows(arm.train, run.t < middle), rows(run, run.t > middle)
         run = concatenate([replace(x, names=(name,)) for x, name in zip(halves, "ab", strict=True)])
+    return problem, run
+
+
+def run_case(arm: Arm, corruption: Corruption) -> Case:
+    problem, run = given(arm, corruption)
     reports = check(problem, run)
     problems = [f for report in reports for f in report.problems]
     outcome, harm = _outcome(corruption, problems), None

@@ -1,0 +1,83 @@
+"""Figures that are kept, so that none changes unnoticed.
+
+``SDP_VS_PENALTY_FIGURES=write pytest -k figures_are`` writes tests/data/figures/*.json anew.
+"""
+
+import json
+import os
+import re
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HOME = Path(__file__).parents[1] / "data" / "figures"
+_NUMBER = r"\d+\.?\d*"
+
+
+def changed(name: str, found: Mapping[str, Any]) -> list[str]:
+    """Where figures are not what they were; none after they were written."""
+    made, path = json.loads(json.dumps(brief(found))), HOME / f"{name}.json"
+    if os.environ.get("SDP_VS_PENALTY_FIGURES") == "write":
+        lines = (f"{json.dumps(k)}: {json.dumps(v)}" for k, v in made.items())
+        path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    return differences(json.loads(path.read_text()), made)[:20]
+
+
+def said(text: str) -> dict[str, Any]:
+    """A text as its words, which are kept as they are, and its numbers."""
+    words = re.sub(_NUMBER, "#", text)
+    return {"words": "_".join(words.split()), "numbers": text}
+
+
+def brief(value: Any) -> Any:
+    """What is kept: names, numbers, of many numbers their count, two root mean squares and their mean;
+    of sentences the numbers in them, of tables their columns."""
+    if isinstance(value, str):
+        return brief(_numbers(value)) if " " in value else value
+    if isinstance(value, Mapping):
+        return {str(k): brief(x) for k, x in value.items()}
+    if value is None or isinstance(value, bool):
+        return value
+    if not isinstance(value, np.ndarray | list | tuple):
+        return float(f"{float(value):.6g}")
+    every = list(value)
+    if every and all(isinstance(x, Mapping) and x.keys() == every[0].keys() for x in every):
+        return {k: brief([x[k] for x in every]) for k in every[0]}
+    leaves = list(_leaves(every))
+    if any(isinstance(x, Mapping) for x in leaves):
+        return [brief(x) for x in every]
+    words = [x for x in leaves if isinstance(x, str) and " " not in x]
+    said = {"words": words if len(words) < 5 else zlib.crc32(" ".join(words).encode())} if words else {}
+    found = [y for x in leaves for y in (_numbers(x) if isinstance(x, str) else [x])]
+    x = np.nan_to_num(np.array(found, float), nan=-1.0, posinf=1e9, neginf=-1e9)
+    sizes = [np.sqrt(np.mean(y**2)) for y in (x, x * np.linspace(1.0, 2.0, len(x)))] if found else []
+    figures = [*sizes, x.mean()] if len(x) > 3 else x
+    return said | {"count": len(x), "figures": [float(f"{y:.6g}") for y in figures]}
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(x) for x in re.findall(_NUMBER, text)]
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    if not isinstance(value, np.ndarray | list | tuple):
+        yield value
+        return
+    for x in value:
+        yield from _leaves(x)
+
+
+def differences(kept: Any, found: Any, where: str = "", least: float = 1e-7) -> list[str]:
+    """Where two of them differ: numbers by more than processors round."""
+    if isinstance(kept, dict) and isinstance(found, dict) and kept.keys() == found.keys():
+        return [d for k in kept for d in differences(kept[k], found[k], f"{where}.{k}")]
+    if isinstance(kept, list) and isinstance(found, list) and len(kept) == len(found):
+        pairs, first = enumerate(zip(kept, found, strict=True)), found[0] if found else 0.0
+        least = 3e-4 * abs(first) + 1e-7 if isinstance(first, float) else 1e-7
+        return [d for k, both in pairs for d in differences(*both, f"{where}[{k}]", least)]
+    number = isinstance(kept, float | int) and isinstance(found, float | int)
+    near = number and abs(kept - found) <= max(least, 3e-4 * abs(found))
+    return [] if near or kept == found else [f"{where}: {kept} is now {found}"]
