@@ -1,5 +1,4 @@
-"""What the check says of logs that are wrong in every way that the bench of corruptions knows, and how it
-mends them."""
+"""What the check says of every kind of corruption that the bench knows, and how it mends it."""
 
 from typing import Any
 

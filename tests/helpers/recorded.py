@@ -27,9 +27,12 @@ def changed(name: str, found: Mapping[str, Any]) -> list[str]:
 
 
 def said(text: str) -> dict[str, Any]:
-    """A text as its words, which are kept as they are, and its numbers."""
-    words = re.sub(_NUMBER, "#", text)
-    return {"words": "_".join(words.split()), "numbers": text}
+    """A text as its words, of many their beginning and a sum, and its numbers; but for what differs from
+    day to day or is rounding: seconds of work, names of copies, gaps."""
+    text = re.sub(rf"{_NUMBER}e-\d+|file-[0-9a-f]{{16}}|identified in {_NUMBER} s", "~", text)
+    words = "_".join(re.sub(_NUMBER, "#", text).split())
+    words = words if len(words) < 400 else f"{words[:300]}...{zlib.crc32(words.encode())}"
+    return {"words": words, "numbers": text}
 
 
 def brief(value: Any) -> Any:
