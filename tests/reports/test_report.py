@@ -6,42 +6,30 @@ import json
 import re
 import tempfile
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import run_cli
-from page_sessions import numbers
+from page_sessions import unpacked
+from recorded import changed, said
 from small_runs import small_run
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, compare, follow, report
+from sdp_vs_penalty import Estimate, Measurements, Problem, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
-from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.reports.markup import bars
 from sdp_vs_penalty.reports.sections import ellipsoid
-from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
 
 pytest.importorskip("plotly")
 
 SECTIONS = (
-    "verdict",
-    "torques",
-    "failures",
-    "findings",
-    "history",
-    "forward",
-    "parameters",
-    "arm",
-    "friction",
-    "certificate",
-    "data",
-    "provenance",
-)
+    "verdict", "torques", "failures", "findings", "history", "forward", "parameters", "arm", "friction",
+    "certificate", "data", "provenance",
+)  # fmt: skip
 
 
 def make_report(*given: Any, **options: Any) -> str:
@@ -79,86 +67,38 @@ def test_one_file_with_every_section_and_no_request(made):
     assert "<b>x</b>" not in html
 
 
-def figures_of(html: str) -> list[str]:
-    """What the figures hold, unpacked."""
-    found = re.findall(r'<script type="application/gzip">(.*?)</script>', html)
-    return [gzip.decompress(base64.b64decode(text)).decode() for text in found]
+def sections(html: str) -> dict[str, Any]:
+    """Of each section but the last, of versions and dates, its words and numbers, and its figures."""
+    out = {}
+    for section in re.findall(r"<section.*?</section>", html, flags=re.DOTALL)[: len(SECTIONS) - 1]:
+        packed = re.findall(r'<script type="application/gzip">(.*?)</script>', section)
+        drawn = [json.loads(gzip.decompress(base64.b64decode(text))) for text in packed]
+        text = re.sub(r"<script.*?</script>", " ", section, flags=re.DOTALL)
+        assert not re.search(r"(?<!=)\bNone\b(?! of)|\bnan\b", text)
+        name = re.findall(r'id="(.*?)"', section)[0]
+        out[name] = {"text": said(text), "figures": [*map(unpacked, drawn)]}
+    return out
 
 
-def test_curves_of_figures_are_whole_and_bands_lie_about_them(made):
-    bands = 0
-    for drawn in figures_of(made[2]):
-        flat = [trace for trace in json.loads(drawn)["data"] if trace["type"] == "scatter"]
-        for before, trace in pairwise(flat):
-            y = numbers(trace["y"])
-            assert len(y) == len(numbers(trace["x"])) > 1
-            if trace.get("fill") == "tonexty":
-                bands += 1
-                assert np.all(numbers(before["y"]) > y)
-    assert bands == 2 + 2  # errors and friction of each joint
-
-
-def test_torques_and_arm_are_drawn_as_they_are(made):
-    """Measured, modelled and left torque of each joint; joints and centres of mass in the base."""
+def test_figures_are_what_they_were(made, two_link):
+    """Of two models; of a search that found curves; of models that lack links or friction."""
     models, run, html = made
-    compared = compare(models, run)
-    drawn = [json.loads(text) for text in figures_of(html) if text.startswith("{")]
-    signals = {c.name: c.signals for c in compared}
-    first = next(iter(signals.values()))
-    t = first.t - first.t[0]
-    for j, figure in enumerate(drawn[:2]):
-        layout = figure["layout"]
-        titles = [layout[axis]["title"]["text"] for axis in ("xaxis", "yaxis", "xaxis2")]
-        assert titles == ["time [s]", f"joint {j + 1} [N m]", "time [s]"]
-        flat = [trace for trace in figure["data"] if "name" in trace]
-        torques = {name: s.modelled[:, j] for name, s in signals.items()}
-        wanted = {"measured": first.measured[:, j], **torques}
-        for trace in flat:
-            values = wanted[trace["name"]]
-            values = first.measured[:, j] - values if trace.get("xaxis") == "x2" else values
-            x, y = numbers(trace["x"]), numbers(trace["y"])
-            np.testing.assert_allclose(y, np.interp(x, t, values), atol=5e-3)
-        assert len(flat) == 1 + 2 * len(models)
-    (arm,) = (f for f in drawn if any(trace["type"] == "mesh3d" for trace in f["data"]))
-    last = list(models.values())[-1]
-    (poses,) = last.robot.poses(last.robot.tree_state(run.q.mean(axis=0))[0])
-    balls = [trace for trace in arm["data"] if trace["type"] == "mesh3d"]
-    for ball, pose, joint, link in zip(balls, poses, last.robot.tree, last.links, strict=True):
-        frame, com = pose @ joint.link_frame, link[1:4] / link[0]
-        points = np.array([numbers(ball[c]) for c in "xyz"]).T - frame[:3, 3]
-        centred = points @ frame[:3, :3] - com  # on the surface x^T (5 spread)^-1 x = 1
-        spread = inertia.pseudo_inertia(link)[:3, :3] / link[0] - np.outer(com, com)
-        form = np.einsum("ka,ab,kb->k", centred, np.linalg.inv(5.0 * spread), centred)
-        assert form == pytest.approx(np.ones(len(form)), abs=1e-2)
-    lines = [trace for trace in arm["data"] if trace["type"] == "scatter3d"]
-    for line, pose in zip(lines, poses, strict=True):
-        assert [numbers(line[c])[1] for c in "xyz"] == pytest.approx(pose[:3, 3], abs=1e-5)
-    unknown = [c.noise_floor is None for c in compared]
-    assert ("the noise floor is unknown" in html) == all(unknown)
-
-
-def test_the_figures_are_those_of_the_models(made):
-    models, run, html = made
-    for comparison in compare(models, run):
-        assert f">{comparison.relative_error_percent:.3g}<" in html
-        assert f">{comparison.rmse[1]:.3g}<" in html
-        assert f">{number(1e3 * comparison.estimate.certificate.smallest_thickness)}<" in html
-    text = re.sub(r"<[^>]+>", " ", html)
-    assert "coulomb_friction" in text
-    visible = re.sub(r"<script.*?</script>|<style.*?</style>|<[^>]+>", " ", html, flags=re.DOTALL)
-    assert not re.search(r"(?<!=)\bNone\b(?! of)|\bnan\b", visible)
-    ahead = follow(list(models.values())[-1], run, steps=100)  # as many as the report takes
-    assert ahead.verdict in text
-    cut = [f.seconds for f in ahead.free if not f.left]
-    assert all(seconds <= 483 * 2e-3 for seconds in cut)
-    assert ("report --forward" in text) == bool(cut)
-    assert f"identified from ( {run.names[0]} )" in text or f"identified from ({run.names[0]})" in text
-    last = list(models.values())[-1]
-    for mass, gyration in zip(last.links[:, 0], inertia.gyration(last.links), strict=True):
-        assert f">{number(mass, 4)}<" in html
-        assert f">{number(gyration)}<" in html
-    assert last.provenance["data_hash"] in text
-    assert f"numpy {np.__version__}" in text
+    x = np.linspace(-1.0, 1.0, 9)
+    one = Curve(1, ("q1",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, "1 q1^2 N m", 0.2, 0.1)
+    pairs = np.column_stack([np.repeat(x[:3], 3), np.tile(x[:3], 3)])
+    two = replace(one, of=("q1", "dq1"), x=pairs, formula=None)
+    names = ("noise_floor", "unexplained", "held_out_rmse", "held_out_rmse_before")
+    told = {name: [] for name in ("effects", "invisible", "events")} | dict.fromkeys(names, [0.1] * 2)
+    told |= {"verdict": "unknown_effect", "noise_source": "repetition", "held_out_source": "folds"}
+    told |= {"band_hz": 9.0, "frozen": False, "remarks": ["Look here first."]}
+    curves = Diagnosis.from_dict({**told, "curves": [one.to_dict(), two.to_dict()]})
+    brief = small_run(two_link)
+    found = {"two": sections(html), "curves": sections(make_report(models, run, findings=curves))}
+    found["curves"] = {k: found["curves"][k] for k in ("verdict", "findings")}
+    for effects in ("viscous_friction", "rigid_body"):
+        lacking = identify(two_link, brief, effects=effects)
+        found[effects] = sections(make_report(lacking, brief, forward=True))
+    assert not changed("report", found)
 
 
 def test_what_is_no_body_has_no_ellipsoid():
@@ -206,45 +146,6 @@ def test_it_draws_in_chromium(made, tmp_path):
         page.wait_for_selector("#friction .js-plotly-plot")
         page.wait_for_function("document.querySelectorAll('#friction .js-line').length >= 2 * 2")
     assert faults == []
-
-
-def test_measured_curves_are_drawn_with_band_and_data(made):
-    models, data, _ = made
-    x = np.linspace(-1.0, 1.0, 9)
-    one = Curve(1, ("q1",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, "1 q1^2 N m", 0.2, 0.1)
-    pairs = np.column_stack([np.repeat(x[:3], 3), np.tile(x[:3], 3)])
-    two = replace(one, of=("q1", "dq1"), x=pairs, formula=None)
-    floor = dict.fromkeys(
-        ("noise_floor", "unexplained", "held_out_rmse", "held_out_rmse_before"), [0.1] * 2
-    )
-    empty: dict[str, list[str]] = {name: [] for name in ("effects", "invisible", "events")}
-    rest = {"verdict": "unknown_effect", "noise_source": "repetition", "held_out_source": "folds"}
-    more = {"band_hz": 9.0, "frozen": False, "remarks": ["Look here first."]}
-    curves = [one.to_dict(), two.to_dict()]
-    found = Diagnosis.from_dict({**floor, **empty, **rest, **more, "curves": curves})
-    html = make_report(models, data, findings=found)
-    assert "Joint 1 misses a torque over q1 from -1 to 1 rad" in html
-    assert "No simple law fits its band" in html
-    assert "Look here first." in html
-    assert found.headline in html
-
-
-@pytest.mark.parametrize(
-    ("effects", "said"),
-    [
-        (
-            "viscous_friction",
-            ("This model has no rigid_body effect.", "cannot be simulated: the model has no"),
-        ),
-        ("rigid_body", ("no friction that follows the velocity alone", "position of the free run")),
-    ],
-)
-def test_what_a_model_lacks_is_said(effects, said, two_link):
-    """Beside the sections that it can fill; `forward` shows the positions to the run's end."""
-    run = small_run(two_link)
-    html = make_report(identify(two_link, run, effects=effects), run, forward=True)
-    for words in said:
-        assert words in html
 
 
 UNITS = ["N*m", "N*m"]
