@@ -151,7 +151,8 @@ def motions() -> dict[str, Any]:
 
 
 def failures() -> dict[str, Any]:
-    """Where a model fails: at reversals, with a wave, at rest."""
+    """Where a model fails: at reversals, with a wave, at rest; a bump that no effect is, beside what it
+    holds."""
 
     def missing(r: Measurements) -> Any:
         late = np.tanh(np.gradient(r.q, r.t, axis=0) / 0.3) * [0.0, 1.0]
@@ -160,7 +161,10 @@ def failures() -> dict[str, Any]:
     run = two_link_with(missing)
     estimate = identify(load_problem("two_link"), two_link_with(lambda r: 0.0), "ols")
     shown = compare(estimate, run)
+    bump = two_link_with(lambda r: [[0.0, 0.5]] * np.exp(-(((r.q - 0.1) / 0.15) ** 2)))
+    held = diagnose(estimate, bump, frozen=True, check=False)
     return {
+        "held": held.to_dict(),
         "causes": [f.to_dict() for f in where_it_fails(estimate, run)],
         "said": where_it_fails(estimate, run)._summary(),
         "compared": shown[0].to_dict(),

@@ -32,7 +32,7 @@ def said(text: str) -> dict[str, Any]:
     text = re.sub(rf"{_NUMBER}e-\d+|file-[0-9a-f]{{16}}|identified in {_NUMBER} s", "~", text)
     words = "_".join(re.sub(_NUMBER, "#", text).split())
     words = words if len(words) < 400 else f"{words[:300]}...{zlib.crc32(words.encode())}"
-    return {"words": words, "numbers": text}
+    return {"words": words, "numbers": _numbers(text)}
 
 
 def brief(value: Any) -> Any:

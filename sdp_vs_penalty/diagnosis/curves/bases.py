@@ -254,7 +254,7 @@ class Columns:
         out, none = [], np.ones(len(self.z) - len(fold), bool)
         for f in np.unique(fold):
             train = np.append(fold != f, none)
-            q = Q[:, train].reshape(-1, r)
+            q = np.concatenate(Q[:, train])
             G = np.zeros((r + len(self.s),) * 2)
             G[:r, :r] = q.T @ q + held * np.eye(r)
             G[:r, r:] = Q[self.joint][train].T @ self.z[train]
