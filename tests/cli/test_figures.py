@@ -1,4 +1,4 @@
-"""What commands print and write, of small runs: sessions from the first check to what leaves for others."""
+"""What commands print and write, of small runs: sessions from the first check to the export."""
 
 import json
 import shlex
