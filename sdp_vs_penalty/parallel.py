@@ -173,10 +173,11 @@ class Workers:
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Results in the order of the items, however they come; errors as of :func:`spread`."""
-        todo, work = list(items), partial(_numbered, function)
+        todo = list(items)
         found: dict[int, Result] = {}
-        results: Iterable[tuple[int, Result]] = map(work, enumerate(todo))
+        results: Iterable[tuple[int, Result]] = enumerate(map(function, todo))
         if self.scheduler is not None or min(self.jobs, len(todo)) > 1:
+            work = partial(_numbered, function)
             results = spread(work, enumerate(todo), self.scheduler, self.jobs)
         for k, result in results:
             found[k] = result

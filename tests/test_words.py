@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import InputError, errors, formatting, plugins
-from sdp_vs_penalty.data import cli_parsing
 from sdp_vs_penalty.files import Plain
 
 finite = st.floats(-1e6, 1e6)
@@ -23,11 +22,11 @@ finite = st.floats(-1e6, 1e6)
 @settings(max_examples=30, deadline=None, derandomize=True)
 def test_numbers_are_read_as_they_are_written(values):
     text = ",".join(map(repr, values))
-    assert cli_parsing.numbers("--x", text) == values
-    assert cli_parsing.numbers("--x", text, len(values)) == values
+    assert formatting.numbers("--x", text) == values
+    assert formatting.numbers("--x", text, len(values)) == values
     for wrong, count in ((text, len(values) + 1), (f"{text},", None), ("", None), ("a", None)):
         with pytest.raises(InputError, match=f"--x .*{count or ''}.*numbers separated by commas"):
-            cli_parsing.numbers("--x", wrong, count)
+            formatting.numbers("--x", wrong, count)
 
 
 @pytest.mark.parametrize(
@@ -41,17 +40,17 @@ def test_numbers_are_read_as_they_are_written(values):
 def test_windows_of_time_are_in_order(text, windows):
     if windows is None:
         with pytest.raises(InputError, match="START:STOP"):
-            cli_parsing.time_windows(text)
+            formatting.time_windows(text)
     else:
-        assert cli_parsing.time_windows(text) == windows
+        assert formatting.time_windows(text) == windows
 
 
 def test_pairs_are_ours_and_theirs():
-    assert cli_parsing.pairs("--rename", None) is None
-    assert cli_parsing.pairs("--rename", " t = time,q=q m") == {"t": "time", "q": "q m"}
+    assert formatting.pairs("--rename", None) is None
+    assert formatting.pairs("--rename", " t = time,q=q m") == {"t": "time", "q": "q m"}
     for wrong in ("t", "t=", "=x", "t=x,"):
         with pytest.raises(InputError, match="OURS=THEIRS"):
-            cli_parsing.pairs("--rename", wrong)
+            formatting.pairs("--rename", wrong)
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,17 @@
 """The runs that a model is fitted to and tested on."""
 
+import math
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.data.cli_parsing import numbers, time_windows
 from sdp_vs_penalty.data.files import load_measurements, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.formatting import numbers, pairs, time_windows
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, load_answers
@@ -35,6 +37,34 @@ def runs_as_told(
         *data, joints=robot.n, names=robot.joint_names
     )
     return whole, windowed(whole, windows) if isinstance(whole, Measurements) else whole
+
+
+def parsed_known_load(text: str) -> tuple[Path, float]:
+    """FILE:MASS, the mass in kg.
+
+    >>> parsed_known_load("load.csv:2.805")
+    (PosixPath('load.csv'), 2.805)
+    """
+    name, _, mass = text.removeprefix("mass=").rpartition(":")
+    with suppress(ValueError):
+        if name:
+            return Path(name), float(mass)
+    remedy = "write the run with the load and its mass in kg, load.csv:2.805"
+    raise InputError(f"--known-load {text!r}", remedy)
+
+
+def parsed_known(text: str | None) -> dict[str, float]:
+    """Known parameters, "kp2=600,kd2=20"; none for None.
+
+    >>> parsed_known("kp2=600")
+    {'kp2': 600.0}
+    """
+    given = pairs("--known", text or None) or {}
+    found = {name: numbers("--known", x, 1)[0] for name, x in given.items()}
+    for name, value in found.items():
+        if not 0.0 < abs(value) < math.inf:
+            raise InputError(f"--known {name}={value:g} is no scale", "give a value that is not zero")
+    return found
 
 
 def words(data: Sequence[Path], window: str | None) -> list[str]:

@@ -13,13 +13,17 @@ GITHUB = "https://raw.githubusercontent.com"
 
 @dataclass(frozen=True)
 class RemoteFile(Plain):
-    """One file of a repository: its path there, its SHA-256, its name in the cache; rows : the first and
-    the last one (from 1) that hold samples, where others do not."""
+    """One file of a repository: its path there, its SHA-256; cached : its name in the cache, if
+    another; rows : the first and the last one (from 1) that hold samples, where others do not."""
 
     path: str
     sha256: str
-    name: str
+    cached: str = ""
     rows: tuple[int, int] | None = None
+
+    @property
+    def name(self) -> str:
+        return self.cached or PurePosixPath(self.path).name
 
 
 @dataclass(frozen=True)
@@ -44,15 +48,11 @@ class Dataset(Plain):
         return f"{base}/{self.source}/{self.commit}/{file.path}"
 
 
-def _datasets() -> dict[str, Dataset]:
-    found = tomllib.loads(Path(__file__).with_name("datasets.toml").read_text())
-    for data in found.values():
-        data["files"] = [{"name": PurePosixPath(f["path"]).name, **f} for f in data["files"]]
-    return {name: Dataset.from_dict({"name": name, **data}) for name, data in found.items()}
-
-
 #: Every data set by name, from datasets.toml.
-DATASETS = _datasets()
+DATASETS = {
+    name: Dataset.from_dict({"name": name, **data})
+    for name, data in tomllib.loads(Path(__file__).with_name("datasets.toml").read_text()).items()
+}
 
 
 def dataset(name: str) -> Dataset:

@@ -18,14 +18,11 @@ joints together, the start of the convex problem that is posed
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.cli_parsing import numbers, pairs
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
@@ -45,20 +42,6 @@ from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-
-
-def parsed_known_load(text: str) -> tuple[Path, float]:
-    """FILE:MASS, the mass in kg.
-
-    >>> parsed_known_load("load.csv:2.805")
-    (PosixPath('load.csv'), 2.805)
-    """
-    name, _, mass = text.removeprefix("mass=").rpartition(":")
-    with suppress(ValueError):
-        if name:
-            return Path(name), float(mass)
-    remedy = "write the run with the load and its mass in kg, load.csv:2.805"
-    raise InputError(f"--known-load {text!r}", remedy)
 
 
 def _loaded(loads: Sequence[tuple[Source, float]], robot: Robot) -> Iterator[tuple[Measurements, float]]:
@@ -182,20 +165,6 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
 
 
 _SCALES = "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6), or a load"
-
-
-def parsed_known(text: str | None) -> dict[str, float]:
-    """Known parameters, "kp2=600,kd2=20"; none for None.
-
-    >>> parsed_known("kp2=600")
-    {'kp2': 600.0}
-    """
-    given = pairs("--known", text or None) or {}
-    found = {name: numbers("--known", x, 1)[0] for name, x in given.items()}
-    for name, value in found.items():
-        if not 0.0 < abs(value) < np.inf:
-            raise InputError(f"--known {name}={value:g} is no scale", "give a value that is not zero")
-    return found
 
 
 def with_scale(

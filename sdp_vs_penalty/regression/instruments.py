@@ -53,11 +53,8 @@ def commanded_motion(measured: Measurements) -> Measurements:
 
 
 def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
-    """The rows of a run. Where it holds a simulated motion (positions "qsim") with the same columns on
-    that motion before them: [Z, tau_Z, X], those of Z counted behind the model's."""
-    if "qsim" not in run.run.commanded:
-        yield from run.rows(model)
-        return
+    """The rows of a run that holds a simulated motion (positions "qsim"), with the same columns on that
+    motion before them: [Z, tau_Z, X], those of Z counted behind the model's."""
     p = len(model.parameters)
     for rows, other in zip(run.rows(model), run.simulated.rows(model), strict=True):
         both = [

@@ -312,7 +312,8 @@ def _cells_of_run(
 ) -> tuple[list[Factor], float]:
     """One run's factors by cell, and its independent samples."""
     (index, run), count, found = numbered, 0, dict[tuple[int, int], Factor]()
-    for rows in instrumented_rows(run, model):
+    of_run = instrumented_rows(run, model) if "qsim" in run.run.commanded else run.rows(model)
+    for rows in of_run:
         count += len(rows.torque)
         _take(found, rows, folds.cell(index, rows.motion.t))
     factors = [factor for _, factor in sorted(found.items(), key=lambda item: item[0])]

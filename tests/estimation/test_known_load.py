@@ -7,9 +7,9 @@ import pytest
 from commands import run_cli
 
 from sdp_vs_penalty import InputError, Measurements, Problem, add, diagnose, load_estimate, load_problem
+from sdp_vs_penalty.cli.runs import parsed_known_load
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
-from sdp_vs_penalty.estimation.known_load import parsed_known_load
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
 

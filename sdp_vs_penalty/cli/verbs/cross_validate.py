@@ -22,9 +22,8 @@ def verb(
     --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import as_told
+    from sdp_vs_penalty.cli.runs import as_told, parsed_known
     from sdp_vs_penalty.data.files import load_measurements
-    from sdp_vs_penalty.estimation.known_load import parsed_known
     from sdp_vs_penalty.estimation.resampling import cross_validate
     from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers

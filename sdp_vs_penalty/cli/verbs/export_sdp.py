@@ -25,8 +25,7 @@ def verb(
         lmi-sdp-thickness for .dat-s, which has no exponential cones.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import as_told, runs_as_told
-    from sdp_vs_penalty.estimation.known_load import parsed_known, parsed_known_load
+    from sdp_vs_penalty.cli.runs import as_told, parsed_known, parsed_known_load, runs_as_told
     from sdp_vs_penalty.estimation.pose import PoseOptions
     from sdp_vs_penalty.exporters.sdp import write_posed
 

@@ -38,7 +38,6 @@ def verb(
     from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.diagnosis.comparison import identified
-    from sdp_vs_penalty.estimation.known_load import parsed_known, parsed_known_load
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
 
@@ -56,8 +55,8 @@ def verb(
         begin = time.perf_counter()
         how: dict[str, Any] = {"effects": effects, "instruments": instruments, "proof": proof}
         how |= {"seed": seed, "gain_uncertainty": gain_uncertainty or 0.0, "progress": progress}
-        how["known_loads"] = [parsed_known_load(text) for text in known_load or []]
-        how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler, progress)}
+        how["known_loads"] = [runs.parsed_known_load(text) for text in known_load or []]
+        how |= {"known": runs.parsed_known(known), "workers": Workers(jobs, scheduler, progress)}
         noisy = whole if isinstance(whole, Measurements) else None
         try:
             estimate, fit = identified(robot, given, estimator, noise_from=noisy, **how)
