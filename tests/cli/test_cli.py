@@ -200,57 +200,6 @@ def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
     assert f": {Verdict.from_dict(recorded).grade}. " in exported
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["identify", "three_link"], ["three_link", "two_link", "panda"]),
-        (["identify", "two_link", "--method", "magic"], ["magic", "lmi-sdp", "ols"]),
-        (["identify", "two_link", "--effects", "ether"], ["ether", "viscous_friction"]),
-        (["identify", "two_link", "--effects", "rigid_body,viscous_friction:x"], ["viscous_friction:x"]),
-        (["identify", "two_link", "--solver", "oracle"], ["oracle", "clarabel"]),
-        (["identify", "two_link", "--method", "ols", "--solver", "clarabel"], ["--solver"]),
-        (["identify", "two_link", "--gravity", "0,0"], ["--gravity", "3 numbers"]),
-        (["identify", "two_link", "--gravity", "0,0,nan"], ["gravity", "finite"]),
-        (["identify", "two_link", "--window", "4:1"], ["--window", "START:STOP"]),
-        (["identify", "two_link", "--window", "100:200"], ["run1.csv", "100 s"]),
-        (["identify", "two_link", "--seed", "-1"], ["--seed", "it must be at least 0"]),
-        (["identify", "two_link", "--seed", "x"], ["--seed", "a whole number is needed"]),
-        (["identify", "panda"], ["run1.csv", "2 joints", "7"]),
-        (["fly"], ["fly"]),
-        (["list"], ["required: problems|effects"]),
-        (["list", "robots"], ["'robots' is not one of 'problems', 'effects'"]),
-        (["list", "effects", "ether"], ["'ether' is unknown"]),
-        (["fetch", "moon"], ["moon", "panda", "ur10e", "emps", "tx40"]),
-        (["identify", "two_link", "--out", "m.json"], ["--data"]),
-        (["tables", "--budget", "endless"], ["endless", "quick", "paper"]),
-        (["tables", "III", "--all"], ["--all makes every table"]),
-        (["tables", "III", "XII"], ["table 'XII' is unknown"]),
-        (["tables", "VII", "--problem", "panda"], ["belongs to two_link"]),
-        (["figures", "8", "4"], ["photograph"]),
-        (["figures", "8", "11"], ["choose from 1, 2, 3, 5"]),
-        (["shootout", "--solvers", "gurobi"], ["solver 'gurobi' is unknown: there are: clarabel"]),
-        (["export-sdp", "two_link", "--out", "a.mps", "--data"], [".dat-s"]),
-        (["export-sdp", "two_link", "--method", "penalty", "--out", "a.cbf", "--data"], ["single SDP"]),
-        (["shootout", "--problems", "pandas"], ["'pandas' is unknown"]),
-        (["shootout", "--accuracy", "small"], ["--accuracy 'small'"]),
-        (["shootout", "--accuracy", "2"], ["--accuracy"]),
-        (["shootout", "--time-limit", "0"], ["--time-limit"]),
-    ],
-)
-def test_usage_errors_are_one_sentence(run, runs, arguments, words, tmp_path, monkeypatch):
-    """The old file stays, and no other is there."""
-    monkeypatch.chdir(tmp_path)
-    kept = tmp_path / "model.json"
-    kept.write_text("old")
-    if arguments[-1] == "--data":
-        arguments = [*arguments, runs[0]]
-    elif arguments[0] == "identify" and "--out" not in arguments:
-        arguments = [*arguments, "--data", runs[0], "--out", kept]
-    refused(run, arguments, *words)
-    assert kept.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [kept]
-
-
 def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
     code, said, _ = run("shootout", "--list")
     assert code == 0
@@ -264,37 +213,6 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
     for name in ("runs.csv", "summary.md", "summary.csv"):
         assert str(tmp_path / name) in said
         assert (tmp_path / name).is_file()
-
-
-def test_what_does_not_belong_to_the_model_is_refused_and_nothing_written(
-    run, runs, model, panda, tmp_path
-):
-    """Another robot's test run, degrees, a window of no run, a report that is no HTML."""
-    other = write_run(tmp_path / "panda.csv", panda, seed=1)
-    rows = np.loadtxt(runs[0], delimiter=",", skiprows=1)
-    rows[:, 1:3] = np.degrees(rows[:, 1:3])
-    degrees = tmp_path / "degrees.csv"
-    header = runs[0].read_text().partition("\n")[0]
-    np.savetxt(degrees, rows, delimiter=",", header=header, comments="")
-    kept = set(tmp_path.iterdir())
-    add = ("add", model, "joint_spring:1", "--out", tmp_path / "bigger.json", "--data")
-    findings = ("--json", tmp_path / "findings.json")
-    report = ("report", model, "--data", runs[0], "--out")
-    for arguments, words in (
-        ((*add, runs[0], "--test", other), ["panda.csv", "7 joints", "2"]),
-        ((*add, degrees), ["degrees.csv", "degrees"]),
-        ((*add, runs[0], "--test-window", "0:1"), ["--test-window", "--test"]),
-        (("diagnose", model, "--data", degrees, *findings), ["degrees.csv", "degrees"]),
-        (("diagnose", model, "--data", runs[0], "--test", other, *findings), ["panda.csv", "model"]),
-        (("diagnose", model, "--data", runs[0], "--test-window", "0:1", *findings), ["--test"]),
-        (
-            ("diagnose", model, "--data", runs[0], "--test", runs[1], "--test-window", "4:1"),
-            ["--test-window '4:1'", "START:STOP"],
-        ),
-        ((*report, tmp_path / "report.pdf"), ["report.pdf", ".html"]),
-    ):
-        refused(run, arguments, *words)
-        assert set(tmp_path.iterdir()) == kept
 
 
 def test_an_error_of_our_own_is_no_traceback_unless_asked_for(run, runs, tmp_path, monkeypatch):

@@ -87,7 +87,7 @@ def write_files(folder: Path) -> None:
     more = problem.robot.inverse_dynamics(links, heavy.q, rates, np.gradient(rates, heavy.t, axis=0))
     runs["heavy.csv"] = replace(heavy, tau=heavy.tau + more)
     runs["servo.csv"] = log(1e-4, ki=700.0, delay=0.02, torque=True)
-    runs["silent.csv"] = log(1e-4, kh=50.0, ki=500.0)
+    runs["silent.csv"] = log(1e-4, kh=50.0, ki=500.0, delay=0.02)
     for name, run in runs.items():
         save(run, folder / name)
     write_slide(folder)

@@ -3,7 +3,6 @@
 import json
 import re
 import shlex
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,14 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import HEAVY, SCARA, write_folder, write_urdf
-from commands import run_cli
 from page_sessions import do
 from small_runs import small_run, write_run
 
-from sdp_vs_penalty import Problem, diagnose, identify, load_estimate, load_problem
+from sdp_vs_penalty import Problem, diagnose, load_estimate, load_problem
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.findings import Finding, Invisible
 from sdp_vs_penalty.estimation import separation
@@ -229,51 +226,6 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(twelve_found, run, monke
 
 def _json(found: Diagnosis) -> str:
     return json.dumps(found.to_dict())
-
-
-@pytest.fixture(scope="module")
-def rigid_model(panda: Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A model.json of the Panda's links alone, from a run.csv beside it."""
-    folder = tmp_path_factory.mktemp("rigid")
-    data = load_measurements(write_run(folder / "run.csv", panda))
-    identify(panda, data, "ols", effects="rigid_body").save(folder / "model.json")
-    return folder / "model.json"
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("", "either EFFECT or --from"),
-        ("joint_spring:1 --from findings.json", "either EFFECT or --from"),
-        ("joint_spring:1 --only 1", "name it with --from"),
-        ("--from findings.json --only 1 --confident", "exclude each other"),
-        ("--from findings.json --only 1;2", "--only '1;2'"),
-        ("--from findings.json --only 13", "findings.json: finding 13 does not exist, there are 12"),
-        ("--from findings.json --only 1.5", "findings.json: finding 1.5 does not exist, there are 12"),
-        ("--from nothing.json", "nothing.json: cannot be read"),
-        ("--from model.json", "model.json: not a findings.json"),
-        ("--from old.json", "old.json: the field 'text' is missing"),
-        ("--from none.json", "none.json: there is no finding to add"),
-        ("--from weak.json --confident", "no confident finding"),
-        ("y" * 300, "is unknown"),  # longer than a file's name may be
-    ],
-)
-def test_what_cannot_be_chosen_is_said(
-    words, said, twelve_found, rigid_model, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(rigid_model, tmp_path)
-    (tmp_path / "findings.json").write_text(_json(twelve_found))
-    (tmp_path / "old.json").write_text(_json(twelve_found).replace('"text"', '"txet"'))
-    (tmp_path / "none.json").write_text(_json(replace(twelve_found, effects=())))
-    weak = tuple(replace(f, confidence="weak") for f in twelve_found.effects)
-    (tmp_path / "weak.json").write_text(_json(replace(twelve_found, effects=weak)))
-    code = run_cli("add", "model.json", *words.split(), "--data", "run.csv", "--out", "model2.json")
-    err = capsys.readouterr().err
-    assert code == 2, err
-    assert said in err
-    assert err.count("\n") == 1
-    assert not (tmp_path / "model2.json").exists()
 
 
 @pytest.mark.slow

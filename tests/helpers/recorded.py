@@ -1,6 +1,7 @@
-"""Figures that are kept, so that none changes unnoticed.
+"""Figures and sentences that are kept, so that none changes unnoticed.
 
-``SDP_VS_PENALTY_FIGURES=write pytest -k figures_are`` writes tests/data/figures/*.json anew.
+``SDP_VS_PENALTY_FIGURES=write pytest -n 0 -k "figures_are or is_refused"`` writes anew
+tests/data/figures/*.json and the sentences of tests/data/refusals.json.
 """
 
 import json
@@ -14,16 +15,42 @@ from typing import Any
 import numpy as np
 
 HOME = Path(__file__).parents[1] / "data" / "figures"
+REFUSALS = HOME.with_name("refusals.json")
+WRITES = os.environ.get("SDP_VS_PENALTY_FIGURES") == "write"
 _NUMBER = r"\d+\.?\d*"
 
 
 def changed(name: str, found: Mapping[str, Any]) -> list[str]:
     """Where figures are not what they were; none after they were written."""
     made, path = json.loads(json.dumps(brief(found))), HOME / f"{name}.json"
-    if os.environ.get("SDP_VS_PENALTY_FIGURES") == "write":
-        lines = (f"{json.dumps(k)}: {json.dumps(v)}" for k, v in made.items())
-        path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    if WRITES:
+        path.write_text(_lines(made) + "\n")
     return differences(json.loads(path.read_text()), made)[:20]
+
+
+def _lines(of: Mapping[str, Any]) -> str:
+    """JSON with an entry a line."""
+    lines = (f"{json.dumps(k)}: {json.dumps(v, ensure_ascii=False)}" for k, v in of.items())
+    return "{\n" + ",\n".join(lines) + "\n}"
+
+
+def refusals(kind: str) -> dict[str, Any]:
+    """What is refused, of a kind: by name, or command, what is given and the sentence."""
+    return dict(json.loads(REFUSALS.read_text())[kind])
+
+
+def same_refusal(kind: str, name: str, sentence: str) -> bool:
+    """Whether it is the sentence that is kept; it is one."""
+    assert sentence.endswith(".")
+    assert "\n" not in sentence
+    if WRITES:
+        every = json.loads(REFUSALS.read_text())
+        every[kind][name][-1] = sentence
+        kinds = {k: _lines(cases) for k, cases in every.items()}
+        REFUSALS.write_text("{\n" + ",\n".join(f'"{k}": {x}' for k, x in kinds.items()) + "\n}\n")
+    kept: str = refusals(kind)[name][-1]
+    assert sentence == kept
+    return True
 
 
 def said(text: str) -> dict[str, Any]:
