@@ -1,6 +1,5 @@
 """The command line: verbs, files, exit codes, sentences instead of tracebacks."""
 
-import json
 import os
 import re
 import signal
@@ -9,7 +8,6 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import HOME, PROGRAM, python, run_cli
 from small_runs import write_run
@@ -17,20 +15,12 @@ from small_runs import write_run
 from sdp_vs_penalty import (
     Problem,
     __version__,
-    compare,
-    cross_validate,
-    diagnose,
-    excite,
-    identify,
     load_estimate,
 )
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.estimation.excitation import payload_run
-from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import LmiSdp
-from sdp_vs_penalty.formatting import number
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -145,59 +135,6 @@ def test_identify_options_reach_the_model(run, runs, tmp_path):
     sdp = ("identify", "two_link", "--data", runs[0], "--out", out_file, "--solver", "clarabel")
     assert run(*sdp)[0] == 0
     assert load_estimate(out_file).settings["solver"] == "clarabel"
-
-
-def test_verbs_print_the_figures_of_their_functions(run, runs, model, two_link, tmp_path):
-    def said(*words: object) -> str:
-        code, out, err = run(*words)
-        assert code == 0, err
-        return " ".join(out.split())
-
-    folds, out = cross_validate("two_link", runs, "ols"), tmp_path / "motion.csv"
-    shown = said("cross-validate", "two_link", "--data", *runs, "--method", "ols")
-    assert folds.verdict in shown
-    for fold in (*folds.folds, folds):
-        assert " ".join(map(number, (fold.relative_error_percent, *fold.rmse))) in shown
-    assert diagnose(model, *runs).headline in said(
-        "diagnose", model, "--data", runs[0], "--test", runs[1]
-    )
-    found = excite(two_link, iterations=2, seed=1)
-    shown = said("excite", "two_link", "--iterations", 2, "--seed", 1, "--out", out)
-    assert f"{found.history[0]:.1f} at the start, {found.condition:.1f} after 2 iterations" in shown
-    weighed = payload_run(load_estimate(model), joints=[0, 1], iterations=1)
-    shown = said("excite", model, "--payload", "--joints", "1+2", "--iterations", 1, "--out", out)
-    for name, k in (("mass", [0]), ("centre of mass", [1, 2, 3]), ("flange", range(4, 10))):
-        own, random = (max(x[i] for i in k) for x in (weighed.deviation, weighed.started))
-        assert re.search(rf"{name}: \+- {own:.2g} kg\S*( m\S*)? \({random:.2g} on a random", shown), (
-            shown
-        )
-
-
-def test_compare_writes_the_stated_json(run, runs, model, tmp_path):
-    other, out_file = tmp_path / "ols.json", tmp_path / "out.json"
-    run("identify", "two_link", "--data", runs[0], "--method", "ols", "--out", other)
-    compared = ("compare", model, other, "--data", runs[1], "--json", out_file)
-    code, out, _ = run(*compared)
-    assert code == 0
-    assert "noise floor" in out
-    assert len(run(*compared, "--verbose")[1]) > 1.2 * len(out)
-    content = json.loads(out_file.read_text())
-    assert next(iter(content)) == "models"
-    assert [entry["model"] for entry in content["models"]] == [str(model), str(other)]
-    for entry in content["models"]:
-        assert np.allclose(np.square(entry["rmse"]), entry["mse"])
-        # White noise of 0.05 N m at 100 Hz, of which the band lets a part through.
-        assert all(0.0 < rmse < 0.05 for rmse in entry["rmse"])
-    assert len({entry["band_hz"] for entry in content["models"]}) == 1
-    # One grade, whoever says it: the terminal, the file, Python, an export.
-    for entry, found in zip(content["models"], compare([model, other], runs[1]), strict=True):
-        assert entry["verdict"]["grade"] == found.verdict.grade
-        assert found.verdict.headline.split(".")[0] in out
-    run("export", model, "--out", tmp_path / "effects.json")
-    recorded = load_estimate(model).provenance["verdict"]
-    assert recorded == identify("two_link", runs).provenance["verdict"]
-    exported = json.loads((tmp_path / "effects.json").read_text())["verdict"]
-    assert f": {Verdict.from_dict(recorded).grade}. " in exported
 
 
 def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):

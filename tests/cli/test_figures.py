@@ -68,6 +68,9 @@ SESSIONS = {
         identify slide.urdf --data servo.csv --effects {EFFECTS} --out model.json
         identify slide.urdf --data silent.csv --effects {EFFECTS} --known m1=3.0 --out silent.json
         compare silent.json --data silent.csv --window 0:5
+        export silent.json --out slide.xml
+        export silent.json --out slide.h
+        report silent.json --data silent.csv --out report.html
     """,
 }  # fmt: skip
 #: Of JSON files, what changes from day to day.

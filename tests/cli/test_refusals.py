@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from commands import run_cli
 from recorded import refusals, same_refusal
+from servo_log import log, write_slide
 from small_runs import small_run, write_run
 
 from sdp_vs_penalty import Problem, identify
@@ -34,6 +35,8 @@ def folder(two_link: Problem, panda: Problem, tmp_path_factory: pytest.TempPathF
         (home / f"{name}.json").write_text(json.dumps(findings.to_dict()))
     (home / "old.json").write_text(json.dumps(found.to_dict()).replace('"text"', '"txet"'))
     (home / "kept.json").write_text("old")
+    save(log(), home / "silent.csv")
+    write_slide(home)
     return home
 
 

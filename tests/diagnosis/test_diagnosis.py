@@ -192,21 +192,6 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
     assert np.isfinite(held.uncertainty.standard[-1].std)
 
 
-@pytest.mark.parametrize(
-    ("effect", "message"),
-    [
-        ("viscous_friction", "f_v1 appears twice: list effect viscous_friction only once per joint"),
-        ("joint_spring:9", "does not exist"),
-        ("magic", "unknown"),
-        ("", "No effect"),
-    ],
-)
-def test_what_cannot_be_added_is_said(stribeck, effect, message):
-    data = stribeck.runs[0]
-    with pytest.raises(InputError, match=message):
-        add(identified(stribeck, data), effect, data)
-
-
 def test_what_would_hide_nothing_is_said(panda):
     """Joint 1 turns about the vertical: where its links stand makes no difference to gravity."""
     with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):

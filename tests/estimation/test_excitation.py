@@ -13,7 +13,7 @@ from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.estimation import Limits, excitation, separation
 from sdp_vs_penalty.estimation.constants import LEVEL
-from sdp_vs_penalty.robot import FourierTrajectory, Robot, random_trajectory
+from sdp_vs_penalty.robot import FourierTrajectory, Robot
 from sdp_vs_penalty.robot.geometry import self_collision
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, joint_trajectory, shortest_moves
 from sdp_vs_penalty.simulation import experiment
@@ -74,18 +74,6 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda
 def test_limits_that_admit_no_trajectory_are_refused(two_link, change, match):
     with pytest.raises(InputError, match=match):
         replace(Limits.of_robot(two_link.robot), **change)
-
-
-def test_a_robot_can_play_the_file(two_link, tmp_path):
-    trajectory = random_trajectory(two_link.robot, 0, 4.0)
-    path = tmp_path / "trajectory.csv"
-    excitation.save_trajectory(trajectory, path)
-    header = path.read_text().splitlines()[0]
-    assert header == "t,q1,q2,dq1,dq2,ddq1,ddq2"
-    rows = np.loadtxt(path, delimiter=",", skiprows=1)
-    assert rows.shape == (4001, 7)
-    q, dq, ddq = trajectory.states(rows[:, 0])
-    np.testing.assert_allclose(rows[:, 1:], np.hstack([q, dq, ddq]), atol=1e-7)
 
 
 @pytest.fixture(scope="module")
@@ -195,24 +183,6 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     spread = 3.0 * np.sqrt(LEVEL * (1.0 - LEVEL) / 300)
     assert abs(right / 300 - LEVEL) < spread + 0.02
     assert special.ndtr(delta / 2.0) > LEVEL
-
-
-@pytest.mark.parametrize(
-    ("said", "ask"),
-    [
-        ("objective", lambda small: excitation.excite(small.problem, objective="loud")),
-        ("duration", lambda small: excitation.excite(small.problem, duration=0.5)),
-        ("joints that move: 9", lambda small: excitation.payload_run(small, joints=[8])),
-        ("names 3 effects", lambda small: separation.separate(small, f"{PAIR},joint_spring:1")),
-        (
-            "has viscous_friction already",
-            lambda small: separation.separate(small, "viscous_friction:1,joint_spring:1"),
-        ),
-    ],
-)
-def test_other_input_is_refused(said, ask, small):
-    with pytest.raises(InputError, match=said):
-        ask(small)
 
 
 _ARM = """<robot name="folding">{links}{joints}</robot>"""

@@ -4,11 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import run_cli
 
-from sdp_vs_penalty import InputError, Measurements, Problem, add, diagnose, load_estimate, load_problem
-from sdp_vs_penalty.cli.runs import parsed_known_load
-from sdp_vs_penalty.data import save
+from sdp_vs_penalty import Measurements, Problem, add, diagnose, load_estimate, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
@@ -85,29 +82,6 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     again = load_estimate(tmp_path / "wide.json")
     np.testing.assert_array_equal(again.covariance, wide.covariance)
     np.testing.assert_allclose(np.sqrt(np.diagonal(wide.covariance)), wide.uncertainty.std, rtol=1e-9)
-
-
-def test_refusals(arm):
-    assert parsed_known_load("runs/load.csv:2.805") == (Path("runs/load.csv"), 2.805)
-    for text in ("load.csv", "load.csv:heavy", ":2.0"):
-        with pytest.raises(InputError, match="known-load"):
-            parsed_known_load(text)
-    run = measured(arm, 1, 0.0)
-    with pytest.raises(InputError, match="known load"):
-        identify(arm, run, known_loads=[(run, -1.0)])
-    with pytest.raises(InputError, match="gain_uncertainty"):
-        identify(arm, run, gain_uncertainty=-0.1)
-
-
-def test_the_command_line_takes_a_load_and_lets_it_judge_the_gains(arm, tmp_path, capsys):
-    far_off = np.array([0.92, 2.0, 0.9])
-    for name, seed, load in (("empty", 1, 0.0), ("load", 2, 1.0)):
-        save(measured(arm, seed, load, far_off), tmp_path / f"{name}.csv")
-    words = ["identify", str(ARM), "--data", str(tmp_path / "empty.csv"), "--method", "ols"]
-    words += ["--out", str(tmp_path / "model.json")]
-    for more, status in ([], 2), (["--known-load", f"{tmp_path}/load.csv:1.5"], 0):
-        assert run_cli(*words, *more) == status  # without the load the check refuses such gains
-    assert "gains of the torque channels" in capsys.readouterr().out
 
 
 @pytest.mark.long
