@@ -21,8 +21,8 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
 UNITS = {NAMED["mnm"]: "mN m", NAMED["ncm"]: "N cm", NAMED["kgfm"]: "kgf m", NAMED["lbfin"]: "lbf in"}
-#: Factors that are tried: units, and a grid whose steps the refinement bridges.
-_GAINS = (*UNITS, 0.1, 0.3, 0.6, 0.85, 1.17, 1.7, 3, 100, 1e3)
+#: Factors that are tried beside the nearest: units, and a grid whose steps the refinement bridges.
+_GAINS = (*UNITS, 0.1, 0.3, 3, 100, 1e3)
 #: True time over the file's that is tried; the ends are round.
 _RATES = (0.5, 0.75, 1.4, 2.0)
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
@@ -316,8 +316,12 @@ class Gain(Transformation):
     seen by what joints share: see residual.py."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        for j in log.joints if len(log.joints) > 1 else ():
-            yield from (now.times("gain", (j,), factor) for factor in _GAINS)
+        joints = log.joints if len(log.joints) > 1 else []
+        # A small one is seen at its best value alone: a step of the grid off, the fit is as bad.
+        ats: list[At] = [partial(now.times, "gain", (j,)) for j in joints]
+        steps, _ = log.screen.steps(now, ats, np.ones(len(ats)), np.full(len(ats), 0.01))
+        for at, step in zip(ats, steps.tolist(), strict=True):
+            yield from map(at, (*_GAINS, float(np.clip(1.0 + step, 0.5, 2.0))))
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         gross = c.GROSS / c.CALIBRATED * c.CALIBRATED_GAIN
