@@ -18,6 +18,10 @@ ABSORBED_CURVE = 0.02
 #: (Cameron, Miller, J. Human Resources 2015, sec. VI).
 CLUSTERS = 50
 
+#: Travel [rad, m] after which friction has forgotten how it was bent when the log began, to a twentieth:
+#: three times that of gears' bristles (Dahl, AIAA Journal 1976).
+FORGETS = 0.03
+
 # The search.
 
 #: Evidence from which a term is taken: odds of 150 to 1, "very strong" (Kass, Raftery, sec. 3.2).

@@ -100,14 +100,17 @@ class Search:
                     seen[x] = replace(start, drop=-np.inf)
             return seen[x]
 
+        def score(x: float) -> float:
+            return at(x).against(start)
+
         x = step = 0.0
         for step in STEPS:
-            while (best := max((x, x - step, x + step), key=lambda y: at(y).J)) != x:
+            while (best := max((x, x - step, x + step), key=score)) != x:
                 x = best
-        less, most, more = (at(x + d).J for d in (-step, 0.0, step))
+        less, most, more = (score(x + d) for d in (-step, 0.0, step))
         if less - 2.0 * most + more < 0.0 and np.isfinite(less + more):  # the top of a parabola
             top = 0.5 * (less - more) / (less - 2.0 * most + more)
-            x = max((x, x + step * round(16.0 * top) / 16.0), key=lambda y: at(y).J)
+            x = max((x, x + step * round(16.0 * top) / 16.0), key=score)
         return at(x)
 
     # Which forms there are beside a fit.
@@ -148,12 +151,11 @@ class Search:
         top = max((t.J for t in found), default=0.0)
         # A width that is far from those on the grid says little there, and all where it is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
-        best = {t.key: t for t in sorted(found, key=lambda t: t.J)}
-        found = [t for t in found if _as_good(t, best[t.key])]
         useful = (t for t in found if least < t.J or t.form.own)
         ranked = sorted((self.refined(fit, t) for t in useful), key=lambda t: -t.J)
         first = {t.key: t for t in reversed(ranked)}
-        return [t for t in ranked if first[t.key] is t]
+        best = {t.key: t for t in sorted(ranked, key=lambda t: t.against(first[t.key]))}
+        return [t for t in ranked if best[t.key] is t]
 
     def _screened(
         self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None, whole: bool

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import CLUSTERS
+from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FORGETS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -113,9 +113,21 @@ def prepare(
 ) -> WhiteData:
     """White rows with a model attached; whole : what the noise is measured in, if not these."""
     noise = noise_of(rows, whole)
-    if noise.suspect.any():
-        rows = replace(rows, masked=noise.suspect)
+    masked = noise.suspect | unsettled(rows)
+    if masked.any():
+        rows = replace(rows, masked=masked)
     return whitened(rows, noise, estimate, frozen)
+
+
+def unsettled(rows: SegmentedRuns) -> NDArray[np.bool_]:
+    """(M, n) rows before a joint has come so far that friction with a memory has forgotten what bent it
+    before the log began. Of a joint that never comes so far, none."""
+    out = []
+    for s in rows.segments:
+        path = np.cumsum(np.abs(np.diff(s.motion.q, axis=0, prepend=s.motion.q[:1])), axis=0)
+        out.append(path[s.low_pass.at] < FORGETS)
+    masked = np.concatenate(out)
+    return masked & ~masked.all(axis=0)
 
 
 def whitened(rows: SegmentedRuns, noise: Noise, estimate: Estimate, frozen: bool) -> WhiteData:

@@ -23,6 +23,7 @@ from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -196,6 +197,29 @@ def test_what_would_hide_nothing_is_said(panda):
     """Joint 1 turns about the vertical: where its links stand makes no difference to gravity."""
     with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):
         hidden_runs(panda, [("joint_zero_error", [0])], "strong", seed=1, count=1)
+
+
+def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
+    """A joint that creeps before it moves, on bristles that are bent the other way than it creeps."""
+    t, travel, size = np.arange(0.0, 24.0, 0.01), 0.004, 0.6
+    w, begun = np.array([1.1, 1.7]) * t[:, None], np.clip(t[:, None] - 2.0, 0.0, 1.0)
+    q = begun**3 * (10.0 - 15.0 * begun + 6.0 * begun**2)
+    q = q * (0.5 * np.sin(w) + 0.2 * np.sin(2.3 * w + 1.0)) - 3e-4 * t[:, None]
+    dq, z = np.gradient(q, t, axis=0), np.full(2, 0.9)
+    theta = two_link.nominal(model := two_link.model())
+    theta[len(model.rigid_indices) :] = 0.5
+    tau = model.torque(theta, Motion(t, q, dq, np.gradient(dq, t, axis=0)))
+    for k, step in enumerate(np.diff(q, axis=0, prepend=q[:1])):
+        z = np.sign(step) + (z - np.sign(step)) * np.exp(-np.abs(step) / travel)
+        tau[k] += size * z
+    tau += 0.01 * np.random.default_rng(3).normal(size=tau.shape)
+    run = Measurements(t, q, tau)
+    result = diagnose(identify(two_link, run, "ols", check=False), run, check=False)
+    found = {f.joints[0]: f for f in result.effects if f.effect == "presliding_hysteresis"}
+    for joint in (1, 2):
+        assert found[joint].shape["d"] == pytest.approx(travel, rel=0.02)
+        assert found[joint].size == pytest.approx(size, rel=0.02)
+    assert np.all(result.held_out_rmse < 0.01)
 
 
 def test_a_rotor_is_weighed_where_motor_and_link_have_encoders(tmp_path):

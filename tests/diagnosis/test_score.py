@@ -193,6 +193,21 @@ def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
     assert other.against(one) - one.J == pytest.approx(1.0 / 1.5)
 
 
+def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
+    """Whatever the rows are found to be worth there: that is as uncertain as the evidence is."""
+    run = small_run(two_link, seed=2)
+    estimate = identify(two_link, run, "ols")
+    settings = estimate.preprocessing.resolve(run)
+    data = prepare(diagnosis_rows(run, estimate, settings), estimate)
+    search = Search(data, library(data))
+    forms = [f for b in search.library.batches for f in b.forms if f.key == ("sigmoid_friction", 0)]
+    refined = search.refined(search.fit, search.judged(search.fit, forms[0]))
+    assert refined.drop >= max(search.judged(search.fit, f).drop for f in forms if f.law == forms[0].law)
+    rng = np.random.default_rng(0)
+    monkeypatch.setattr(Score, "worth_of_one", lambda *_: rng.uniform(1.0, 3.0))
+    assert search.refined(search.fit, search.judged(search.fit, forms[0])).text == refined.text
+
+
 def test_what_the_model_makes_itself_is_no_candidate():
     data, _ = made()
     score = Score(data, 10)
