@@ -104,10 +104,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
     if 0 < len(odd) <= 0.3 * log.n:
         times = formatting.words([f"{x:.3g}" for x in each[odd]])
-        what = (
-            f"the torque of {{where}} is too large, {times} times what the joint is made for: its unit"
-        )
-        what = f"{what} is not that of the others."
+        what = f"the torque of {{where}} is {times} times what the joint is made for: in another unit."
         yield Issue.of("torque unit", "error", odd, what, sure, convert)
         return
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
@@ -115,39 +112,34 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     if not np.isfinite(high):
         low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
     least, most, measured = 1e-2, 1.0, over  # beside the effort limits where no mass is known
+    told = f"{over:.3g} times what the joints are made for"
     if known:  # least and largest ratio of measured to nominal torque
         needed = float(np.linalg.norm(log.heard(repair).T * log.nominal(repair)))
         measured = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)
         least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
+        told = f"{measured:.3g} times what an arm of {weighs} kg needs"
     large, small, far = known and measured > most, known and measured < least, over > c.EFFORT[1]
-    times = f"{measured:.3g} times what" if large else f"{1.0 / measured:.3g} times less than"
-    told, right = f"{times} an arm of {weighs} kg needs", "if right, correct the problem's masses"
-    where, mend = "all torque channels", None
+    kind, severity, where, mend = "torque unit", "error", "all torque channels", None
+    right = "if right, correct the problem's masses"
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
-        kind, severity, where = "masses of the problem", "error", "the problem"
-        what = (
-            f"the torques are {told}, yet they reach {100.0 * over:.0f} % of the joints' effort "
-            f"limits, as torques do: the problem's masses are wrong."
-        )
+        kind, where, share = "masses of the problem", "the problem", 100.0 * over
+        why = "the problem's masses are wrong: the torques reach what torques do,"
+        why = f"{why} {share:.0f} % of the joints' effort limits"
         remedy = "correct total_mass in problem.toml (the inertials of a URDF)"
     elif large or (far and not known):
         factor = next((u for u in UNITS if far and u < 0.1 and least <= measured * u <= most), None)
-        told = f"{over:.3g} times what the joints are made for" if far else told
-        kind, severity, remedy = "torque unit", "error", f"{convert}; {right}"
-        what = f"the torques are too large, {told}: their unit is not N m."
+        why, remedy = "their unit is not N m", f"{convert}; {right}"
         if factor is not None:
-            what = f"the torques are too large, {told}: they are in {UNITS[factor]}."
-            remedy, mend = f"multiply by {factor:g}", lambda r: replace(r, tau=r.tau * factor)
+            why, remedy = f"they are in {UNITS[factor]}", f"multiply by {factor:g}"
+            mend = lambda r: replace(r, tau=r.tau * factor)  # noqa: E731
     elif small:
         kind, severity = "torque channel kind", "warning"
-        what = (
-            f"the torques are {told}: they are motor currents, or torques on the motor side of the "
-            "gear. A model of them is unscaled: its ratios are right, its kilograms are not."
-        )
+        why = "they are motor currents, or torques on the motor side of the gear. A model of them is"
+        why = f"{why} unscaled: its ratios are right, its kilograms are not"
         remedy = f"multiply each channel by its drive gain (N m per A, gear ratio included); {right}"
     else:
         return
-    ratio = measured if known else None
+    what, ratio = f"the torques are {told}: {why}.", measured if known else None
     yield Issue.of(kind, severity, range(log.n), what, sure, remedy, mend, where, times_nominal=ratio)
 
 

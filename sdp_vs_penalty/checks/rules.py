@@ -311,8 +311,8 @@ def end_stops(g: Glance) -> Iterator[Issue]:
     for rows, b, a in zip(bad, beyond.T, asked.T, strict=True):
         held = [p for p in spans(a > 0.0) if b[slice(*p)].max() * TIMES < a[slice(*p)].max()]
         rows &= _mask(len(rows), held)
-    what = "{named} stays in its range for up to {seconds:.3g} s while the command goes beyond it: the "
-    what, sure = f"{what}joint lies against its end stop.", "certain: the drive pushes against its stop"
+    what = "{named} lies against its end stop for up to {seconds:.3g} s: its command goes beyond it."
+    sure = "certain: the drive pushes against its stop"
     yield from g.deleted("end stop", {f"q{j + 1}": x for j, x in enumerate(bad)}, what, sure)
 
 

@@ -131,8 +131,7 @@ class Degrees(Transformation):
         kind, cost = "positions in degrees", c.ODDS
         if not every:
             kind, cost = "position unit", len(joints) * choices(log.n)
-        what = f"the position of {joints_text(joints)} is in degrees, not in radians"
-        what = f"{what} (reaching {reach:.4g})."
+        what = f"the position of {joints_text(joints)} is in degrees: it reaches {reach:.4g}."
         remedy = f"multiply {named} (and dq) by pi / 180"
         yield Element(kind, "error", joints, what, remedy, without, cost, named)
 
@@ -153,12 +152,9 @@ class Clock(Transformation):
             yield Element("time reversed", "error", (), what, remedy, without, place="all rows")
         if (x := repair.rate) != 1.0:
             word, at = "fast" if x < 1.0 else "slow", lambda v: replace(repair, rate=v)
-            what = (
-                f"time runs {max(x, 1.0 / x):.3g} times too {word}: the inertia in the torques does not"
-            )
+            what = f"time runs {max(x, 1.0 / x):.3g} times too {word}: inertia does not fit the weight."
             remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
             number = Number.factor(x, at, (min(_RATES), max(_RATES)))
-            what = f"{what} fit the weight."
             yield Element("clock rate", "error", (), what, remedy, number, place="column t")
 
 
@@ -401,8 +397,7 @@ class Beside(Transformation):
             j, t, without = event.joint, event.at, repair.without(event)
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
             if isinstance(t, str):
-                what = f"the torque of {name} holds a law of its own motion that the model lacks, most"
-                what = f"{what} like {t}."
+                what = f"the torque of {name} holds a law that the model lacks, most like {t}."
                 remedy, cost = "identify, and let `diagnose` name it", choices(log.n * len(LAWS))
                 yield Element(f"law: {t}", "note", (j,), what, remedy, without, cost, mends=False)
                 continue
@@ -477,8 +472,7 @@ class Saturation(Transformation):
         for j in np.flatnonzero(repair.bend).tolist():
             x, k = repair.bend[j], repair.tau_order[j]
             limit = f"{log.data.largest[k] / x:.3g} {log.problem.robot.torque_units[j]}"
-            what = f"the torque of {joints_text([j])} bends towards a limit of {limit}"
-            what = f"{what}: its sensor or amplifier is near its end."
+            what = f"the torque of {joints_text([j])} bends towards its amplifier's limit of {limit}."
             remedy = "record again with a larger range, or slower"
             at = lambda v, j=j: repair.with_entries("bend", (j,), float(np.clip(v, 0.0, 0.995)))  # noqa: E731
             number = Number(x, at, _STRAIGHT, 0.25, lambda v: f"{_percent(v)} of the limit is reached")
