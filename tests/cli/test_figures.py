@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from arms import THREE, write_urdf
 from commands import run_cli
-from recorded import changed, said
-from servo_log import EFFECTS, log, write_slide
+from recorded import HOME, changed, said
+from servo_log import log, write_slide
 from small_runs import small_run
 
 from sdp_vs_penalty import load_problem
@@ -19,60 +19,8 @@ from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.simulation import hidden_runs
 
-#: Each command goes on from the files of those before.
-SESSIONS = {
-    "of two links": """
-        check run1.csv run2.csv --problem two_link --json checked.json
-        check flipped.csv run2.csv --problem two_link --gravity 0,0,-9.81 --fix fixed
-        identify two_link --data run1.csv run2.csv --bounds m2=1:5,total=:40 --out model.json
-        add model.json joint_spring:2 --data run1.csv run2.csv --test test.csv --out model2.json
-        compare model.json model2.json --data test.csv --verbose --json compared.json
-        compare model.json --data test.csv --window 0.5:3,4:7.5
-        cross-validate two_link --data run1.csv run2.csv --method ols --folds 3 --json folds.json
-        simulate model2.json --follow test.csv --json ahead.json
-        convert run1.csv --out columns.csv --rename tau1=tau2,tau2=tau1 --scale q=deg
-        export model2.json --out arm.xml
-        export model2.json --out effects.json
-        report model.json model2.json --data test.csv --out report.html
-    """,
-    "of a search": """
-        identify two_link --data run1.csv run2.csv --method ols --filters 15,20 --out ols.json
-        diagnose ols.json --data run1.csv run2.csv --test test.csv --json findings.json
-        add ols.json --from findings.json --data run1.csv --test test.csv --frozen --out two.json
-        diagnose ols.json --data run1.csv --frozen --verbose
-    """,
-    "of lists and motions": """
-        excite two_link --iterations 2 --seed 1 --duration 5 --out motion.csv
-        excite two_link --iterations 2 --objective condition --harmonics 3 --out motion2.csv
-        simulate two_link --hide joint_spring:1 --seed 3 --level weak --out made
-        list problems
-        list methods
-        list solvers
-        list datasets
-        list exports
-        list tables
-        list effects stribeck_friction
-    """,
-    "of a load": """
-        check-urdf arm.urdf --json links.json
-        check run.csv heavy.csv --problem arm.urdf
-        identify arm.urdf --data run.csv --known-load heavy.csv:1.5 --no-check --out model.json
-        identify arm.urdf --data run.csv --gain-uncertainty 0.05 --out gains.json
-        compare model.json gains.json --data heavy.csv
-        add gains.json payload --data heavy.csv --out loaded.json
-        excite loaded.json --payload --joints 2+3 --iterations 1 --out weigh.csv
-        export loaded.json --out load.script
-        export gains.json --out new.urdf --urdf arm.urdf
-    """,
-    "of a servo": f"""
-        identify slide.urdf --data servo.csv --effects {EFFECTS} --out model.json
-        identify slide.urdf --data silent.csv --effects {EFFECTS} --known m1=3.0 --out silent.json
-        compare silent.json --data silent.csv --window 0:5
-        export silent.json --out slide.xml
-        export silent.json --out slide.h
-        report silent.json --data silent.csv --out report.html
-    """,
-}  # fmt: skip
+#: Commands in order, each going on from the files of those before: the names of what is kept of them.
+SESSIONS = {path.stem: [*json.loads(path.read_text())] for path in sorted(HOME.glob("commands_*.json"))}
 #: Of JSON files, what changes from day to day.
 PASSING = {"provenance", "data_hash", "seconds", "versions", "solver_said"}
 
@@ -110,15 +58,15 @@ def test_figures_are_what_they_were(session, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(console.out, "_width", 100)
     write_files(tmp_path)
     found: dict[str, Any] = {}
-    for line in SESSIONS[session].strip().splitlines():
+    for line in SESSIONS[session]:
         before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
         code = run_cli(*shlex.split(line))
         out, err = capsys.readouterr()
         assert code < 2, err
         new = [p for p in sorted(tmp_path.iterdir()) if before.get(p) != p.stat().st_mtime_ns]
-        found[line.strip()] = {"code": code, "printed": said(out), "heard": said(err)} | {
+        found[line] = {"code": code, "printed": said(out), "heard": said(err)} | {
             p.name: kept(json.loads(p.read_text())) if p.suffix == ".json" else said(p.read_text())
             for p in new
             if p.is_file() and p.suffix != ".html"
         }
-    assert not changed(f"commands {session}".replace(" ", "_"), found)
+    assert not changed(session, found)

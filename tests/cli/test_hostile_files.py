@@ -1,5 +1,6 @@
 """Every verb's every file argument, given what is no such file: one sentence, exit 2, bounded."""
 
+import json
 import os
 import shlex
 import signal
@@ -23,55 +24,7 @@ from sdp_vs_penalty.data import save
 SECONDS, MEMORY = 10, 650e6
 
 #: Commands by the kind of the file that stands for @; RUN, MODEL and PROOF are good ones.
-COMMANDS = {
-    "run": (
-        "check @",
-        "check @ --problem two_link --fix out.csv",
-        "convert @ --out out.csv",
-        "convert @ --problem two_link --rename t=a,q=b,tau=c --out out.csv",
-        "convert @ --headless --rate 100 --out out.csv",
-        "identify two_link --data @ --out out.json",
-        "identify two_link --data RUN @ --out out.json --jobs 1",
-        "compare MODEL --data @",
-        "cross-validate two_link --data @",
-        "diagnose MODEL --data @",
-        "diagnose MODEL --data RUN --test @",
-        "add MODEL joint_spring:1 --data @ --out out.json",
-        "report MODEL --data @ --out out.html",
-        "simulate MODEL --follow @",
-        "export-sdp two_link --data @ --out out.cbf",
-        "verify PROOF --model MODEL --data @",
-    ),
-    "model": (
-        "compare @ --data RUN",
-        "diagnose @ --data RUN",
-        "add @ joint_spring:1 --data RUN --out out.json",
-        "report @ --data RUN --out out.html",
-        "export @ --out out.urdf",
-        "simulate @ --follow RUN",
-        "excite @ --out out.csv",
-        "add MODEL --from @ --data RUN --out out.json",
-        "report MODEL --data RUN --findings @ --out out.html",
-        "verify @",
-        "verify @ --model MODEL",
-        "verify PROOF --model @ --data RUN",
-    ),
-    "urdf": (
-        "check-urdf @",
-        "check-urdf @ --fix out.urdf",
-        "export MODEL --urdf @ --out out.urdf",
-        "identify @ --data RUN --out out.json",
-        "excite MODEL --separate joint_spring:1,torque_ripple:1 --urdf @ --out out.csv",
-        "check RUN --problem @",
-        "convert RUN --problem @ --out out.csv",
-        "simulate @ --out out",
-    ),
-    "problem": (
-        "identify @ --data RUN --out out.json",
-        "check RUN --problem @",
-        "excite @ --out out.csv",
-    ),
-}
+COMMANDS = json.loads((Path(__file__).parents[1] / "data" / "commands_of_files.json").read_text())
 SUFFIXES = {
     "run": (".csv", ".npz", ".mat", ".parquet", ".mcap"),
     "model": (".json",),

@@ -171,26 +171,7 @@ def test_wrong_number_of_joints(two_link, panda, tmp_path):
 
 # --- problems -------------------------------------------------------------------------------------
 
-TOML = """title = "t"
-[kinematics]
-convention = "modified"
-a = [0.0, 0.3]
-alpha_over_pi = [0.0, 0.5]
-d = [0.3, 0.0]
-gravity = [0.0, 0.0, -9.81]
-lower = [-3.0, -3.0]
-upper = [3.0, 3.0]
-[bounds]
-tables = ["bounds.csv"]
-total_mass = [1.0, 50.0]
-[preprocessing]
-state_cutoff = 5.0
-[[centre_of_mass_cone]]
-link = 1
-axis = "y"
-radius = 0.15
-slope = 0.0
-"""
+TOML = Path(__file__).with_name("two_joints.toml").read_text()
 BOUNDS = "parameter,lower,upper\nm1,0.1,20\nc1x,-0.5,0.5\nI2xx,0,1\n"
 
 

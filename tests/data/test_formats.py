@@ -4,6 +4,7 @@ and broken ones are refused in a sentence."""
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -219,24 +220,8 @@ def columns(*patterns: str, first: int = 0, n: int = 6) -> list[str]:
     return [p.format(k) for p in patterns for k in range(first, first + n)]
 
 
-LAYOUTS = {
-    "RTDE": ["timestamp", *columns("target_q_{}", "actual_q_{}", "actual_qd_{}", "actual_current_{}")],
-    "RTDE in ms": ["timestamp_ms", *columns("actual_q_{}", "actual_current_{}")],
-    "rostopic echo": [
-        "%time", *columns("field.position{}", "field.velocity{}", "field.effort{}")
-    ],
-    "joint states by name": [
-        "__time", *(f"/joint_states/{j}_joint/{k}" for j in UR for k in ("position", "effort"))
-    ],
-    "joint states by number": [
-        "__time", *columns("/joint_states/position[{}]", "/joint_states/effort[{}]")
-    ],
-    "franka": ["time", *columns("q[{}]", "dq[{}]", "tau_J[{}]", "tau_ext_hat_filtered[{}]", "q_d[{}]")],
-    "xArm": ["time", *columns("joint{}_angle_deg", "joint{}_torque", first=1)],
-    "Kinova": ["timestamp", *columns("actuator_{}_position", "actuator_{}_torque")],
-    "plain": ["t", *columns("q_{}", "qd_{}", "tau_{}")],
-    "axes": ["Time", *columns("A{} position", "A{} torque", first=1)],
-}  # fmt: skip
+#: Columns of other programs' logs of six joints, by what writes them.
+LAYOUTS = json.loads(Path(__file__).with_name("layouts.json").read_text())
 
 
 @pytest.mark.filterwarnings("ignore:.*columns recognised")
