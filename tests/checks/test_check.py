@@ -263,18 +263,6 @@ def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys)
     assert not consented(load_estimate(model), load_measurements(good))
 
 
-def test_the_next_command_trains_on_no_test_run(tmp_path, two_link, capsys):
-    for k, name in enumerate(("run1.csv", "My_Test.csv")):
-        save(experiment(two_link).training_run(k), tmp_path / name)
-    files = tmp_path / "run1.csv", tmp_path / "My_Test.csv"
-    assert run_cli("check", *files, "--problem", "two_link") == 0
-    (said,) = (x for x in " ".join(capsys.readouterr().out.split()).split("Next: ")[1:])
-    assert "run1.csv" in said
-    assert "My_Test.csv" not in said
-    assert run_cli("check", files[1], "--problem", "two_link") == 0
-    assert "identify two_link --data" in " ".join(capsys.readouterr().out.split())
-
-
 @pytest.mark.parametrize("spoil", [still, lambda run: run.rows(np.arange(len(run.t)) < 150)])
 def test_a_run_without_rows_is_named_once(spoil, tmp_path, two_link, capsys):
     path = tmp_path / "lame.csv"

@@ -15,7 +15,6 @@ from small_runs import write_run
 from sdp_vs_penalty import (
     Problem,
     __version__,
-    load_estimate,
 )
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
@@ -118,23 +117,6 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(run, mon
         for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shapes):
             assert text.strip()
             assert " ".join(text.split()) in shown
-
-
-def test_identify_options_reach_the_model(run, runs, tmp_path):
-    out_file = tmp_path / "model.json"
-    code, *_ = run(
-        *("identify", "two_link", "--data", runs[0], "--out", out_file, "--method", "ols"),
-        *("--effects", "rigid_body,viscous_friction:2", "--gravity", "-1,0,-9.5", "--window", ":4.5"),
-    )
-    assert code == 0
-    estimate = load_estimate(out_file)
-    assert estimate.method == "ols"
-    assert estimate.robot.gravity == (-1.0, 0.0, -9.5)
-    assert [p.name for p in estimate.model.parameters][20:] == ["f_v2"]
-    assert estimate.provenance["samples"] == 450
-    sdp = ("identify", "two_link", "--data", runs[0], "--out", out_file, "--solver", "clarabel")
-    assert run(*sdp)[0] == 0
-    assert load_estimate(out_file).settings["solver"] == "clarabel"
 
 
 def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):

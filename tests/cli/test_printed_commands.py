@@ -152,20 +152,6 @@ def test_the_check_repairs_what_it_says(kind, run, tmp_path):
         )
 
 
-def test_compare_prints_the_diagnosis_of_the_training_seconds_judged_on_the_others(run, two_link):
-    write_run(Path("my run.csv"), two_link, seconds=20.0)
-    made = run(
-        f"{PROGRAM} identify two_link --data 'my run.csv' --window 0:12 --method ols "
-        "--out 'a model.json'"
-    )
-    trained = f"{PROGRAM} diagnose 'a model.json' --data 'my run.csv' --window 0:12"
-    assert printed(made) == [f"{trained} --json findings.json"]
-    out = run(f"{PROGRAM} compare 'a model.json' --data 'my run.csv' --window 12:16,17:20")
-    (command,) = printed(out)
-    judged = "--test 'my run.csv' --test-window 12:16,17:20 --json findings.json"
-    assert command == f"{trained} {judged}"
-
-
 TWELVE = [f"presliding_hysteresis:{j}@d=0.00312345" for j in range(1, 8)]
 TWELVE += [f"joint_spring:{j}" for j in range(1, 6)]
 
