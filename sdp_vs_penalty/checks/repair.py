@@ -109,19 +109,19 @@ class Repair:
     @cached_property
     def of_motion(self) -> Repair:
         """Without what is done to the torque's channels alone, and whichever way time runs."""
-        same, one, zero = tuple(range(self.n)), (1.0,) * self.n, (0.0,) * self.n
-        own = {"tau_order": same, "gain": one, "lead": zero, "lag": zero, "bend": zero}
-        return self._with(reversed=False, **own)
+        return self.reset("tau_order", "gain", "lead", "lag", "bend", "reversed")
 
     @cached_property
     def of_arm(self) -> Repair:
         """What of it the columns depend on that joints share, with all of the arm's weight."""
-        return self.of_motion._with(lacks=(0.0,) * self.n, events=())
+        return self.of_motion.reset("lacks", "events")
 
-    def _with(self, **entries: Any) -> Repair:
-        """With these entries; itself where it has them, as most hypotheses do."""
-        same = all(getattr(self, name) == value for name, value in entries.items())
-        return self if same else replace(self, **entries)
+    def reset(self, *names: str) -> Repair:
+        """With these entries as a log has them that is right; itself where it is, as most hypotheses."""
+        none = Repair.none(self.n, self.gravity)
+        right: dict[str, Any] = {name: getattr(none, name) for name in names}
+        same = all(getattr(self, name) == value for name, value in right.items())
+        return self if same else replace(self, **right)
 
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""
@@ -129,8 +129,7 @@ class Repair:
 
     def apply(self, run: Measurements) -> Measurements:
         """The log repaired; gravity, weight and events are the model's matter and are left alone."""
-        none = Repair.none(self.n, self.gravity)
-        if replace(none, **{k: getattr(self, k) for k in ("lacks", "longer", "bend", "events")}) == self:
+        if self.reset("lacks", "longer", "bend", "events") == Repair.none(self.n, self.gravity):
             return run
         t, tau, speed = run.t, run.tau[:, list(self.tau_order)], np.array(self.scale) / self.rate
         dq = None if run.dq is None else run.dq[:, list(self.order)] * speed

@@ -99,9 +99,10 @@ def lattice_step(values: Array) -> float:
     return float(steps.min()) if len(steps) else 0.0
 
 
-def with_steps(run: Measurements, steps: Array) -> Measurements:
-    """The same rows, so far apart (N - 1,)."""
-    return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(steps)]))
+def stepping(run: Measurements, where: Rows, steps: float | Array) -> Measurements:
+    """The same rows, there (N - 1,) so far apart [s]."""
+    apart = np.where(where, steps, np.diff(run.t))
+    return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(apart)]))
 
 
 def _mask(count: int, parts: Any) -> Rows:
@@ -158,7 +159,7 @@ def backwards(g: Glance) -> Iterator[Issue]:
     def repair(r: Measurements) -> Measurements:
         if not step:
             return r.rows(np.concatenate([[True], r.t[1:] > np.maximum.accumulate(r.t)[:-1]]))
-        return with_steps(r, np.where(np.diff(r.t) < 0.0, step, np.diff(r.t)))
+        return stepping(r, np.diff(r.t) < 0.0, step)
 
     seconds = float(-g.steps[bad].min())
     what = f"the clock is set back {len(bad)} times, by up to {seconds:.3g} s: {how}."
@@ -225,9 +226,9 @@ def jumps(g: Glance) -> Iterator[Issue]:
         if len(rows):
             wrong, most = np.isin(np.arange(len(g.steps)), rows), float(g.steps[rows].max())
             what = text.format(count=len(rows), most=most, step=g.step, total=g.steps[rows].sum())
-            mend = lambda r, k=wrong: with_steps(r, np.where(k, g.step, np.diff(r.t)))  # noqa: E731
             where = f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
             figures = {"rows": (rows + 3)[:100].tolist(), "seconds": most}
+            mend = partial(stepping, where=wrong, steps=g.step)
             repair = mend if remedy == _CONTINUE else None
             yield Issue(kind, "warning", where, what, sure, remedy, repair, figures)
 
@@ -296,7 +297,7 @@ def held_rows(g: Glance) -> Iterator[Issue]:
         "doubled rows", "warning" if skips else "error", rows_text(np.flatnonzero(same) + 2),
         f"{same.sum()} rows are copies of the row before, and the motion {after} after them: {how}.",
         _READ, f"delete the copies{'' if skips else ' and their time'}",
-        lambda r: (r if skips else with_steps(r, np.where(same[1:], 0.0, np.diff(r.t)))).rows(~same),
+        lambda r: (r if skips else stepping(r, same[1:], 0.0)).rows(~same),
         {"rows": int(same.sum())},
     )  # fmt: skip
 
@@ -403,7 +404,7 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
             f"at {len(rows)} places every joint skips ahead within one time step: about "
             f"{lost.sum():.0f} rows are missing and the clock was made again.",
             "certain: all joints skip by the same time", "put the missing time back",
-            lambda r: with_steps(r, np.diff(r.t) + added),
+            lambda r: stepping(r, added > 0.0, np.diff(r.t) + added),
             {"rows": (rows + 3)[:100].tolist(), "missing": lost[:100].tolist()},
         )  # fmt: skip
 

@@ -148,7 +148,7 @@ class Clock(Transformation):
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
-            remedy, without = "reverse q and tau in time", replace(repair, reversed=False)
+            remedy, without = "reverse q and tau in time", repair.reset("reversed")
             yield Element("time reversed", "error", (), what, remedy, without, place="all rows")
         if (x := repair.rate) != 1.0:
             word, at = "fast" if x < 1.0 else "slow", lambda v: replace(repair, rate=v)
@@ -206,16 +206,14 @@ class Exchange(Transformation):
         if repair.order == repair.tau_order:
             told = [("joint order", "positions and torques", "q, dq and tau", ("order", "tau_order"))]
         for kind, word, columns, names in told:
-            order, none = getattr(repair, names[0]), tuple(range(log.n))
+            order = getattr(repair, names[0])
             if changed := tuple(j for j, k in enumerate(order) if j != k):
                 how = ", ".join(f"column {order[j] + 1} is joint {j + 1}'s" for j in changed)
                 how = "" if len(changed) == 2 else f": {how}"
                 what = f"{word} of {joints_text(changed)} are swapped{how}."
-                of_none: dict[str, Any] = dict.fromkeys(names, none)
                 cost = (len(changed) - 1) * choices(log.n * (log.n - 1) // 2)
                 remedy = f"rename the columns of {columns}"
-                without = replace(repair, **of_none)
-                yield Element(kind, "error", changed, what, remedy, without, cost)
+                yield Element(kind, "error", changed, what, remedy, repair.reset(*names), cost)
 
 
 class Mounting(Transformation):
@@ -316,8 +314,8 @@ class Gain(Transformation):
         # A small one is seen at its best value alone: a step of the grid off, the fit is as bad.
         ats: list[At] = [partial(now.times, "gain", (j,)) for j in joints]
         steps, _ = log.screen.steps(now, ats, np.ones(len(ats)), np.full(len(ats), 0.01))
-        for at, step in zip(ats, steps.tolist(), strict=True):
-            yield from map(at, (*_GAINS, float(np.clip(1.0 + step, 0.5, 2.0))))
+        for at, best in zip(ats, np.clip(1.0 + steps, 0.5, 2.0).tolist(), strict=True):
+            yield from map(at, (*_GAINS, best))
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
         gross = c.GROSS / c.CALIBRATED * c.CALIBRATED_GAIN

@@ -36,7 +36,7 @@ NUMBERS = {
     "encoder offset joint 2 90 deg": (-np.pi / 2, 1e-9),
     "encoder offset joint 2 30 deg": (-np.pi / 6, 5e-3),
     "soft saturation joint 3 at 0.4 of the peak": (np.tanh(2.5), 0.01),
-    "torque gain joint 2 x 1.1": (-np.log(1.1), 0.02),
+    "torque gain joint 2 x 1.1": (-np.log(1.1), 0.003),
     "torque unit of one column joint 3 N cm": (np.log(0.01), 1e-9),
     "causal filter of one torque joint 3 0.7 Hz": (1.0 / (2.0 * np.pi * 0.7), 0.01),
     "one torque channel late joint 3 50 ms": (0.05, 3e-3),
