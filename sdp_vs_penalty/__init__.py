@@ -1,7 +1,5 @@
 """Physically consistent identification of robot dynamics, and what a model is missing."""
 
-from __future__ import annotations
-
 import importlib
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,7 @@
 """A file in a folder is a registration: the modules of a package, and the classes that they define."""
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
@@ -51,13 +51,14 @@ def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
     return dict(sorted(out.items()))
 
 
-def surface(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """A package's ``__getattr__`` for the names that others use, each from its module; imported when it
-    is asked for, so that nobody pays for what he does not use."""
+def surface(package: str, **homes: str) -> Callable[[str], Any]:
+    """A package's ``__getattr__`` for the names that others use, by the module that has them; imported
+    when it is asked for, so that nobody pays for what he does not use."""
+    module_of = {name: module for module, names in homes.items() for name in names.split()}
 
     def attribute(name: str) -> Any:
-        if name not in homes:
+        if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(f"{package}.{homes[name]}"), name)
+        return getattr(import_module(f"{package}.{module_of[name]}"), name)
 
     return attribute

@@ -155,4 +155,4 @@ def test_a_name_is_registered_once():
     with pytest.raises(InputError, match="home of a and home of b have the same name, 'a'"):
         plugins.by_word([("a", a), ("a", b)])
     with pytest.raises(AttributeError, match="'p' has no attribute 'x'"):
-        plugins.surface("p", {})("x")
+        plugins.surface("p")("x")

@@ -11,6 +11,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.console import details, explain, say, table
 from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.formatting import number, plain_unit
@@ -48,7 +49,9 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         shares = ", ".join(f"{100.0 * x:.3g} %" for x in loop["share"])
         late = f"{1e3 * loop['delay']:.2g} ms late"
         say(f"the servos' law, {late}, makes {shares} of the joints' logged torque")
-        gains = [(k, g["value"], f"{1.96 * g['std']:.2g}", g["unit"]) for k, g in loop["gains"].items()]
+        gains = [
+            (k, g["value"], f"{NORMAL_95 * g['std']:.2g}", g["unit"]) for k, g in loop["gains"].items()
+        ]
         _gains("Gains, of the logged torque", gains)
     if links := link_rows(result):
         heads, *lines = ([*row[:4], *row[5:]] for row in (LINK_HEADS, *links))  # no centres: too wide
@@ -75,7 +78,7 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
     every = zip(model.parameters, result.theta, result.uncertainty.std, strict=True)
     gains = []
     for p, x, s in (own for own, drive in zip(every, model.drives, strict=True) if drive):
-        half, given = 1.96 * (error * x if p.name in model.known else s), p.name in model.known
+        half, given = NORMAL_95 * (error * x if p.name in model.known else s), p.name in model.known
         # Where half its interval holds zero, no motion of this log tells a gain.
         spread = f"{half:.2g}" if half < abs(x) else "not determined"
         gains.append((p.name, x, "given" if given and not error else spread, p.unit))

@@ -4,12 +4,9 @@ from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
     __name__,
-    {
-        "DATASETS": "datasets",
-        "check_plausible": "plausibility",
-        "columns_of": "formats.columns",
-        "concatenate": "measurements",
-        "read_run": "files",
-        "save": "files",
-    },
+    datasets="DATASETS",
+    plausibility="check_plausible",
+    measurements="concatenate",
+    files="read_run save",
+    **{"formats.columns": "columns_of"},
 )

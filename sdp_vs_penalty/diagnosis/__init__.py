@@ -4,10 +4,7 @@ from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
     __name__,
-    {
-        "Curve": "curves.curve",
-        "Diagnosis": "findings",
-        "diagnosis_rows": "whitening",
-        "load_diagnosis": "findings",
-    },
+    findings="Diagnosis load_diagnosis",
+    whitening="diagnosis_rows",
+    **{"curves.curve": "Curve"},
 )

@@ -75,7 +75,7 @@ def _lookup(name: str) -> type[Effect]:
 def __getattr__(name: str) -> Any:
     """The effects' classes, such as ``effects.PreslidingHysteresis``, and what they are made of."""
     if name in _PARTS:
-        return surface(__name__, _PARTS)(name)
+        return surface(__name__, **{_PARTS[name]: name})(name)
     found = {kind.__name__: kind for kind in effect_types().values()}
     if name not in found:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

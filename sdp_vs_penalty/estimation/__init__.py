@@ -4,12 +4,9 @@ from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
     __name__,
-    {
-        "Certificate": "certificate",
-        "Limits": "excitation",
-        "bootstrap": "resampling",
-        "free_constants": "sensitivity",
-        "prior_deviation": "sensitivity",
-        "verify_proof_file": "identify",
-    },
+    certificate="Certificate",
+    excitation="Limits",
+    resampling="bootstrap",
+    sensitivity="free_constants prior_deviation",
+    identify="verify_proof_file",
 )

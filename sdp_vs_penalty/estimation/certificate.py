@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 
-from sdp_vs_penalty.estimators.sdp_fit import FAR_GAP
+from sdp_vs_penalty.estimators.lmi_sdp import FAR_GAP
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.robot.constraint import BarycentricBound

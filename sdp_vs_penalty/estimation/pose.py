@@ -3,7 +3,7 @@
 ``identify``, ``export-sdp``, proofs, the page and the shootout's instances all ask :func:`pose`, so that
 what one of them proves is what another solves. Gravity, bounds and filters belong to the
 :class:`~sdp_vs_penalty.problem.problem.Problem`, a time window to the measurements
-(:func:`~sdp_vs_penalty.cli.runs.asked` reads both as users write them); everything else is an option.
+(:func:`~sdp_vs_penalty.cli.runs.as_told` reads both as users write them); everything else is an option.
 """
 
 from __future__ import annotations

@@ -7,8 +7,6 @@ constant lies in its range, uniformly in its own scale. With its estimate column
 step of Gauss and Newton, each a pass over the data (:func:`settled`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -15,8 +15,6 @@ without touching the arm itself: random ones, the best of which is changed at ra
 helps (a (1 + 1) evolution strategy: Rechenberg 1973).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

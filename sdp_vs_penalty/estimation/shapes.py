@@ -15,8 +15,6 @@ value stays, the simpler model (Breiman et al., Classification and Regression Tr
 What an error of a constant makes is in sensitivity.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -41,13 +41,7 @@ def with_solver(method: str, solver_name: str | None) -> Estimator | str:
 
 __getattr__ = surface(
     __name__,
-    {
-        "Fit": "estimator",
-        "LmiSdp": "lmi_sdp",
-        "PenaltyPaper": "penalty_paper",
-        "PosedSdp": "sdp_fit",
-        "Task": "estimator",
-        "interior_point": "sdp_fit",
-        "make_task": "estimator",
-    },
+    estimator="Fit Task make_task",
+    lmi_sdp="LmiSdp PosedSdp interior_point",
+    penalty_paper="PenaltyPaper",
 )

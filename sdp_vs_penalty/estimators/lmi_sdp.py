@@ -6,18 +6,47 @@
 triangle inequalities). Plain, its optimum makes rods of most links. Three convex remedies: a body that a
 link's mass must lie in, an entropic pull towards the problem's nominal robot, and a minimum thickness.
 The default is the first two (results/default_method.md).
+
+One identification SDP (:class:`PosedSdp`) is solved until our own certificate is tight, from a point
+strictly inside of it (:func:`interior_point`).
 """
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, sample_variance, with_joint_prior
-from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
+from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimators.estimator import (
+    Array,
+    Estimator,
+    Fit,
+    Task,
+    sample_variance,
+    with_joint_prior,
+)
+from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.constraint import ConstraintSet
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
+from sdp_vs_penalty.solvers import solver
+from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp, moving_scale
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
+from sdp_vs_penalty.solvers.primal_dual import minimise
+from sdp_vs_penalty.solvers.rewrite import NotApplicableError
+from sdp_vs_penalty.solvers.small_cones import SmallCones
+from sdp_vs_penalty.solvers.verified import TIGHT, proves_infeasible
+
+#: Whose answers every solver is judged beside, and our own method, which goes before it where it can.
+REFERENCE, OWN = "clarabel", "primal-dual"
+#: A certified gap up to which an answer counts that its solver itself did not call one; above it no
+#: solver's rounding (below 1e-6) is the reason: it stopped short.
+FAR_GAP = 1e-3
+#: Each attempt's way from the last answer to the interior point at which cones are scaled, and
+#: whether parameters are scaled by the residual instead of the torque.
+ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
 
 
 @dataclass(frozen=True)
@@ -143,3 +172,193 @@ class LmiSdpTwoStep(Estimator):
         chain = {name: (task.base @ fit.theta).tolist() for name, fit in pairs}
         details = {**bounded.details, **chain, "loss_beta_prime": task.data.loss(nearest.theta)}
         return replace(bounded, details=details)
+
+
+class PosedSdp:
+    """Constraints, prior and bounds of a problem that is solved once, or again with other data.
+
+    solver : None: our own interior-point method, then Clarabel where that is not tight. interior (p,) :
+    strictly inside; cones : for our own method (None: another one was asked for, or a cone is larger
+    than it takes). Raises InputError where the constraints admit no interior point.
+    """
+
+    def __init__(
+        self, task: Task, objective: Objective, constraints: ConstraintSet, solver: str | None = None
+    ) -> None:
+        self.task, self.constraints, self.solver = task, constraints, solver or REFERENCE
+        self.interior = interior_point(task, constraints, self.solver)
+        self.cones: SmallCones | None = None
+        if solver is None:
+            with suppress(NotApplicableError):
+                self.cones = SmallCones(objective.entropy, constraints, len(self.interior))
+
+    def fit(self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None) -> Fit:
+        """The optimum of an objective with the same prior, inside the constraints, solved until our own
+        certificate is tight.
+
+        A solver may stall short of what it was asked for: every answer is certified, and where the gap
+        is above ``TIGHT`` the problem is solved again as seen from the answer, each cone scaled by a
+        point a little inside of it. near : the fit to similar data, from which half the steps remain.
+        Raises InputError where nothing near an optimum is found.
+        """
+        data, found = objective.least_squares, None
+        if self.cones is not None and near is not None and near.central is not None:
+            found = minimise(self.cones, data, [near.central], accuracy)
+        if self.cones is not None and found is None:
+            found = minimise(self.cones, data, [self._start(data), self.interior], accuracy)
+        if self.cones is not None and found is not None:
+            multipliers, slopes = self.cones.multipliers(found.multipliers)
+            fit = Fit(
+                repair(self.constraints, found.theta, self.interior),
+                objective,
+                self.constraints,
+                multipliers,
+                slopes,
+                self.interior,
+                self.task.bound,
+                {"solver": OWN, "solver_said": [f"relative gap {found.error:.1e} ({found.iterations})"]},
+                found.central,
+            )
+            if fit.gap <= TIGHT:
+                return fit
+        return _solved(self, objective, accuracy)
+
+    def _start(self, data: LeastSquares) -> Array:
+        """What only has a sign (friction, rotor inertia) starts where it makes a tenth of the torque:
+        next to zero its multiplier would be the first to block a step."""
+        start, norms = self.interior.copy(), np.linalg.norm(data.R, axis=0)
+        lower = np.array([q.lower for q in self.task.model.parameters])
+        signed = np.isfinite(lower) & (norms > 0.0)
+        signed[self.task.model.rigid_indices] = False
+        size = 0.1 * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
+        start[signed] = (lower + np.minimum(size, 0.5 * self.task.bound))[signed]
+        return start
+
+
+def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
+    """The tightest answer of all attempts of a conic solver."""
+    task, constraints, interior = posed.task, posed.constraints, posed.interior
+    sent, data = essential(constraints, objective), objective.least_squares
+    best: Fit | None = None
+    # The loss at the optimum that the first attempt expects at least.
+    answered, said, least = False, list[str](), 1e-6 * data.tau_squared
+    for share, fine in ATTEMPTS:
+        centre = interior if best is None else best.theta
+        inside = centre + share * (interior - centre)
+        # Without noise, or with as many rows as parameters, the unconstrained residual vanishes and
+        # says nothing of the optimum: a problem scaled by it looks infeasible to a solver. Nor may
+        # the unit fall at once to a loss that is nothing but rounding.
+        if best is not None:
+            least = max(data.loss(best.theta), 1e-3 * least)
+        problem = least_squares_sdp(objective, sent, inside, task.bound, centre, fine, least)
+        try:
+            solution = solver(posed.solver).solve(problem.conic, accuracy)
+        except NotApplicableError as error:
+            raise InputError(
+                f"solver {posed.solver} cannot pose this method's problem ({error})",
+                "choose the solver clarabel, or a method without an entropic prior, such as "
+                "lmi-sdp-thickness",
+            ) from error
+        said.append(f"{solution.status} ({solution.iterations})")
+        answered |= solution.claims in ("optimal", "inaccurate")
+        if not np.all(np.isfinite(solution.x)):
+            continue
+        theta = repair(constraints, problem.theta(solution), interior)
+        multipliers = constraints.filled(problem.multipliers(solution))
+        slopes = problem.entropy_slopes(solution)
+        details = {"solver": posed.solver, "solver_said": said}
+        fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
+        if fit.gap < (np.inf if best is None else best.gap):
+            best = fit
+        if fit.gap <= TIGHT:
+            break
+    if best is None or not (answered or best.gap <= FAR_GAP):
+        raise InputError(
+            f"solver {posed.solver} gave up on a problem that has an interior point ({', '.join(said)})",
+            "choose another solver, or check the units of the measurements",
+        )
+    return best
+
+
+def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
+    """The convex constraints without those that others or the data imply.
+
+    The range of a parameter is out of reach where the way there makes more torque than was measured,
+    whatever the others do. Redundant rows leave the dual undetermined, which costs a solver digits;
+    feasibility and certificate use the full set.
+    """
+    torque, most = objective.least_squares.own_torque, np.sqrt(objective.least_squares.tau_squared)
+
+    def near(c: Constraint) -> bool:
+        # From the rows themselves, so that it holds in any system of units.
+        reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
+        return bool(np.any(reach * torque[c.indices] <= most))
+
+    return [c for c in constraints.essential if c.family != "range" or near(c)]
+
+
+def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "clarabel") -> Array:
+    """A theta strictly inside all convex constraints: the nominal one, or that of largest margin.
+
+    Raises Infeasible, which names the families that exclude each other or leave no room, and
+    InputError where the solver finds neither a point nor an optimum.
+    """
+    # A share of its bound: strictly inside in any system of units.
+    lower = np.array([p.lower for p in task.model.parameters])
+    nominal = np.where(np.isinf(lower), 0.0, lower + 1e-6 * task.bound)
+    nominal[task.links] = task.nominal[task.links]
+    # Seen from one on the boundary, such as an earlier estimate, cones are stretched a million times.
+    if constraints.depth(nominal) >= 1e-3:
+        return nominal
+    optimum = None
+    # Where a link may weigh a hundred times what it does, units as large as the bounds can cost a
+    # solver the digits that decide; then units that move each matrix about as far.
+    for scale in (task.bound, moving_scale(constraints.convex, nominal, task.bound)):
+        problem = largest_margin(constraints.convex, nominal, scale)
+        solution = solver(solver_name).solve(problem.conic, 1e-8)
+        if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
+            continue
+        theta = max((problem.theta(solution), nominal), key=constraints.depth)
+        if constraints.depth(theta) > safe_depth(len(theta)):  # beyond what rounding decides
+            return theta
+        # The dual of the largest margin may prove that nothing satisfies all.
+        multipliers = constraints.filled(problem.multipliers(solution))
+        if proves_infeasible(constraints, multipliers, task.bound):
+            families = conflicting(constraints.convex, problem.shares(solution))
+            what = f"{' and '.join(families)} exclude each other (from the infeasibility certificate)"
+            raise Infeasible(
+                f"The constraints admit no parameters: {what}",
+                "relax one of them",
+                families=families,
+                proof=(constraints, multipliers),
+            )
+        if solution.claims == "optimal":
+            optimum = problem, solution
+    if optimum is None:
+        raise InputError(
+            f"solver {solver_name} found neither parameters that satisfy all constraints nor a proof "
+            "that there are none",
+            "choose another solver, or check the units of the bounds",
+        )
+    families = conflicting(constraints.convex, optimum[0].shares(optimum[1]))
+    raise Infeasible(
+        f"The constraints leave no room for parameters: {' and '.join(families)} can at best hold with "
+        "nothing to spare (equal bounds?)",
+        "widen one of them a little",
+        families=families,
+    )
+
+
+def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
+    """The families that carry the proof that nothing satisfies all: "mass (links 1, 2; robot)"."""
+    families: dict[str, dict[str, float]] = {}
+    for constraint, share in zip(constraints, shares, strict=True):
+        if share > 1e-3 * shares.max():
+            families.setdefault(constraint.family, {})[constraint.name] = float(share)
+    out = []
+    for family in sorted(families, key=lambda family: -sum(families[family].values())):
+        links = [k.removeprefix("link ") for k in families[family] if k.startswith("link ")]
+        said = [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
+        said += [name for name in families[family] if not name.startswith("link ")]
+        out.append(f"{family} ({'; '.join(said)})")
+    return out

@@ -14,8 +14,6 @@ method; its Gauss-Newton steps are semismooth Newton steps (Zhao, Sun, Toh, SIAM
 directions open (Rockafellar 1976: the proximal method of multipliers).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -25,8 +23,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
-from sdp_vs_penalty.estimators.sdp_fit import interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, interior_point
 from sdp_vs_penalty.regression.partial import in_turn
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia

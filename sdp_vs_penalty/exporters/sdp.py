@@ -21,8 +21,7 @@ from sdp_vs_penalty.estimation.identify import certify, proved
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.estimators.sdp_fit import ATTEMPTS, essential, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import ATTEMPTS, LmiSdp, essential, interior_point
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.solvers.conic import cbf_text, sdpa_text

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.page.controls import button, chart, note, tag
 from sdp_vs_penalty.page.session import ModelStep
 from sdp_vs_penalty.page.view import View
@@ -109,7 +110,7 @@ def residual_chart(
     span: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     """What one or two models leave of a joint's torque against one of SIGNALS, the last one's reversals
-    ringed; span : only these seconds of the run; the band is 1.96 noise floors wide to either side."""
+    ringed; span : only these seconds of the run; in the band 95 % of noise lies."""
     read, t = reads[-1], reads[-1]["t"] - reads[-1]["t"][0]
     cut = slice(None) if span is None else slice(*np.searchsorted(t, span))
     if len(t[cut]) < 2:
@@ -130,7 +131,7 @@ def residual_chart(
     if floor is not None:
         place = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "yref": "y"}
         look = {"layer": "below", "fillcolor": "rgba(128,128,128,0.15)", "line": {"width": 0}}
-        plot.update_layout(shapes=[{**place, **look, "y0": -1.96 * floor, "y1": 1.96 * floor}])
+        plot.update_layout(shapes=[{**place, **look, "y0": -NORMAL_95 * floor, "y1": NORMAL_95 * floor}])
     way = "m" if unit == "N" else "rad"
     units = {"q": way, "dq": f"{way}/s", "ddq": f"{way}/s^2", "torque": unit, "t": "s"}
     plot.update_axes("x", title=f"{SIGNALS[signal]} [{units[signal]}]")

@@ -4,7 +4,6 @@ Every job loads what it needs from files of the session's folder and leaves its 
 that a job that is killed has changed nothing.
 """
 
-import io
 import json
 import time
 import warnings
@@ -35,7 +34,7 @@ from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.exporters.friction_table import friction_curves
-from sdp_vs_penalty.files import write_bytes, write_text
+from sdp_vs_penalty.files import write_bytes, write_text, writing
 from sdp_vs_penalty.formatting import numbers, pairs, time_windows
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
@@ -259,9 +258,8 @@ def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
 
 def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
     """As .npz, whole or not at all."""
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
-    write_bytes(file, buffer.getvalue())
+    with writing(file) as out:
+        np.savez(out, allow_pickle=False, **arrays)
 
 
 def robot(asked: Asked) -> Answer:

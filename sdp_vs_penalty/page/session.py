@@ -1,7 +1,5 @@
 """One tab: what it has chosen, read and identified, what is said of it, and how its jobs are done."""
 
-from __future__ import annotations
-
 import asyncio
 import shlex
 import time

@@ -4,12 +4,8 @@ from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
     __name__,
-    {
-        "as_problem": "load",
-        "measured_runs": "published",
-        "open_box": "problem",
-        "plausible_links": "bodies",
-        "published_links": "published",
-        "with_bounds": "load",
-    },
+    load="as_problem with_bounds",
+    published="measured_runs published_links",
+    problem="open_box",
+    bodies="plausible_links",
 )

@@ -3,13 +3,5 @@
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
-    __name__,
-    {
-        "BlackBox": "black_box",
-        "LeastSquares": "regression",
-        "Regression": "regression",
-        "compress": "regression",
-        "load_answers": "black_box",
-        "triangular": "regression",
-    },
+    __name__, black_box="BlackBox load_answers", regression="LeastSquares Regression compress triangular"
 )

@@ -206,7 +206,10 @@ class Regression:
             for f in own:  # several runs may show one fold
                 rows.setdefault(f.block, []).append(f.triangle)
             if own:
-                each = _padded([x[0] if len(x) == 1 else np.vstack(x) for x in rows.values()])
+                stacks = [x[0] if len(x) == 1 else np.vstack(x) for x in rows.values()]
+                each = np.zeros((len(stacks), max(map(len, stacks)), stacks[0].shape[1]))
+                for place, stack in zip(each, stacks, strict=True):
+                    place[: len(stack)] = stack
                 yield joint, own[0].indices, np.array(list(rows)), each
 
     def joint_losses(self, theta: ArrayLike) -> Array:
@@ -231,14 +234,6 @@ def triangular(parts: Sequence[Array]) -> Array:
 def _folded(rows: Array) -> Array:
     """A triangle where rows are more than twice as many as columns: fewer cost less as they are."""
     return triangular([rows]) if len(rows) > 2 * rows.shape[1] else rows
-
-
-def _padded(parts: Sequence[Array]) -> Array:
-    """Matrices (r, p) as one array (K, r, p), of zeros below those with fewer rows."""
-    out = np.zeros((len(parts), max(len(part) for part in parts), parts[0].shape[1]))
-    for place, part in zip(out, parts, strict=True):
-        place[: len(part)] = part
-    return out
 
 
 def compress(

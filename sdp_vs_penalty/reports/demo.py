@@ -65,16 +65,11 @@ def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) ->
     progress("adding it")
     better = add(model, found, train, seed=seed) if found.effects else model
     *compared, after = compare({**models, "with what was found": better}, test)
-    _keep(folder, {"model.json": (model, compared[-1]), "better.json": (better, after)})
+    for name, estimate, judged in (("model", model, compared[-1]), ("better", better, after)):
+        estimate.provenance["verdict"] = judged.verdict.to_dict()
+        estimate.provenance.update({"data": list(RUNS[:-1]), "checked": True})
+        estimate.save(folder / f"{name}.json")
     progress("writing the report")
     named = {"before": model, "after": better}
     report(named, test, folder / "report.html", commands=["sdp-vs-penalty demo"], findings=found)
     return Demo(compared, failures, found, better, after, f"{HIDDEN} on joint {problem.robot.n}")
-
-
-def _keep(folder: Path, models: dict[str, tuple[Estimate, Comparison]]) -> None:
-    """Each model with its verdict."""
-    for name, (estimate, judged) in models.items():
-        estimate.provenance["verdict"] = judged.verdict.to_dict()
-        estimate.provenance.update({"data": list(RUNS[:-1]), "checked": True})
-        estimate.save(folder / name)

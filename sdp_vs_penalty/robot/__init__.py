@@ -4,18 +4,10 @@ from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
     __name__,
-    {
-        "Body": "body",
-        "Constraint": "constraint",
-        "ConstraintSet": "constraint",
-        "FourierTrajectory": "trajectory",
-        "Joint": "joint",
-        "Robot": "robot",
-        "cone_margin": "constraint",
-        "joint_limits": "robot",
-        "load_urdf": "urdf",
-        "parse_transmission": "joint",
-        "project": "constraint",
-        "random_trajectory": "trajectory",
-    },
+    body="Body",
+    constraint="Constraint ConstraintSet cone_margin project",
+    trajectory="FourierTrajectory random_trajectory",
+    joint="Joint parse_transmission",
+    robot="Robot joint_limits",
+    urdf="load_urdf",
 )

@@ -4,12 +4,10 @@ from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
     __name__,
-    {
-        "Kernel": "kernels",
-        "Preprocessing": "preprocessing",
-        "FilteredRuns": "filtered",
-        "noise_of": "noise",
-        "repeat_period": "repetition",
-        "segmented": "segments",
-    },
+    kernels="Kernel",
+    preprocessing="Preprocessing",
+    filtered="FilteredRuns",
+    noise="noise_of",
+    repetition="repeat_period",
+    segments="segmented",
 )

@@ -4,13 +4,7 @@ from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
     __name__,
-    {
-        "Experiment": "experiments",
-        "experiment": "experiments",
-        "HiddenRuns": "hidden_runs",
-        "MAKERS": "hidden_runs",
-        "Sensor": "experiments",
-        "engine_types": "engines",
-        "sigmoid_friction": "experiments",
-    },
+    experiments="Experiment experiment Sensor sigmoid_friction",
+    hidden_runs="HiddenRuns MAKERS",
+    engines="engine_types",
 )

@@ -26,13 +26,8 @@ def solver(name: str) -> Solver:
 
 __getattr__ = surface(
     __name__,
-    {
-        "Cone": "conic",
-        "ConicProblem": "conic",
-        "Entropy": "objective",
-        "Objective": "objective",
-        "Solution": "conic",
-        "least_squares_sdp": "identification",
-        "repair": "certificate",
-    },
+    conic="Cone ConicProblem Solution",
+    objective="Entropy Objective",
+    identification="least_squares_sdp",
+    certificate="repair",
 )

@@ -5,8 +5,6 @@ are ordinary ones, each scaled so that the interior point becomes its unit: Clar
 of size one whatever the units, and :mod:`certificate` makes a lower bound of its multipliers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -11,8 +11,6 @@ is one Cholesky factor of 2 R^T R + sum F_i^* (S^-1 . Z) F_j (p, p); all small c
 once, as arrays (blocks, 4, 4). What it returns is certified by others (:mod:`certificate`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress

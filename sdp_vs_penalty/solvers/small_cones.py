@@ -1,7 +1,5 @@
 """Constraints of an identification problem as arrays for :mod:`primal_dual`: small cones together."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

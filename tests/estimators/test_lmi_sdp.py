@@ -16,8 +16,7 @@ from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimation.pose import pose
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, Task, interior_point, make_estimator
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep
-from sdp_vs_penalty.estimators.sdp_fit import essential
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep, essential
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.research.shootout.instances import Instance, in_units

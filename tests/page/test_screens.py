@@ -125,7 +125,7 @@ def test_fit_is_that_of_the_models(story):
     torque, error = screen.charts("fit")
     assert f"Joint 2: the error is {number(after.rmse[1])} N m" in screen.text("fit")
     signals, (band,) = after.signals, error["layout"]["shapes"]
-    assert band["y1"] == -band["y0"] == pytest.approx(1.96 * after.noise_floor[1])
+    assert band["y1"] == -band["y0"] == pytest.approx(1.96 * after.noise_floor[1], rel=1e-4)
     t, labels = signals.t - signals.t[0], [step.label for step in story.session.history]
     modelled = dict(zip(labels, (before.signals.modelled, signals.modelled), strict=True))
     curves = {"measured": signals.measured, **modelled}

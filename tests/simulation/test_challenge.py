@@ -10,7 +10,7 @@ import pytest
 from challenge import judge
 from challenge import worlds as challenged
 from challenge.cases import CLASSES, Case, run_case
-from figures import differences
+from recorded import differences
 
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.world import DryFriction, bristles

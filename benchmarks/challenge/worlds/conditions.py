@@ -111,7 +111,6 @@ class Nuisance:
     """draw : the conditions of one case; fair : effects that are a right answer to it (a changed shape
     constant, kind "retune", always is); abstains : whether "unknown effect" is one as well."""
 
-    name: str
     draw: Callable[[Conditions, Generator], Conditions]
     fair: tuple[str, ...] = ()
     abstains: bool = False
@@ -157,50 +156,38 @@ _LATE = ("global_delay", "torque_delay", "torque_filter")
 _GEOMETRY = ("kinematic_error", "base_tilt", "joint_zero_error")
 
 NUISANCES: Mapping[str, Nuisance] = {
-    x.name: x
-    for x in (
-        Nuisance("plain", lambda *_: Conditions(channel=Channel(rate=1000.0))),
-        Nuisance("sign", lambda c, _: replace(c, law="sign")),
-        Nuisance("tanh_0.002", lambda c, _: replace(c, law="tanh", width=(0.002, 0.002))),
-        Nuisance(
-            "widths", lambda c, _: replace(c, law="tanh", width=(0.002, 0.1)), ("sigmoid_friction",)
-        ),
-        Nuisance(
-            "asymmetric",
-            lambda c, rng: replace(c, asymmetry=float(rng.uniform(0.05, 0.3))),
-            ("asymmetric_viscous_friction", "asymmetric_coulomb_friction", "torque_offset"),
-        ),
-        Nuisance(
-            "warming",
-            lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4)), thermometer=True),
-            ("drift_friction", "warming_friction"),
-        ),
-        Nuisance("dahl", lambda c, _: replace(c, law="dahl"), _PRESLIDING),
-        Nuisance(
-            "lugre",
-            lambda c, _: replace(c, law="lugre"),
-            (*_PRESLIDING, "stribeck_friction"),
-            True,
-        ),
-        Nuisance("smoothed", lambda c, _: _channel(c, smooth=0.04), ("torque_filter",), True),
-        # A delay is only the first order of a low-pass: what it leaves has no exact name.
-        Nuisance("causal", lambda c, rng: _channel(c, lag=log_uniform(rng, 0.003, 0.02)), _LATE, True),
-        Nuisance("delay", lambda c, rng: _channel(c, delay=log_uniform(rng, 0.002, 0.02)), _LATE),
-        Nuisance("geometry", lambda c, _: replace(c, misplacement=(1e-3, 0.1)), _GEOMETRY, True),
-        Nuisance("encoder", _encoder),
-        Nuisance("rate", lambda c, rng: _channel(c, rate=float(rng.choice(RATES)))),
-        Nuisance("noise", _noise),
-        Nuisance("points", lambda c, _: replace(c, motion="points")),
-        # A sign of the velocity lets go at rest, where set-valued friction holds.
-        Nuisance("servo", _servo, ("stiction",)),
-        Nuisance(
-            "rotor", lambda c, rng: replace(c, rotor=float(rng.uniform(0.05, 0.6))), ("rotor_inertia",)
-        ),
-        Nuisance("aperiodic", lambda c, _: replace(c, motion="aperiodic")),
-        Nuisance("one_run", lambda c, rng: replace(c, runs=1, duration=float(rng.uniform(15.0, 60.0)))),
-        Nuisance("short", lambda c, rng: replace(c, runs=2, duration=float(rng.uniform(8.0, 12.0)))),
-        Nuisance("mixed", _mixed),
-    )
+    "plain": Nuisance(lambda *_: Conditions(channel=Channel(rate=1000.0))),
+    "sign": Nuisance(lambda c, _: replace(c, law="sign")),
+    "tanh_0.002": Nuisance(lambda c, _: replace(c, law="tanh", width=(0.002, 0.002))),
+    "widths": Nuisance(lambda c, _: replace(c, law="tanh", width=(0.002, 0.1)), ("sigmoid_friction",)),
+    "asymmetric": Nuisance(
+        lambda c, rng: replace(c, asymmetry=float(rng.uniform(0.05, 0.3))),
+        ("asymmetric_viscous_friction", "asymmetric_coulomb_friction", "torque_offset"),
+    ),
+    "warming": Nuisance(
+        lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4)), thermometer=True),
+        ("drift_friction", "warming_friction"),
+    ),
+    "dahl": Nuisance(lambda c, _: replace(c, law="dahl"), _PRESLIDING),
+    "lugre": Nuisance(lambda c, _: replace(c, law="lugre"), (*_PRESLIDING, "stribeck_friction"), True),
+    "smoothed": Nuisance(lambda c, _: _channel(c, smooth=0.04), ("torque_filter",), True),
+    # A delay is only the first order of a low-pass: what it leaves has no exact name.
+    "causal": Nuisance(lambda c, rng: _channel(c, lag=log_uniform(rng, 0.003, 0.02)), _LATE, True),
+    "delay": Nuisance(lambda c, rng: _channel(c, delay=log_uniform(rng, 0.002, 0.02)), _LATE),
+    "geometry": Nuisance(lambda c, _: replace(c, misplacement=(1e-3, 0.1)), _GEOMETRY, True),
+    "encoder": Nuisance(_encoder),
+    "rate": Nuisance(lambda c, rng: _channel(c, rate=float(rng.choice(RATES)))),
+    "noise": Nuisance(_noise),
+    "points": Nuisance(lambda c, _: replace(c, motion="points")),
+    # A sign of the velocity lets go at rest, where set-valued friction holds.
+    "servo": Nuisance(_servo, ("stiction",)),
+    "rotor": Nuisance(
+        lambda c, rng: replace(c, rotor=float(rng.uniform(0.05, 0.6))), ("rotor_inertia",)
+    ),
+    "aperiodic": Nuisance(lambda c, _: replace(c, motion="aperiodic")),
+    "one_run": Nuisance(lambda c, rng: replace(c, runs=1, duration=float(rng.uniform(15.0, 60.0)))),
+    "short": Nuisance(lambda c, rng: replace(c, runs=2, duration=float(rng.uniform(8.0, 12.0)))),
+    "mixed": Nuisance(_mixed),
 }
 
 

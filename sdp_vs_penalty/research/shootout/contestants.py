@@ -11,9 +11,8 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError, unknown
 from sdp_vs_penalty.estimators.estimator import Fit
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
-from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
 from sdp_vs_penalty.research.shootout import augmented_lagrangian
 from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.research.shootout.judge import Answer, no_answer

@@ -16,8 +16,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
-from sdp_vs_penalty.estimators.sdp_fit import essential, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, essential, interior_point
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, open_box
 from sdp_vs_penalty.problem.published import measured_runs

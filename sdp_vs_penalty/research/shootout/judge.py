@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
-from sdp_vs_penalty.estimators.sdp_fit import PosedSdp
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
 from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
-from sdp_vs_penalty.estimators.sdp_fit import interior_point
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
