@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from corruptions.kinds import Corruption, corruptions, rows
+from corruptions.kinds import Corruption, corruptions
 from sdp_vs_penalty import compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.inertia import from_pseudo_inertia
 
 Array = NDArray[np.float64]
 
@@ -62,10 +63,8 @@ class Arm:
         theta, rigid = self.clean.theta, self.clean.model.rigid_indices
         weight, own = self._torque(theta, still=True), self._torque(theta)
         loaded, other = theta.copy(), theta.copy()
-        x, y, z, mass = 0.05, 0.02, 0.08, 2.0
-        loaded[rigid[-10:]] += mass * np.array(
-            [1, x, y, z, y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y]
-        )
+        place = np.array([0.05, 0.02, 0.08, 1.0])
+        loaded[rigid[-10:]] += 2.0 * from_pseudo_inertia(np.outer(place, place))
         other[rigid] = self.problem.nominal(self.clean.model)[rigid] * 0.7
         load, exchange = self._torque(loaded) - own, self._torque(other) - own
         late = 1.0 * (np.arange(len(weight)) > 0.55 * len(weight))[:, None]
@@ -112,7 +111,7 @@ def arm(name: str, data: Path) -> Arm:
 def panda(data: Path) -> Arm:
     """Every fifth row, without its velocities."""
     run = load_measurements(data / "panda", joints=7)
-    run = replace(rows(run, np.arange(0, len(run.t), 5)), dq=None)
+    run = replace(run.rows(np.arange(0, len(run.t), 5)), dq=None)
     train, test = (run.window(*span).runs()[0] for span in ((0.0, 14.0), (14.0, 30.0)))
     return Arm("panda", load_problem("panda"), train, test, (run,))
 
@@ -150,7 +149,7 @@ def tx40(data: Path) -> Arm:
     """Every tenth row, trained on the first 6 of 9 s."""
     run = _kept("tx40", data)["exciting"]
     spans = ((0, 30_000), (30_000, 45_000), (0, 45_000))
-    train, test, whole = (rows(run, np.arange(*span, 10)) for span in spans)
+    train, test, whole = (run.rows(np.arange(*span, 10)) for span in spans)
     return Arm("tx40", load_problem("tx40"), train, test, (whole,))
 
 

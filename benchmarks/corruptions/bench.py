@@ -19,7 +19,7 @@ judged on arms that nobody looked at.
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -28,7 +28,7 @@ import pandas
 from challenge.judge import wilson
 
 from corruptions.arms import Arm, arm
-from corruptions.kinds import Corruption, rows
+from corruptions.kinds import Corruption
 from sdp_vs_penalty import identify
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.issue import Issue
@@ -77,8 +77,7 @@ def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
     run, problem = corruption.spoil(arm.train), corruption.problem(arm.problem)
     if corruption.beside:  # half of the run is clean: another run of the same arm
         middle = 0.5 * (run.t[0] + run.t[-1])
-        halves = rows(arm.train, run.t < middle), rows(run, run.t > middle)
-        run = concatenate([replace(x, names=(name,)) for x, name in zip(halves, "ab", strict=True)])
+        run = concatenate([arm.train.rows(run.t < middle, "a"), run.rows(run.t > middle, "b")])
     return problem, run
 
 

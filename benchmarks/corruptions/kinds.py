@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.runs import interpolated
 
 Array = NDArray[np.float64]
 Spoil = Callable[[Measurements], Measurements]
@@ -190,11 +191,6 @@ def _runs() -> Iterator[tuple[str, str, str, Spoil]]:
         yield "torque scale", size, "torque unit|torque channel kind", scaled
 
 
-def rows(run: Measurements, keep: Array) -> Measurements:
-    dq = None if run.dq is None else run.dq[keep]
-    return replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=dq)
-
-
 def lagged(x: Array, t: Array, hertz: float) -> Array:
     """A causal first-order low-pass, sample by sample."""
     shares = 1.0 - np.exp(-2.0 * np.pi * hertz * np.diff(t, prepend=t[0]))
@@ -248,7 +244,7 @@ def _few_zeros(x: Array, run: Measurements) -> Array:
 def _remade(run: Measurements, keep: Array) -> Measurements:
     """These rows, with time stamps counted anew at the log's rate, as a converter writes them."""
     step = float(np.median(np.diff(run.t)))
-    return replace(rows(run, keep), t=run.t[0] + np.arange(len(keep)) * step)
+    return replace(run.rows(keep), t=run.t[0] + np.arange(len(keep)) * step)
 
 
 def _lost(block: int, run: Measurements) -> Measurements:
@@ -262,7 +258,7 @@ def _again(share: float, run: Measurements) -> Measurements:
     """Rows that a logger wrote again because no new packet had come."""
     lost = np.random.default_rng(5).random(len(run.t)) < share
     source = np.maximum.accumulate(np.where(lost, 0, np.arange(len(run.t))))
-    return replace(rows(run, source), t=run.t)
+    return replace(run.rows(source), t=run.t)
 
 
 def _packets(seconds: float, run: Measurements) -> Measurements:
@@ -271,16 +267,13 @@ def _packets(seconds: float, run: Measurements) -> Measurements:
     for share in (0.2, 0.5, 0.8):
         a = int(share * len(run.t))
         source[a : a + int(seconds / float(np.median(np.diff(run.t))))] = a
-    return replace(rows(run, source), t=run.t)
+    return replace(run.rows(source), t=run.t)
 
 
 def _interpolated(run: Measurements) -> Measurements:
     since = run.t - run.t[0] - 0.45 * (run.t[-1] - run.t[0])
     keep = ~((since > 0.0) & (since < 1.5))
-    q, tau = (
-        np.column_stack([np.interp(run.t, run.t[keep], x[keep]) for x in values.T])
-        for values in (run.q, run.tau)
-    )
+    q, tau = (interpolated(run.t, run.t[keep], x[keep]) for x in (run.q, run.tau))
     return replace(run, q=q, tau=tau, dq=None)
 
 

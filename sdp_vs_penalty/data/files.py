@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.formats import bag, csv, format_of, panda_folder, suffixes
+from sdp_vs_penalty.data.formats import bag, csv, format_of, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate, without_traces
 from sdp_vs_penalty.data.store import parts
@@ -126,7 +126,7 @@ def run_files(path: str | Path) -> list[Path]:
     Raises InputError for a pattern that matches nothing.
     """
     path = Path(path)
-    if os.path.isdir(path) and format_of(path) is panda_folder and not panda_folder.is_log(path):
+    if os.path.isdir(path) and format_of(path) is None:
         return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [path]
     pattern = any(c in str(path) for c in "*?[") and "\0" not in str(path)
     if pattern and not os.path.exists(path):
@@ -170,6 +170,8 @@ def read_run(
     """
     with reading(path) as path:
         home = format_of(path) or csv
+        if home is csv and path.is_dir():
+            raise InputError("no runs in this folder", "name the file of the run", path)
         if topic is not None and home is not bag:
             raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
         part: Measurements = home.read(path, Choice(names, topic, rename))

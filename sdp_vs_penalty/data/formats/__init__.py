@@ -1,9 +1,9 @@
 """Files of measurements: one module a format, found by itself.
 
 A module has ``SUFFIXES`` that choose it, ``read(path, choice) -> Measurements`` and, where runs can be
-written, ``write(measurements, path)``; ``reads(path)`` for folders, and ``SAMPLE`` where its samples
-are called otherwise. Readers return a run as it is in the file: clock and numbers are checked
-afterwards, or mended by the data check.
+written, ``write(measurements, path)``; ``FOLDER``, a pattern of the files by which a folder is such a
+run, and ``SAMPLE`` where its samples are called otherwise. Readers return a run as it is in the file:
+clock and numbers are checked afterwards, or mended by the data check.
 """
 
 from functools import cache
@@ -28,6 +28,7 @@ def format_of(path: Path) -> ModuleType | None:
     """The format of a file or folder by its suffix or content; None where nothing claims it."""
     suffix, folder = path.suffix.lower(), path.is_dir()
     for home in formats():
-        if hasattr(home, "reads") and home.reads(path) if folder else suffix in home.SUFFIXES:
+        holds = getattr(home, "FOLDER", None)
+        if (holds and any(path.glob(holds))) if folder else suffix in home.SUFFIXES:
             return home
     return None

@@ -12,13 +12,8 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError, missing_extra
 
-SUFFIXES = (".mcap", ".db3", ".bag")
+SUFFIXES, FOLDER = (".mcap", ".db3", ".bag"), "metadata.yaml"
 _TYPE = "sensor_msgs/msg/JointState"
-
-
-def reads(path: Path) -> bool:
-    """A ROS 2 bag is a folder with its metadata."""
-    return (path / "metadata.yaml").is_file()
 
 
 def read(path: Path, choice: Choice) -> Measurements:

@@ -7,23 +7,11 @@ from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 
-SUFFIXES = ()
-
-
-def reads(path: Path) -> bool:
-    """Any folder that is of no other format is taken for such a log."""
-    return path.is_dir() and not (path / "metadata.yaml").is_file()
-
-
-def is_log(folder: Path) -> bool:
-    """Whether some file of such a log lies in the folder."""
-    return any(folder.glob("exciting_traj_*.txt"))
+SUFFIXES, FOLDER = (), "exciting_traj_*.txt"
 
 
 def read(folder: Path, choice: Choice) -> Measurements:
     """The authors' four text files: one number a line, sample-major."""
-    if not is_log(folder):
-        raise InputError("no runs in this folder", "name the file of the run", folder)
     columns = {}
     for key, name in (("t", "time"), ("q", "positions"), ("dq", "velocity"), ("tau", "torques")):
         path = folder / f"exciting_traj_{name}.txt"
