@@ -4,6 +4,8 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,8 @@ from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_prob
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.curves.measure import measured_curves
+from sdp_vs_penalty.diagnosis.constants import EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.curves.measure import _instead, measured_curves
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
@@ -63,6 +66,25 @@ def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
     assert float(size) == pytest.approx(SIZE, rel=0.05)
     assert curve.held_out_rmse_after < 0.5 * curve.held_out_rmse_before
     assert curve.explained_share > 0.8
+
+
+@pytest.mark.parametrize(
+    ("worth", "size", "beside", "least"),
+    [
+        (100.0, None, None, EQUIVALENT + 100.0 * FORM),  # a table has to be better than a cause
+        (100.0, 3, None, EQUIVALENT + 100.0 * FORM),
+        (100.0, 2, None, -EQUIVALENT - 100.0 * FORM),  # a simpler law need not be
+        (100.0, None, 30.0, -EQUIVALENT - 130.0 * FORM),  # nor a table where one is needed besides
+        (-5.0, None, 30.0, -EQUIVALENT - 30.0 * FORM),
+    ],
+)
+def test_a_curve_stands_instead_of_terms_that_are_worth_less(worth, size, beside, least):
+    terms: Any = [SimpleNamespace(form=SimpleNamespace(k=1, constants=2))]
+    law, named = size and SimpleNamespace(size=size), max(worth, 0.0) + (beside or 0.0)
+    for more in (0.1, -0.1):
+        alone: Any = (named + least + more, None, law)
+        other: Any = None if beside is None else (beside, None, None)
+        assert _instead(worth, terms, alone, other) is (more > 0.0)
 
 
 def test_findings_json_carries_curves_there_and_back(made):

@@ -99,7 +99,9 @@ def identified(folder: Path) -> dict[str, Any]:
 
 def of_servos(folder: Path) -> dict[str, Any]:
     arm, run = write_slide(folder), log(1e-4, ki=700.0, delay=0.02, torque=True)
-    beside = identify(arm, run, effects=f"{LOOP},servo_position,servo_integral", check=False)
+    noise = 20.0 * np.random.default_rng(3).normal(size=run.tau.shape)  # a part that no loop makes
+    noisy = replace(run, tau=run.tau + noise)
+    beside = identify(arm, noisy, effects=f"{LOOP},servo_position,servo_integral", check=False)
     silent = Measurements.of(run.t, {"q": run.q, "qcmd": run.commanded["qcmd"]}, ("run",))
     found = identify(arm, silent, effects=LOOP, known={"m1": 3.0})
     loads = [(log(1e-4, seed=5, load=1.5), 1.5)]

@@ -90,6 +90,8 @@ def test_the_report_is_accessible_and_what_is_taken_away_works(story, files):
     wanted = model.robot.inverse_dynamics(model.links.ravel(), *states)
     np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), *states), wanted, atol=1e-9)
     assert "<mujoco" in (folder / "robot.xml").read_text()
+    address = story["page"].url.partition("#")[0]
+    assert story["page"].request.get(f"{address}/take/nothing.json").status == 404
     html = (folder / "report.html").read_text()
     assert compare(model, load_measurements(files[3]))[0].verdict.grade in html.lower()
     assert "default-src 'none'" in html

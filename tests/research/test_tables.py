@@ -104,6 +104,11 @@ def test_engines_follow_a_recorded_run(studies):
             assert run.position.max() < 1e-3
 
 
+def test_halves_are_before_the_cut_and_after_it():
+    first, second = study.halves(repeating_run(load_problem("two_link"), 0, 0.2))
+    assert (first.t[0], first.t[-1], second.t[0]) == pytest.approx((0.0, 14.0, 14.2), abs=0.011)
+
+
 def shown(figure: Any) -> Iterator[str]:
     """What a figure shows, in words and numbers: titles, labels, limits, lines with their extremes."""
     yield figure.get_suptitle()
