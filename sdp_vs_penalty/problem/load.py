@@ -224,9 +224,11 @@ def _fill_box(box: Array, path: Path) -> None:
     """Bounds from a table with columns parameter, lower, upper; names like m1, c1x, I1xx."""
     places = entries(len(box))
     for number, row in enumerate(read_table(path), start=2):
-        name = row.get("parameter")
+        name = row.get("parameter") or ""
         try:
-            place, lower, upper = places[name or ""], float(row["lower"]), float(row["upper"])
+            place, lower, upper = places[name], float(row["lower"]), float(row["upper"])
+            if np.isnan([lower, upper]).any():
+                raise ValueError
         except (ValueError, KeyError, TypeError):
             what = f"row {number}: {name!r} has no bounds, or is no parameter of a link of this robot"
             remedy = "write m1, c1x or I1xx under parameter, and numbers under lower and upper"
