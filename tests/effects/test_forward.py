@@ -44,6 +44,16 @@ def pushes(n: int, steps: int, h: float, size: float = 8.0) -> Array:
     return np.column_stack([size * np.sin((3.0 + j) * t + j) for j in range(n)])
 
 
+def test_simulations_side_by_side_weigh_what_each_does_alone():
+    light = plant("two_link", "rigid_body,rotor_inertia")
+    heavy = plant("two_link", "rigid_body,rotor_inertia", rotor_inertia=0.7)
+    both = Plant(light.model, np.concatenate([light.theta, heavy.theta]))
+    q = light.robot.random_configurations(2, 5)
+    alone = [one.mass(row[None])[0] for one, row in zip((light, heavy), q, strict=True)]
+    np.testing.assert_allclose(both.mass(q), alone, rtol=1e-12)
+    np.testing.assert_allclose(heavy.mass(q) - light.mass(q), np.tile(0.6 * np.eye(2), (2, 1, 1)))
+
+
 @pytest.mark.parametrize("name", ["two_link", "panda", "ur10e"])
 def test_as_mujoco_with_armature_and_damping(name):
     mujoco = pytest.importorskip("mujoco")

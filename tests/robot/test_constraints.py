@@ -117,6 +117,18 @@ def test_worst_violation_of_each_family_in_its_own_units():
     assert set(demands.with_families(lambda f: f == "mass").worst(theta)) == {"mass"}
 
 
+def test_entries_are_the_constraints_and_the_size_of_what_is_summed(two_link):
+    every = two_link.constraints(two_link.model())
+    theta = np.random.default_rng(1).normal(size=1 + max(int(np.max(c.indices)) for c in every.convex))
+    found, size = (every.entries.split(x) for x in every.entries.at(theta))
+    for group, values, sizes in zip(every.groups, found, size, strict=True):
+        for place, value, most in zip(group.places, values, sizes, strict=True):
+            c = every.convex[place]
+            terms = np.tensordot(np.diag(theta[c.indices]), c.coefficients, axes=1)
+            np.testing.assert_allclose(value, c.constant + terms.sum(axis=0), atol=1e-12)
+            np.testing.assert_allclose(most, np.abs(c.constant) + np.abs(terms).sum(axis=0))
+
+
 @quick
 @given(seeds)
 def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
