@@ -88,6 +88,7 @@ def test_each_verb_works_or_names_its_extra(folder):
         "convert run.csv --out run.parquet": "",
         "convert run.mcap --out other.csv": "formats",
         "report model.json --data run.csv --out report.html": "report",
+        "demo": "report",
         "page": "page",
         "figures 2 --out figures": "plot",
         "shootout --solvers scs --problems two_link --out out": "solvers",
@@ -101,3 +102,4 @@ def test_each_verb_works_or_names_its_extra(folder):
         assert code == (2 if extra else 0), (words, text)
         assert f"[{extra}]" in text or not extra, (words, text)
         assert "Traceback" not in text, (words, text)
+    assert not (folder / "demo").exists()  # nothing is worked out for a report that cannot be written

@@ -38,6 +38,13 @@ _SECTIONS = {
 }
 
 
+def plotly_script() -> Path:
+    """Plotly's own script, which alone is needed of it; InputError where it is missing."""
+    if (plotly := find_spec("plotly")) is None:
+        raise missing_extra("The report needs", "report")
+    return Path(str(plotly.origin)).parent / "package_data" / "plotly.min.js"
+
+
 def report(
     models: Models,
     measurements: Source,
@@ -61,6 +68,7 @@ def report(
     Raises InputError where models and measurements do not belong together, or plotly is missing.
     """
     check_name(Path(out))
+    script = plotly_script()
     named = as_estimates(models, "report(models=...)")
     names = next(iter(named.values())).robot.joint_names
     runs = as_measurements(measurements, names=names, what="report(measurements=...)")
@@ -68,9 +76,6 @@ def report(
     if noise_from is not None:
         whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
     said = load_diagnosis(findings) if isinstance(findings, str | Path) else findings
-    if (plotly := find_spec("plotly")) is None:  # its script alone is needed: no import of it
-        raise missing_extra("The report needs", "report")
-    script = Path(str(plotly.origin)).parent / "package_data" / "plotly.min.js"
     material = _material(named, runs, whole, forward, progress, commands, said)
     progress("drawing")
     made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]

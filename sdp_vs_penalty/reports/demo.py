@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.reports import report
+from sdp_vs_penalty.reports import plotly_script, report
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: The arm, what is hidden on its last joint, how strongly, and the methods side by side.
@@ -44,9 +44,10 @@ def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) ->
     """Simulate, identify by three methods, look where the model fails, diagnose, add; all in ``folder``.
 
     It will hold run1.csv, run2.csv, test.csv, model.json, better.json and report.html. No step knows
-    what was hidden. Raises InputError where the folder cannot be written.
+    what was hidden. Raises InputError where the folder cannot be written, or plotly is missing.
     """
     folder = Path(folder)
+    plotly_script()  # nothing is worked out for a report that cannot be written
     problem = load_problem(ARM)
     progress("simulating three runs")
     made = hidden_runs(problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS))
