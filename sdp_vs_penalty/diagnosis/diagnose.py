@@ -99,9 +99,7 @@ def diagnose(
 
 def _offered(search: Search, judge: Judge) -> Found:
     """Findings and constants in order that data left out do not speak against."""
-    again = [t for t in search.terms if t.form.own]
-    own = [*(t for t in search.own if t.key not in {x.key for x in again}), *again]
-    first = judge.first
+    first, own = judge.first, search.constants
 
     def beside_model(kept: Sequence[Term], findings: Sequence[Term]) -> tuple[Estimate, Search]:
         """Findings beside the model with other constants of its own."""

@@ -191,6 +191,12 @@ class Search:
         return min(plain, key=lambda t: (simplicity(t.form), -t.against(found[0])))
 
     @property
+    def constants(self) -> tuple[Term, ...]:
+        """Other constants of the first model's own effects: the newest of each."""
+        new = {t.key: t for t in self.terms if t.form.own}
+        return (*(t for t in self.own if t.key not in new), *new.values())
+
+    @property
     def found(self) -> set[Key]:
         """Whatever their constants."""
         return {t.key for t in self.terms if not t.form.own}
@@ -309,11 +315,11 @@ class Search:
         joints = frozenset[int]().union(*(t.joints for t in new))
         if all(t.form.own or t.joints.isdisjoint(joints) for t in self.terms):
             return None
-        estimate, known = self.data.estimate, [t for t in self.own if t.key not in {x.key for x in new}]
+        estimate = self.data.estimate
         effects = with_shapes(estimate.model.effects, changed(new, estimate.model))
         model = replace(estimate.model, effects=effects)
         out = self.carried(replace(estimate, model=model))
-        out.library, out.own = renewed(self.library, out.data), (*known, *new)
+        out.library, out.own = renewed(self.library, out.data), self.constants
         out.terms = out.settled([t for t in out.terms if not t.form.own], joints)
         return out
 
