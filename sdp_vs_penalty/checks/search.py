@@ -49,7 +49,7 @@ class Search:
         for _ in range(c.MOST):
             if (better := self.added(now)) is None:
                 break
-            now = better
+            now = self.rounded(better)
         return now
 
     def proposals(self, now: Repair) -> list[Repair]:
@@ -122,24 +122,41 @@ class Search:
         (change,), (spread,) = self.log.steps(number.at(number.value), [number.at], value, h)
         return float(change), float(spread)
 
+    def numbers(self, repair: Repair) -> dict[tuple[str, tuple[int, ...]], Number]:
+        """The numbers of a repair, by the names of their elements."""
+        return {e.name: e.number for e in self.elements(repair) if e.number}
+
     def refined(self, repair: Repair, now: Repair) -> Repair:
-        """With the best values of the numbers that ``now`` does not have: looked for on few rows, then
-        one step to first order on all; round ones where as likely."""
+        """With the best values of its numbers, of those first that ``now`` does not have: looked for on
+        few rows, then one step to first order on all; round ones where arms differ as much."""
         from scipy.optimize import minimize_scalar
 
-        for name in [e.name for e in self.new(repair, now) if e.number]:
-            number = next(e.number for e in self.elements(repair) if e.name == name)
-            assert number is not None
+        known, found = self.numbers(now), self.numbers(repair)
+        order = sorted(found, key=lambda name: name in known)
+        for name in order if set(found) - set(known) else ():
+            number = self.numbers(repair)[name]
             ends = number.value - number.reach, number.value + number.reach
             few = lambda x, at=number.at: self.log.screen.score(at(float(x))).score  # noqa: E731
             settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
-            found = minimize_scalar(few, bounds=ends, method="bounded", options=settings)
-            best = float(found.x) if found.fun < few(number.value) else number.value
+            least = minimize_scalar(few, bounds=ends, method="bounded", options=settings)
+            best = float(least.x) if least.fun < few(number.value) else number.value
             change, far = self.step(replace(number, value=best))[0], 0.9 * number.tolerance
             better = best + float(np.clip(change, -far, far))
             near = [x for x in number.snaps if abs(x - better) < number.tolerance]
             tried = [number.at(x) for x in near or (best, better)]
             repair = max(tried, key=lambda r: self.likelihood(self.log.score(r), r))
+        return repair
+
+    def rounded(self, repair: Repair) -> Repair:
+        """A number that is believed becomes the round one from which arms, with its interval, may differ
+        as much, unless the round one is by the odds of any repair less likely."""
+        for name in self.numbers(repair):
+            number = self.numbers(repair)[name]
+            usual = number.tolerance + 2.0 * self.step(number)[1]
+            near = [number.at(x) for x in number.snaps if abs(x - number.value) < usual]
+            here, *there = (self.likelihood(self.log.score(r), r) for r in (repair, *near))
+            if near and max(there) > here - c.ODDS:
+                repair = near[int(np.argmax(there))]
         return repair
 
     def told(self, net: Repair) -> tuple[list[Issue], Repair]:
