@@ -26,7 +26,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import CONTRADICTS, FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import Event, Gravity, Numbers, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
@@ -355,8 +355,9 @@ class Score:
 
     @property
     def poor(self) -> NDArray[np.bool_]:
-        """(n,) joints of whose torque so much is unexplained that their motion may be another one."""
-        return np.asarray(self.of.moving & (self.shares > CONTRADICTS[1]))
+        """(n,) joints of whose torque more is unexplained than what friction laws and filters are worth:
+        their motion may be another one."""
+        return np.asarray(self.of.moving & (self.shares > 2.0 * FLOOR))
 
     @cached_property
     def residual(self) -> Array:

@@ -48,7 +48,9 @@ def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
             unexplained_percent=100.0 * dark,
         )  # fmt: skip
     elif log.spare > 0.0:
-        joints = np.flatnonzero(score.poor & (score.shares > c.CONTRADICTS[0] * log.alone(repair)))
+        times, least = c.CONTRADICTS
+        odd = score.shares > np.maximum(times * log.alone(repair), least)
+        joints = np.flatnonzero(log.moving & odd)
         what = "cannot belong to the same arm as the other joints' torques"
         if not len(joints) and total > 200.0 * c.TYPICAL[log.problem.torque_side]:
             joints = np.array([np.argmax(np.where(log.moving, score.left, 0.0))])
