@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 import sdp_vs_penalty.effects
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
-from sdp_vs_penalty import InputError, identify, load_problem
+from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.cli.verbs.list import details, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
-from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.research.shootout.contestants import contestants
 from sdp_vs_penalty.simulation import MAKERS, experiment
 from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint, log_uniform
@@ -105,16 +104,6 @@ def test_an_estimator_is_one_file(added):
     assert estimate.settings["weight"] == 1e-3
     torque = run.tau - run.tau.mean(axis=0)
     assert estimate.certificate.loss < np.sum(torque**2)
-
-
-def test_what_must_differ_is_refused_if_equal():
-    for twins, word in (
-        ([("spring", int), ("spring", float)], "name"),
-        ([(3, int), (3, str)], "table_place"),
-    ):
-        with pytest.raises(InputError, match=f"int and .* have the same {word}"):
-            by_word(twins, word)
-    assert list(by_word([(2, int), (1, str), (2, int)])) == [1, 2]  # one class in two files is one
 
 
 def test_a_solver_is_one_file(added):

@@ -154,5 +154,7 @@ def test_a_name_is_registered_once():
     assert list(plugins.by_word([("b", b), ("a", a), ("b", b)])) == ["a", "b"]
     with pytest.raises(InputError, match="home of a and home of b have the same name, 'a'"):
         plugins.by_word([("a", a), ("a", b)])
+    with pytest.raises(InputError, match="int and str have the same table_place, 3"):
+        plugins.by_word([(3, int), (3, str)], "table_place")
     with pytest.raises(AttributeError, match="'p' has no attribute 'x'"):
         plugins.surface("p")("x")

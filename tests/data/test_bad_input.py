@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import peak_memory
-from recorded import refusals, same_refusal
+from recorded import refusal, refusals, same_refusal
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
@@ -34,19 +34,6 @@ from sdp_vs_penalty.data import check_plausible, read_run, save
 from sdp_vs_penalty.data.files import as_measurements
 from sdp_vs_penalty.errors import Remark
 from sdp_vs_penalty.regression import load_answers
-
-
-def refusal(call: Callable[[], object], *words: str) -> str:
-    """The one sentence with which a call is refused; it holds the words."""
-    with pytest.raises(InputError) as caught:
-        call()
-    message = str(caught.value)
-    assert "\n" not in message
-    assert message.endswith(".")
-    for word in words:
-        assert word in message, message
-    return message
-
 
 # --- measurements ---------------------------------------------------------------------------------
 

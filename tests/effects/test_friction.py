@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effect_contract import robots, wide_columns
 
-from sdp_vs_penalty import InputError, load_problem
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.effects import Effect, Motion, parse_effects
 from sdp_vs_penalty.effects.transmission import LAWS
 from sdp_vs_penalty.robot import Robot, parse_transmission
@@ -93,14 +93,6 @@ def test_laws_and_ratios_are_written_as_words_and_numbers():
     made = effect("transmission_friction:1+2@c1=1@c2=-0.5@law=hysteresis@d=0.01")
     assert made.text == "transmission_friction:1+2@c1=1@c2=-0.5@law=hysteresis@d=0.01"
     assert made.parameters[0].name == "f_t_hysteresis(q1-0.5q2)"
-    for text, words in (
-        ("transmission_friction:1+2@law=sticky", "law=viscous"),
-        ("transmission_friction:1+2@c3=1", "no shape constant 'c3'"),
-        ("transmission_friction:1+2@law=coulomb@vs=0.1", "no shape constant 'vs'"),
-        ("transmission_friction:1+2@c1=0", "c1 is 0"),
-    ):
-        with pytest.raises(InputError, match=words):
-            effect(text)
 
 
 def test_a_known_transmission_is_among_the_candidates():

@@ -4,22 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_robots import sines
+from random_robots import repeating_run
 
 from sdp_vs_penalty import InputError, Measurements, Problem, cross_validate
 from sdp_vs_penalty.signals import Preprocessing
 
 
-def run_of(problem: Problem, seconds: float = 24.0, noise: float = 0.02, seed: int = 1) -> Measurements:
+def run_of(problem: Problem, seconds: float = 24.0) -> Measurements:
     """Period 10 s; the friction is not what the model has: it errs on motion that it has not seen."""
-    rng = np.random.default_rng(seed)
-    model = problem.model("rigid_body,viscous_friction")
-    theta = problem.nominal(model)
-    theta[len(model.rigid_indices) :] = 0.4
-    t = np.arange(0.0, seconds, 4e-3)
-    motion = sines(np.random.default_rng(7), problem.robot.n, t, 0.1, 5)
-    tau = model.torque(theta, motion) + 0.3 * np.sin(3.0 * motion.q)
-    return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, ("run",))
+    effects = "rigid_body,viscous_friction"
+    run = repeating_run(problem, 1, 0.02, seconds=seconds, effects=effects)
+    return replace(run, tau=run.tau + 0.3 * np.sin(3.0 * run.q))
 
 
 def test_errors_are_of_unseen_motion(two_link):

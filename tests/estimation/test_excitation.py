@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimation import Limits, excitation, separation
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.robot import FourierTrajectory, Robot
 from sdp_vs_penalty.robot.geometry import self_collision
-from sdp_vs_penalty.robot.trajectory import PointTrajectory, joint_trajectory, shortest_moves
+from sdp_vs_penalty.robot.trajectory import joint_trajectory
 from sdp_vs_penalty.simulation import experiment
 
 
@@ -116,19 +116,6 @@ PAIR = "torque_ripple:2@k=2,joint_spring:2"
 def small() -> Estimate:
     problem = load_problem("two_link")
     return identify(problem, experiment(problem).training_run(), "ols")
-
-
-def test_states_are_derivatives_of_each_other_and_moves_keep_the_limits():
-    rng = np.random.default_rng(0)
-    points, limits = rng.uniform(-1.0, 1.0, (5, 3)), np.array([[1.0], [4.0], [40.0]]) * [1.0, 2.0, 0.5]
-    trajectory = PointTrajectory(points, shortest_moves(points, *limits), rng.uniform(0.1, 0.4, 5))
-    t = np.arange(0.0, trajectory.duration, 1e-3)
-    q, dq, ddq = trajectory.states(t)
-    np.testing.assert_allclose(np.gradient(q, t, axis=0)[1:-1], dq[1:-1], atol=2e-4)
-    np.testing.assert_allclose(np.gradient(dq, t, axis=0)[1:-1], ddq[1:-1], atol=2e-2)
-    extremes = [np.abs(x).max(axis=0) for x in (dq, ddq, np.gradient(ddq, t, axis=0))]
-    shares = np.array(extremes) / limits
-    assert 0.99 < shares.max() < 1.001
 
 
 def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):

@@ -9,7 +9,7 @@ from arms import random_arm, random_run
 from cvxpy_model import cvxpy_optimum
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_robots import bare, link_parameters, open_problem, posed_task, sines, tree
+from random_robots import bare, link_parameters, open_problem, posed_task, simulated, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_problem
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -28,17 +28,6 @@ seeds = st.integers(0, 2**32 - 1)
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 
 
-def simulated(
-    problem: Problem, theta: np.ndarray, seed: int = 0, noise: float = 0.0, seconds: float = 20.0
-) -> Measurements:
-    model = problem.model()
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, seconds, 2e-3)
-    motion = sines(rng, problem.robot.n, t, 0.1, 5)
-    tau = model.torque(theta, motion)
-    return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape))
-
-
 def with_friction(problem: Problem, links: np.ndarray, level: float = 0.3) -> np.ndarray:
     theta = np.full(len(problem.model().parameters), level)
     theta[: len(links)] = links
@@ -49,7 +38,7 @@ def with_friction(problem: Problem, links: np.ndarray, level: float = 0.3) -> np
 def toy_task(two_link: Problem) -> Task:
     """The 2R with noise of a few percent: constraints bind."""
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
-    run = simulated(two_link, truth, noise=5.0, seconds=6.0)
+    run = simulated(two_link.model(), truth, noise=5.0, seconds=6.0)
     return posed_task(two_link, run)
 
 
@@ -57,7 +46,7 @@ def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
     """It crashed: the prior knows the robot's links alone. A load moves with the last link: their sum is
     told, and the pull is that link's."""
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
-    run = simulated(two_link, truth, noise=0.1, seconds=6.0)
+    run = simulated(two_link.model(), truth, noise=0.1, seconds=6.0)
     own = [effect.name for effect in two_link.model().effects]
     plain, carried = (identify(two_link, run, effects=[*own, *more]) for more in ([], ["payload"]))
     assert carried.certificate.worst == 0.0
@@ -131,7 +120,7 @@ def test_a_random_feasible_robot_round_trips(seed):
     problem = open_problem(robot, nominal)
     truth = np.concatenate([link_parameters(rng, 0.5) for _ in range(n)])
     theta = with_friction(problem, truth, 0.4)
-    run = simulated(problem, theta, seed % 1000, seconds=12.0)
+    run = simulated(problem.model(), theta, seed % 1000, seconds=12.0)
     # A nominal robot drawn apart from the truth is no witness of the torque's unit.
     estimate, free = (identify(problem, run, name, check=False) for name in ("lmi-sdp", "ols"))
     # Constraints that the truth obeys cost nothing beside what the filters leave of dry friction.

@@ -86,6 +86,21 @@ def sines(
     return Motion(t, q, c @ a.T + s @ b.T, -s @ (a * w).T + c @ (b * w).T)
 
 
+def simulated(
+    model: Model,
+    theta: Array,
+    seed: int | np.random.Generator = 0,
+    noise: float = 0.0,
+    seconds: float = 20.0,
+    dt: float = 2e-3,
+) -> Measurements:
+    """A run of this model along sums of sines, with white noise."""
+    rng = np.random.default_rng(seed)
+    motion = sines(rng, model.robot.n, np.arange(0.0, seconds, dt))
+    tau = model.torque(theta, motion)
+    return Measurements(motion.t, motion.q, tau + noise * rng.normal(size=tau.shape))
+
+
 def driven(
     seed: int = 0,
     seconds: float = 12.0,
@@ -99,9 +114,7 @@ def driven(
     model = Model(robot, parse_effects(effects, robot))
     links = [link_parameters(rng, 0.4) for _ in robot.joints]
     theta = np.concatenate([*links, rng.uniform(0.1, 1.0, len(model.parameters) - 30)])
-    motion = sines(rng, 3, np.arange(0.0, seconds, dt))
-    tau = model.torque(theta, motion)
-    return model, theta, Measurements(motion.t, motion.q, tau + noise * rng.normal(size=tau.shape))
+    return model, theta, simulated(model, theta, rng, noise, seconds, dt)
 
 
 def open_problem(robot: Robot, nominal: Array) -> Problem:
@@ -147,10 +160,11 @@ def repeating_run(
     base: float = 0.1,
     motion_seed: int = 7,
     seconds: float = 24.0,
+    effects: str | None = None,
 ) -> Measurements:
-    """The default model with friction of 0.4, a motion of period 1 / base and white noise."""
+    """The model with friction of 0.4, a motion of period 1 / base and white noise."""
     rng = np.random.default_rng(seed)
-    model = problem.model()
+    model = problem.model(effects)
     theta = problem.nominal(model)
     theta[len(model.rigid_indices) :] = 0.4
     t = np.arange(0.0, seconds, 4e-3)

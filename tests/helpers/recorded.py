@@ -8,11 +8,14 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+
+from sdp_vs_penalty import InputError
 
 HOME = Path(__file__).parents[1] / "data" / "figures"
 REFUSALS = HOME.with_name("refusals.json")
@@ -39,10 +42,23 @@ def refusals(kind: str) -> dict[str, Any]:
     return dict(json.loads(REFUSALS.read_text())[kind])
 
 
+def refusal(call: Callable[[], object], *words: str) -> str:
+    """The one sentence with which a call is refused; it holds the words."""
+    with pytest.raises(InputError) as caught:
+        call()
+    return a_sentence(str(caught.value), *words)
+
+
+def a_sentence(text: str, *words: str) -> str:
+    assert text.endswith(".")
+    assert "\n" not in text
+    assert all(word in text for word in words), text
+    return text
+
+
 def same_refusal(kind: str, name: str, sentence: str) -> bool:
     """Whether it is the sentence that is kept; it is one."""
-    assert sentence.endswith(".")
-    assert "\n" not in sentence
+    a_sentence(sentence)
     if WRITES:
         every = json.loads(REFUSALS.read_text())
         every[kind][name][-1] = sentence

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded import refusals, same_refusal
+from recorded import refusal, refusals, same_refusal
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.robot import load_urdf
@@ -52,13 +52,12 @@ def test_torques_equal_those_of_pinocchios_own_parser():
 
 @pytest.mark.parametrize("case", refusals("urdf"))
 def test_a_bad_urdf_is_refused(case, tmp_path, monkeypatch):
+    """Of the gantry, and of a lift whose joints follow others."""
     old, new, _ = refusals("urdf")[case]
-    assert old in ARM
+    sound = next(text for text in (ARM, GANTRY.with_name("lift.urdf").read_text()) if old in text)
     monkeypatch.chdir(tmp_path)
-    Path("bad.urdf").write_text(ARM.replace(old, new, 1))
-    with pytest.raises(InputError) as refusal:
-        load_urdf("bad.urdf")
-    assert same_refusal("urdf", case, str(refusal.value))
+    Path("bad.urdf").write_text(sound.replace(old, new, 1))
+    assert same_refusal("urdf", case, refusal(lambda: load_urdf("bad.urdf")))
 
 
 @pytest.mark.parametrize(
