@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from hypothesis import settings
 
 from sdp_vs_penalty import Measurements, Problem, load_measurements, load_problem
 
@@ -22,6 +23,11 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.page.sessions import Sessions
     from sdp_vs_penalty.page.worker import WorkerPool
     from sdp_vs_penalty.simulation import HiddenRuns
+
+
+# Drawn cases are the same each time, however long one takes.
+settings.register_profile("same", max_examples=40, deadline=None, derandomize=True)
+settings.load_profile("same")
 
 
 def real_data_folder() -> Path | None:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -19,7 +19,6 @@ finite = st.floats(-1e6, 1e6)
 
 
 @given(st.lists(finite, min_size=1, max_size=4))
-@settings(max_examples=30, deadline=None, derandomize=True)
 def test_numbers_are_read_as_they_are_written(values):
     text = ",".join(map(repr, values))
     assert formatting.numbers("--x", text) == values
@@ -71,7 +70,6 @@ class Outer(Plain):
 
 
 @given(st.lists(finite, max_size=3), st.sampled_from(["a", "b"]), st.text(max_size=5), finite)
-@settings(max_examples=30, deadline=None, derandomize=True)
 def test_plain_data_come_back(sizes, kind, name, far):
     inner = tuple(Inner(x, kind) for x in sizes)
     made = Outer(

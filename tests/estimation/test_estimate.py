@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from arms import SCARA_FRICTION, SCARA_NOISE, run_of
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_robots import link_parameters, open_problem, posed_task, repeating_run, sines, tree
+from random_robots import link_parameters, open_problem, posed_task, repeating_run, seeds, sines, tree
 
 from sdp_vs_penalty import Estimate, InputError, add, compare, export, load_estimate
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
@@ -18,9 +17,6 @@ from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.estimation.identify import from_data
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.regression import LeastSquares
-
-seeds = st.integers(0, 2**32 - 1)
-
 
 noisy_run = partial(repeating_run, noise=0.2, base=0.15, motion_seed=3, seconds=8.0)
 
@@ -39,7 +35,7 @@ def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
 
 
 @pytest.mark.parametrize("method", ["ols", "lmi-sdp", "lmi-sdp-entropic", "lmi-sdp-two-step"])
-@settings(max_examples=2, deadline=None, derandomize=True)
+@settings(max_examples=2)
 @given(seed=seeds)
 def test_a_model_file_predicts_the_same_to_the_last_bit(tmp_path_factory, method, seed):
     rng = np.random.default_rng(seed)

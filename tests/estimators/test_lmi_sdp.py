@@ -8,8 +8,7 @@ import pytest
 from arms import random_arm, random_run
 from cvxpy_model import cvxpy_optimum
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_robots import bare, link_parameters, open_problem, posed_task, simulated, sines, tree
+from random_robots import bare, link_parameters, open_problem, posed_task, seeds, simulated, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_problem
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -24,7 +23,6 @@ from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.solvers import ConicProblem, Objective, Solution
 from sdp_vs_penalty.solvers.clarabel import Clarabel
 
-seeds = st.integers(0, 2**32 - 1)
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 
 
@@ -109,7 +107,7 @@ def relative_torque_error(problem: Problem, theta: np.ndarray, truth: np.ndarray
     return float(np.linalg.norm(model.torque(theta, motion) - torque) / np.linalg.norm(torque))
 
 
-@settings(max_examples=5, deadline=None, derandomize=True)
+@settings(max_examples=5)
 @given(seeds)
 def test_a_random_feasible_robot_round_trips(seed):
     """Simulate, identify, predict another motion: a tree of one to five joints of both kinds."""

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import random_robots
+from arms import urdfdom_torque
 from commands import run_cli
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
@@ -27,7 +28,6 @@ from sdp_vs_penalty.exporters.export import export, formats
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
-from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.signals import Preprocessing
 
 PARITY = 1e-9  # N m
@@ -91,21 +91,7 @@ def of_the_file(path: Path, robot: Robot, dq: Rows, ddq: Rows) -> Rows:
 
 
 def by_urdfdom(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
-    """By Pinocchio's own URDF reader (urdfdom), not ours; joints matched by name."""
-    model = pin.buildModelFromUrdf(str(path))
-    model.gravity = pin.Motion(np.array(robot.gravity), np.zeros(3))
-    data = model.createData()
-    out = np.empty_like(q)
-    for k in range(len(q)):
-        configuration, v, a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
-        for i, joint in enumerate(robot.joints):
-            theirs = model.joints[model.getJointId(joint.name)]
-            angle = [q[k, i]] if theirs.nq == 1 else [np.cos(q[k, i]), np.sin(q[k, i])]
-            configuration[theirs.idx_q : theirs.idx_q + theirs.nq] = angle
-            v[theirs.idx_v], a[theirs.idx_v] = dq[k, i], ddq[k, i]
-        tau = pin.rnea(model, data, configuration, v, a)
-        out[k] = [tau[model.joints[model.getJointId(j.name)].idx_v] for j in robot.joints]
-    return out + of_the_file(path, robot, dq, ddq)
+    return urdfdom_torque(path, robot, q, dq, ddq) + of_the_file(path, robot, dq, ddq)
 
 
 def by_our_reader(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
@@ -375,7 +361,7 @@ def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
     assert json.loads((tmp_path / "c.json").read_text())["moving_links_without_inertial"] == ["bare"]
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(derandomize=False, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans(), turned=st.booleans())
 @example(seed=190, joints=4, frames=False, turned=False)  # joints a thousand kilometres apart
 def test_any_tree_survives_being_written_and_edited(tmp_path, seed, joints, frames, turned):

@@ -11,7 +11,8 @@ from random_robots import link_parameters, sines
 
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot import Robot, inertia
+from sdp_vs_penalty.robot._pinocchio import pin
 
 Array = NDArray[np.float64]
 
@@ -170,3 +171,21 @@ def random_run(problem: Problem, seed: int) -> Measurements:
     viscous, coulomb = 10.0 ** rng.uniform(-2.0, 1.5, (2, n))
     noise = 10.0 ** rng.uniform(-3.0, 0.0, n)
     return run_of(problem, (viscous, coulomb, rng.normal(size=n)), noise, seed)
+
+
+def urdfdom_torque(path: Path, robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
+    """Inverse dynamics (N, n) of a file as Pinocchio's own reader (urdfdom) builds it, not ours."""
+    model = pin.buildModelFromUrdf(str(path))
+    model.gravity = pin.Motion(np.array(robot.gravity), np.zeros(3))
+    data = model.createData()
+    out = np.empty_like(q)
+    for k in range(len(q)):
+        configuration, v, a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
+        for i, joint in enumerate(robot.joints):
+            theirs = model.joints[model.getJointId(joint.name)]
+            angle = [q[k, i]] if theirs.nq == 1 else [np.cos(q[k, i]), np.sin(q[k, i])]
+            configuration[theirs.idx_q : theirs.idx_q + theirs.nq] = angle
+            v[theirs.idx_v], a[theirs.idx_v] = dq[k, i], ddq[k, i]
+        tau = pin.rnea(model, data, configuration, v, a)
+        out[k] = [tau[model.joints[model.getJointId(j.name)].idx_v] for j in robot.joints]
+    return out

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import random_arm
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_robots import link_parameters, tree
+from hypothesis import given
+from random_robots import link_parameters, seeds, tree
 
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.problem import published_links
@@ -18,8 +17,6 @@ from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.body import around
 from sdp_vs_penalty.robot.geometry import Geometry
 
-seeds = st.integers(0, 2**32 - 1)
-
 
 def fits(problem: Problem, links: np.ndarray) -> np.ndarray:
     """(n,) tr(P Q) / m of each link: 1 for a point at the body's centre, below 0 for no fit."""
@@ -27,7 +24,6 @@ def fits(problem: Problem, links: np.ndarray) -> np.ndarray:
     return np.einsum("kab,kab->k", quadrics, inertia.pseudo_inertia(links)) / links[:, 0]
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
 @given(seeds)
 def test_a_body_holds_its_points_and_little_else(seed):
     """Of a box the least ellipsoid is known: half axes sqrt(3) times its own; in any pose."""
@@ -66,7 +62,6 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says():
         np.testing.assert_allclose(np.sort(body.half_axes), np.sort(expected), rtol=1e-6)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seeds)
 def test_truthful_arms_fit_whatever_their_file_says(seed):
     """Solid links of half a metre; the file knows nothing, or inertials that are a third wrong."""

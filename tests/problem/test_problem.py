@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_robots import bare, link_parameters, open_problem, task_of, tree
+from hypothesis import given
+from random_robots import bare, link_parameters, open_problem, seeds, task_of, tree
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.estimators import interior_point
@@ -20,10 +19,7 @@ from sdp_vs_penalty.research.tables.errata import pi_p_hat
 from sdp_vs_penalty.robot import Joint, Robot, inertia
 from sdp_vs_penalty.simulation import experiment
 
-seeds = st.integers(0, 2**32 - 1)
 
-
-@settings(max_examples=25, deadline=None, derandomize=True)
 @given(seeds)
 def test_given_inertials_are_kept_where_they_are_consistent(seed):
     rng = np.random.default_rng(seed)
@@ -39,7 +35,6 @@ def test_given_inertials_are_kept_where_they_are_consistent(seed):
     np.testing.assert_array_equal(plausible_links(robot, found)[0], found)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
 @given(seeds)
 def test_of_kinematics_alone_a_nominal_robot_is_plausible_and_has_room_inside(seed):
     """From tiny ones to excavators, whose joints are six metres apart, and joints in one place."""

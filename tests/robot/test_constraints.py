@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from random_robots import link_parameters, pose
+from random_robots import link_parameters, pose, seeds
 
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.robot import Body, ConstraintSet, cone_margin, inertia, project
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import projected_rows, smallest_eigenvalue
-
-seeds = st.integers(0, 2**32 - 1)
-quick = settings(max_examples=40, deadline=None, derandomize=True)
 
 CONES = ("psd", "soc", "nonnegative")
 
@@ -34,7 +31,6 @@ def random_body(rng: np.random.Generator) -> Body:
     return Body(0.3 * rng.normal(size=3), rng.uniform(0.5, 3.0, 3), axes, "geometry")
 
 
-@quick
 @given(seeds, st.floats(0.001, 0.3))
 def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed, radius):
     theta = wild_link(np.random.default_rng(seed))
@@ -44,7 +40,6 @@ def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed, radius)
     assert (constraint.margin(theta) >= 0.0) == (inertia.thickness(theta) >= radius)
 
 
-@quick
 @given(seeds)
 def test_ellipsoid_is_the_mean_over_the_mass(seed):
     """tr(P Q) is the integral of 1 - (x - c)^T D (x - c), written here as a sum over points."""
@@ -62,7 +57,6 @@ def test_ellipsoid_is_the_mean_over_the_mass(seed):
 
 
 @pytest.mark.parametrize("cone", CONES)
-@quick
 @given(seed=seeds)
 def test_projection_is_the_nearest_point_of_the_cone(cone, seed):
     """Moreau: x = P(x) - P(-x) with both parts in the self-dual cone and orthogonal."""
@@ -76,7 +70,6 @@ def test_projection_is_the_nearest_point_of_the_cone(cone, seed):
 
 
 @pytest.mark.parametrize("cone", CONES)
-@quick
 @given(seed=seeds)
 def test_rows_have_the_gradient_and_hessian_of_half_the_projections_square(cone, seed):
     """Of f(x) = 1/2 sum |P(M + A x)|^2, whose gradient is sum A^T P(M + A x); by central differences."""
@@ -129,7 +122,6 @@ def test_entries_are_the_constraints_and_the_size_of_what_is_summed(two_link):
             np.testing.assert_allclose(most, np.abs(c.constant) + np.abs(terms).sum(axis=0))
 
 
-@quick
 @given(seeds)
 def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
     """Fig. 8: link 1 a cylinder of 0.15 m around y; link 2 one of 0.08 m around x whose last
@@ -151,7 +143,6 @@ def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
     assert all(second) == (np.hypot(c2[1], c2[2]) <= radius)
 
 
-@quick
 @given(seeds)
 def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
     """The certificate's lower bound multiplies by these numbers: they must follow."""
@@ -218,7 +209,6 @@ def parameters_of(masses: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.array([masses.sum(), *(masses @ x), xx, xy, yy, xz, yz, zz])
 
 
-@quick
 @given(seeds)
 def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed):
     masses, x = cloud(np.random.default_rng(seed))
@@ -229,7 +219,6 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed):
     np.testing.assert_allclose(inertia.from_pseudo_inertia(second), theta, rtol=1e-12, atol=1e-12)
 
 
-@quick
 @given(seeds)
 def test_barycentric_and_standard_invert_each_other(seed):
     rng = np.random.default_rng(seed)
@@ -245,7 +234,6 @@ def test_barycentric_and_standard_invert_each_other(seed):
     np.testing.assert_allclose(back, stack, rtol=1e-9)
 
 
-@quick
 @given(seeds)
 def test_transform_moves_the_mass(seed):
     rng = np.random.default_rng(seed)
@@ -264,7 +252,6 @@ def test_transform_moves_the_mass(seed):
     )
 
 
-@quick
 @given(seeds)
 def test_consistent_means_positive_mass_definite_inertia_and_triangle(seed):
     """The eigenvalue of the 4x4 against the three classical conditions, on both sides."""

@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from random_robots import link_parameters, tree
+from random_robots import link_parameters, seeds, tree
 
 from sdp_vs_penalty import InputError, Problem, load_problem
 from sdp_vs_penalty.robot import FourierTrajectory, Robot, joint_limits, load_urdf, random_trajectory
 from sdp_vs_penalty.simulation import experiment
-
-seeds = st.integers(0, 2**32 - 1)
-quick = settings(max_examples=30, deadline=None, derandomize=True)
 
 
 def random_case(seed: int, samples: int = 3) -> tuple[Robot, np.ndarray, np.ndarray]:
@@ -27,7 +24,6 @@ def random_case(seed: int, samples: int = 3) -> tuple[Robot, np.ndarray, np.ndar
     return robot, theta, rng.normal(size=(3, samples, robot.n))
 
 
-@quick
 @given(seeds)
 @example(0)
 def test_the_regressor_makes_the_inverse_dynamics(seed):
@@ -38,7 +34,6 @@ def test_the_regressor_makes_the_inverse_dynamics(seed):
     np.testing.assert_allclose(robot.regressor(q, dq, ddq) @ theta, by_rnea, atol=1e-11 * size)
 
 
-@quick
 @given(seeds)
 @example(0)
 def test_masses_of_least_squares_may_be_negative(seed):
@@ -86,7 +81,7 @@ def paper(panda: Problem) -> FourierTrajectory:
     return experiment(panda).trajectory
 
 
-@settings(max_examples=20, deadline=None)
+@settings(derandomize=False)
 @given(seed=st.integers(0, 10_000))
 def test_velocity_and_acceleration_are_the_derivatives(seed):
     trajectory = random_trajectory(load_problem("panda").robot, seed)

@@ -4,16 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from random_robots import link_parameters
+from random_robots import link_parameters, seeds
 
 from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.robot import cone_margin, constraint, geometry, joint, load_urdf, trajectory
 from sdp_vs_penalty.robot.body import directions
-
-seeds = st.integers(0, 2**32 - 1)
-quick = settings(max_examples=25, deadline=None, derandomize=True)
 
 ARM = """<robot name="r"><link name="base"/><link name="a">{shapes}</link>
 <joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
@@ -81,7 +78,6 @@ def test_a_mesh_is_found_beside_the_file_and_where_ros_has_it(tmp_path, monkeypa
     assert geometry.link_geometry(robot_file(tmp_path)) == [None]
 
 
-@quick
 @given(seeds)
 def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
     rng = np.random.default_rng(seed)
@@ -108,7 +104,6 @@ def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
     assert trajectory.shortest_moves(points[:1].repeat(2, axis=0), *limits).tolist() == [0.01]
 
 
-@quick
 @given(seeds, st.sampled_from(["psd", "soc", "nonnegative"]))
 def test_the_depth_in_a_cone_has_its_margins_sign_in_any_unit(seed, cone):
     rng = np.random.default_rng(seed)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import urdfdom_torque
 from recorded import refusal, refusals, same_refusal
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.robot import load_urdf
-from sdp_vs_penalty.robot._pinocchio import pin
 
 #: A gantry arm: a prismatic base axis, a continuous shoulder, an elbow, a tool behind two fixed joints,
 #: a camera arm as a branch, a fixed pedestal; link "upper" and the camera mount have no inertial.
@@ -32,22 +32,9 @@ def test_joints_come_in_the_order_of_the_file_with_their_limits():
 
 def test_torques_equal_those_of_pinocchios_own_parser():
     robot, theta = load_urdf(GANTRY)
-    reference = pin.buildModelFromXML(ARM)
-    data = reference.createData()
-    order = [reference.getJointId(j.name) for j in robot.joints]
-    rng = np.random.default_rng(2)
-    for _ in range(20):
-        q, dq, ddq = rng.normal(size=(3, robot.n))
-        full_q, full_v, full_a = np.zeros(reference.nq), np.zeros(reference.nv), np.zeros(reference.nv)
-        for k, identifier in enumerate(order):
-            joint = reference.joints[identifier]
-            full_v[joint.idx_v], full_a[joint.idx_v] = dq[k], ddq[k]
-            at = slice(joint.idx_q, joint.idx_q + joint.nq)
-            full_q[at] = [np.cos(q[k]), np.sin(q[k])] if joint.nq == 2 else [q[k]]
-        expected = pin.rnea(reference, data, full_q, full_v, full_a)
-        expected = [expected[reference.joints[i].idx_v] for i in order]
-        found = robot.inverse_dynamics(theta, q, dq, ddq)[0]
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    states = np.random.default_rng(2).normal(size=(3, 20, robot.n))
+    expected = urdfdom_torque(GANTRY, robot, *states)
+    np.testing.assert_allclose(robot.inverse_dynamics(theta, *states), expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("case", refusals("urdf"))

@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from random_robots import seeds
 from small_runs import SETTINGS, periodic, run_of
 
 from sdp_vs_penalty.data import concatenate
@@ -152,10 +153,6 @@ def test_a_long_recording_is_seen_in_windows_spread_over_it():
     assert many.names[-1].startswith("99, ")
 
 
-seeds = st.integers(0, 2**32 - 1)
-
-
-@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seeds, st.floats(4.0, 9.0))
 def test_the_period_is_found_between_the_samples(seed, period):
     rng = np.random.default_rng(seed)
@@ -164,7 +161,6 @@ def test_the_period_is_found_between_the_samples(seed, period):
     assert repeat_period(t, q) == pytest.approx(period, abs=2e-3)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seeds)
 def test_motion_without_repetition_has_no_period(seed):
     rng = np.random.default_rng(seed)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given
+from random_robots import seeds
 from scipy import signal
 
 from sdp_vs_penalty import Measurements
@@ -18,9 +18,6 @@ from sdp_vs_penalty.signals import (
     spectrum,
     standstill,
 )
-
-quick = settings(max_examples=25, deadline=None, derandomize=True)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def log(t: np.ndarray, q: np.ndarray | None = None, tau: np.ndarray | None = None) -> Measurements:
@@ -115,7 +112,6 @@ def pieces_of(rng: np.random.Generator, count: int) -> coloured_noise.Pieces:
     return coloured_noise.Pieces(p[1:] for p in np.split(np.arange(count), ends))
 
 
-@quick
 @given(seeds)
 def test_an_autoregression_filters_row_by_row(seed):
     rng = np.random.default_rng(seed)
@@ -182,7 +178,6 @@ def test_noise_that_swells_with_a_rate_has_its_law():
     assert coloured_noise.robust_scale(white / np.sqrt(variance)) == pytest.approx(1.0, abs=0.02)
 
 
-@quick
 @given(seeds)
 def test_what_the_repeats_of_a_motion_share(seed):
     """Instants with the same motion are what the differences connect: counted, and numbered, by hand."""

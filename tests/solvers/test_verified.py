@@ -25,7 +25,7 @@ def semidefinite(matrix: np.ndarray) -> bool:
     return all(round(float(np.linalg.det(matrix[np.ix_(rows, rows)]))) >= 0 for rows in every)
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(st.integers(2, 4), st.data())
 def test_semidefinite_is_what_all_principal_minors_say(size, data):
     """Small whole numbers: zero pivots, rank-deficient and indefinite matrices are common."""
@@ -159,7 +159,7 @@ class KnownSdp:
         self.bound = np.full(p, 8.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, derandomize=False)
 @given(seed=st.integers(0, 10**6), exponent=st.integers(-3, 3), noise=st.sampled_from([0.0, 1e-9, 0.3]))
 def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
     known = KnownSdp(seed, 1)
