@@ -349,5 +349,4 @@ def test_joints_behind_one_prefix_are_the_robots(two_link, tmp_path):
     write_bag(tmp_path / "bag", run, names=["panda_joint2", "panda_joint1"])
     read = read_run(tmp_path / "bag", 2, ["joint1", "joint2"])
     assert np.allclose(read.q, run.q)
-    with pytest.raises(InputError, match=r"there are: .*panda_joint1"):
-        read_run(tmp_path / "bag", 2, ["axis1", "axis2"])
+    refusal(lambda: read_run(tmp_path / "bag", 2, ["axis1", "axis2"]), "there are: ", "panda_joint1")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from recorded import refusal
 from servo_log import COULOMB, EFFECTS, KD, KP, MASS, OFFSET, VISCOUS, log, write_slide
 
 from sdp_vs_penalty import (
@@ -128,14 +129,11 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
 def test_neither_torque_nor_command_is_refused(arm):
     run = log()
     silent = Measurements.of(run.t, {"q": run.q, "current": run.q}, ("run",))
-    with pytest.raises(InputError, match="neither torque nor commands"):
-        identify(arm, silent, effects=EFFECTS)
+    refusal(lambda: identify(arm, silent, effects=EFFECTS), "neither torque nor commands")
     with_torque = Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
     plain = identify(arm, with_torque, effects=EFFECTS, check=False)
-    with pytest.raises(InputError, match="neither torque nor commands"):
-        cross_validate(arm, silent, effects=EFFECTS)
-    with pytest.raises(InputError, match="no servo that would stand for it"):
-        driven(plain, run)
+    refusal(lambda: cross_validate(arm, silent, effects=EFFECTS), "neither torque nor commands")
+    refusal(lambda: driven(plain, run), "no servo that would stand for it")
 
 
 def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, capsys):
@@ -155,8 +153,7 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
     folds = [cross_validate(arm, run, effects=x).relative_error_percent for x in (loop, EFFECTS)]
     assert folds[0] == folds[1]
     silent = Measurements.of(run.t, {"q": run.q, "tau": run.tau}, ("run",))
-    with pytest.raises(InputError, match="needs the command"):
-        identify(arm, silent, effects=loop, check=False)
+    refusal(lambda: identify(arm, silent, effects=loop, check=False), "needs the command")
 
 
 @pytest.mark.parametrize(
@@ -179,8 +176,7 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     assert holds
     assert "these measurements make its numbers" in said
     other = replace(model, details=model.details | {"recipe": {"known": {"kp1": KP}, "effects": None}})
-    with pytest.raises(InputError, match="recipe is damaged"):
-        verify_proof_file(path, other, run)
+    refusal(lambda: verify_proof_file(path, other, run), "recipe is damaged")
     other.details["recipe"] |= {"instruments": "none"}
     holds, said = verify_proof_file(path, other, run)
     assert not holds

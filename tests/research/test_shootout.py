@@ -16,8 +16,8 @@ import numpy as np
 import pandas
 import pytest
 from committed import as_kept
+from recorded import refusal
 
-from sdp_vs_penalty import InputError
 from sdp_vs_penalty.research.shootout import runner, summary
 from sdp_vs_penalty.research.shootout.augmented_lagrangian import Chart
 from sdp_vs_penalty.research.shootout.catalogue import catalogue, everything, instance
@@ -299,18 +299,15 @@ def test_runs_resume(tmp_path):
 
 def test_folders_that_hold_something_else_are_refused(tmp_path):
     (tmp_path / "table_III.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(InputError, match="holds other files"):
-        runner.Results(tmp_path)
+    refusal(lambda: runner.Results(tmp_path), "holds other files")
     other = tmp_path / "other"
     other.mkdir()
     (other / "runs.csv").write_text("run,result\n1,2\n")
-    with pytest.raises(InputError, match="something else"):
-        runner.Results(other)
+    refusal(lambda: runner.Results(other), "something else")
     (other / "runs.csv").write_text(
         ",".join(runner.COLUMNS) + "\na,b\n" + "," * (len(runner.COLUMNS) - 1) + "\n"
     )
-    with pytest.raises(InputError, match="a row is damaged"):
-        runner.Results(other)
+    refusal(lambda: runner.Results(other), "a row is damaged")
 
 
 def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path):

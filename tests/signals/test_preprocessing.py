@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from random_robots import driven, sines, tree
+from recorded import refusal
 
 from sdp_vs_penalty import InputError, Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
@@ -166,18 +167,15 @@ def test_what_cannot_be_filtered_is_refused():
     with pytest.raises(InputError, match=r"filters need more than.*record longer"):
         FilteredRun(run, Preprocessing(2.0, 4.0)).all_rows(model)
     broken = Measurements(run.t + np.arange(len(run.t)) // 10, run.q, run.tau)
-    with pytest.raises(InputError, match="no 16 consecutive ones without a gap"):
-        Preprocessing().resolve(broken)
+    refusal(lambda: Preprocessing().resolve(broken), "no 16 consecutive ones without a gap")
     model, _, long = driven(seconds=8.0)
     pieces = replace(long, t=long.t + np.floor(long.t / 1.6))
     with pytest.raises(InputError, match=r"no continuous motion longer than 3 s"):
         FilteredRun(pieces, Preprocessing(2.0, 4.0)).all_rows(model)
     still = Measurements(run.t, 0.0 * run.q, run.tau)
-    with pytest.raises(InputError, match="does not move"):
-        Preprocessing().resolve(still)
+    refusal(lambda: Preprocessing().resolve(still), "does not move")
     noise = np.random.default_rng(0).normal(size=run.q.shape)
-    with pytest.raises(InputError, match="does not move"):
-        Preprocessing().resolve(Measurements(run.t, 1e-5 * noise, run.tau))
+    refusal(lambda: Preprocessing().resolve(Measurements(run.t, 1e-5 * noise, run.tau)), "does not move")
 
 
 @pytest.mark.parametrize("cutoffs", [(5.0, 8.0), (20.0, 8.0), (3.0, 12.0)])

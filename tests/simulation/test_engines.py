@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recorded import refusal
 
-from sdp_vs_penalty import InputError, Problem, load_problem
+from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.research.tables import table_v
 from sdp_vs_penalty.research.tables.table_v import inverse_dynamics_error, play, sinusoids
@@ -63,16 +64,13 @@ def test_torques_and_poses_are_pinocchios(name, which):
 def test_a_rejected_link_is_named(name, two_link):
     links = true_links(two_link).copy()
     links[1, 4] = -1.0
-    with pytest.raises(InputError, match="link 2"):
-        present(name)(two_link.robot, links)
+    refusal(lambda: present(name)(two_link.robot, links), "link 2")
     links = true_links(two_link).copy()
     if name in ("MuJoCo", "ODE"):  # they take no rod
         links[0] = inertia.standard_from_barycentric([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])
-        with pytest.raises(InputError, match="link 1"):
-            present(name)(two_link.robot, links)
+        refusal(lambda: present(name)(two_link.robot, links), "link 1")
     links[0] = 0.0
-    with pytest.raises(InputError, match=r"link 1 .*has no mass"):
-        present(name)(two_link.robot, links)
+    refusal(lambda: present(name)(two_link.robot, links), "link 1 ", "has no mass")
 
 
 def test_sinusoids_stay_within_the_limits(panda):
