@@ -27,11 +27,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
     return load_measurements(folder)
 
 
-def test_processes_give_the_same_and_a_killed_one_is_replaced(runs, tmp_path):
-    problem = load_problem("two_link")
-    settings = problem.preprocessing.resolve(runs)
-    here = compress(FilteredRuns.of(runs, settings), problem.model())
-    there = compress(FilteredRuns.of(runs, settings), problem.model(), workers=Workers(2))
+def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tmp_path):
+    settings = two_link.preprocessing.resolve(runs)
+    here = compress(FilteredRuns.of(runs, settings), two_link.model())
+    there = compress(FilteredRuns.of(runs, settings), two_link.model(), workers=Workers(2))
     for a, b in zip(here.factors, there.factors, strict=True):
         np.testing.assert_array_equal(a.triangle, b.triangle)
     assert here.blocks == there.blocks
@@ -47,11 +46,10 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(runs, tmp_path):
 
 
 @pytest.mark.long
-def test_folds_are_the_same_by_processes(runs):
-    problem = load_problem("two_link")
+def test_folds_are_the_same_by_processes(two_link, runs):
     said: list[str] = []
     alone, several = (
-        cross_validate(problem, runs, folds=3, workers=w, progress=said.append)
+        cross_validate(two_link, runs, folds=3, workers=w, progress=said.append)
         for w in (ALONE, Workers(2))
     )
     assert said == 2 * ["1 of 3 done", "2 of 3 done", "3 of 3 done"]
@@ -62,17 +60,16 @@ def test_folds_are_the_same_by_processes(runs):
 
 
 @pytest.mark.long
-def test_a_cluster_gives_the_same_though_a_worker_is_killed(runs):
+def test_a_cluster_gives_the_same_though_a_worker_is_killed(two_link, runs):
     distributed = pytest.importorskip("distributed")
-    problem = load_problem("two_link")
-    alone = identify(problem, runs, workers=ALONE)
+    alone = identify(two_link, runs, workers=ALONE)
     quiet = {"silence_logs": 50, "dashboard_address": None}
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as cluster:
         first = next(iter(cluster.workers.values())).pid
         killer = threading.Timer(0.5, os.kill, (first, signal.SIGKILL))
         killer.start()
         started = time.monotonic()
-        found = identify(problem, runs, workers=Workers(scheduler=cluster.scheduler_address))
+        found = identify(two_link, runs, workers=Workers(scheduler=cluster.scheduler_address))
         killer.join()
         assert time.monotonic() - started > 0.5  # it was killed while they worked
     np.testing.assert_array_equal(found.theta, alone.theta)

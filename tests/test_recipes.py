@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import sdp_vs_penalty.effects
 import sdp_vs_penalty.estimators
 import sdp_vs_penalty.solvers
-from sdp_vs_penalty import identify, load_problem
+from sdp_vs_penalty import identify
 from sdp_vs_penalty.cli.verbs.list import details, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
@@ -94,22 +94,22 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         cached.cache_clear()
 
 
-def test_an_estimator_is_one_file(added):
+def test_an_estimator_is_one_file(two_link, added):
     assert "ridge" in estimator_types()
     assert ("ridge", "least squares pulled to the nominal parameters") in listing("methods")[1]
-    problem = load_problem("two_link")
-    run = experiment(problem).training_run(seed=0)
-    estimate = identify(problem, run, "ridge")
+    run = experiment(two_link).training_run(seed=0)
+    estimate = identify(two_link, run, "ridge")
     assert estimate.method == "ridge"
     assert estimate.settings["weight"] == 1e-3
     torque = run.tau - run.tau.mean(axis=0)
     assert estimate.certificate.loss < np.sum(torque**2)
 
 
-def test_a_solver_is_one_file(added):
+def test_a_solver_is_one_file(two_link, added):
     assert "half-hearted" in [row[0] for row in listing("solvers")[1]]
-    problem = load_problem("two_link")
-    estimate = identify(problem, experiment(problem).training_run(seed=0), LmiSdp(solver="half-hearted"))
+    estimate = identify(
+        two_link, experiment(two_link).training_run(seed=0), LmiSdp(solver="half-hearted")
+    )
     gap = estimate.certificate.gap
     assert gap < 1e-7
     contestant = contestants()["half-hearted"]

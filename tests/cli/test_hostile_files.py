@@ -16,7 +16,7 @@ import pytest
 from commands import peak_memory
 from small_runs import small_run
 
-from sdp_vs_penalty import identify, load_problem
+from sdp_vs_penalty import Problem, identify
 from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
 
@@ -110,12 +110,11 @@ def at_most(seconds: int) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def good(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("good")
-    problem = load_problem("two_link")
-    run = small_run(problem)
+    run = small_run(two_link)
     save(run, folder / "run.csv")
-    identify(problem, run, proof=folder / "proof.json").save(folder / "model.json")
+    identify(two_link, run, proof=folder / "proof.json").save(folder / "model.json")
     return {
         k: str(folder / v)
         for k, v in (("RUN", "run.csv"), ("MODEL", "model.json"), ("PROOF", "proof.json"))

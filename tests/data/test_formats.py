@@ -20,7 +20,6 @@ from sdp_vs_penalty import (
     convert,
     load_estimate,
     load_measurements,
-    load_problem,
 )
 from sdp_vs_penalty.data import concatenate, read_run, save
 from sdp_vs_penalty.data.formats import suffixes
@@ -116,10 +115,9 @@ def test_ros_bags_by_joint_names(mcap, velocity, tmp_path):
 
 
 @pytest.mark.long
-def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(tmp_path):
+def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(two_link, tmp_path):
     """A driver's order is its own (alphabetic, often): taken as it is, torques change places."""
-    problem = load_problem("two_link")
-    run, names = small_run(problem, seconds=12.0), problem.robot.joint_names
+    run, names = small_run(two_link, seconds=12.0), two_link.robot.joint_names
     bag, file, model, out = (tmp_path / name for name in ("bag", "run.csv", "model.json", "out.json"))
     write_bag(bag, run, names=names[::-1])
     save(run, file)

@@ -52,9 +52,8 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("small_store")
-def test_the_same_estimate_from_disk_and_from_memory(tmp_path):
-    problem = load_problem("two_link")
-    runs = [small_run(problem, seconds=8.0, seed=seed) for seed in (0, 1)]
+def test_the_same_estimate_from_disk_and_from_memory(two_link, tmp_path):
+    runs = [small_run(two_link, seconds=8.0, seed=seed) for seed in (0, 1)]
     paths = [tmp_path / f"run{k}.parquet" for k in (0, 1)]
     for run, path in zip(runs, paths, strict=True):
         save(run, path)
@@ -92,14 +91,13 @@ def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):
     assert peaks[1] < 1.3 * peaks[0]
 
 
-def test_a_long_run_is_checked_in_windows(monkeypatch):
-    problem = load_problem("two_link")
-    run = small_run(problem, seconds=16.0)
+def test_a_long_run_is_checked_in_windows(two_link, monkeypatch):
+    run = small_run(two_link, seconds=16.0)
     home = sys.modules[check.__module__]
     monkeypatch.setattr(home, "PARTS", 4)
     monkeypatch.setattr(home, "PART", 2 * len(run.t) // 10)
-    assert len(check(problem, run)) == 2
+    assert len(check(two_link, run)) == 2
     run.q[len(run.t) // 2, 0] = np.nan
-    first, *_ = check(problem, run)
+    first, *_ = check(two_link, run)
     assert first.meaningless
     assert "not a finite number" in first.issues[0].what

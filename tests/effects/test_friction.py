@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from effect_contract import robots, wide_columns
 
-from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.effects import Effect, Motion, parse_effects
 from sdp_vs_penalty.effects.transmission import LAWS
 from sdp_vs_penalty.robot import Robot, parse_transmission
@@ -60,12 +59,11 @@ def test_states_that_are_advanced_step_by_step_are_those_along_the_motion(text):
 
 
 @pytest.mark.parametrize("waves", [1, 2])
-def test_friction_that_varies_with_position_is_nowhere_negative(waves):
+def test_friction_that_varies_with_position_is_nowhere_negative(two_link, waves):
     """Of random parameters exactly those pass whose friction is nowhere below zero."""
-    problem = load_problem("two_link")
     own = f"position_dependent_friction:2@k=3@waves={waves}"
-    model = problem.model(f"rigid_body,coulomb_friction,{own}")
-    demands = [c for c in problem.constraints(model).convex if own.split(":")[0] in c.name]
+    model = two_link.model(f"rigid_body,coulomb_friction,{own}")
+    demands = [c for c in two_link.constraints(model).convex if own.split(":")[0] in c.name]
     demands = [c for c in demands if c.family == "sign"]
     effect: Effect = model.effects[2]
     q = np.linspace(-np.pi, np.pi, 2000)

@@ -113,9 +113,8 @@ PAIR = "torque_ripple:2@k=2,joint_spring:2"
 
 
 @pytest.fixture(scope="module")
-def small() -> Estimate:
-    problem = load_problem("two_link")
-    return identify(problem, experiment(problem).training_run(), "ols")
+def small(two_link: Problem) -> Estimate:
+    return identify(two_link, experiment(two_link).training_run(), "ols")
 
 
 def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small):

@@ -37,8 +37,7 @@ def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
     assert start.theta[k] == pytest.approx(95.0, rel=0.1)
 
 
-def test_answers_of_a_black_box_are_no_motion():
-    problem = load_problem("two_link")
+def test_answers_of_a_black_box_are_no_motion(two_link):
     box = BlackBox(np.zeros((5, 2)), np.zeros((5, 2)), np.tile(np.eye(2), (5, 1, 1)))
     with pytest.raises(InputError, match="measured runs"):
-        identify(problem, box, "output-error")
+        identify(two_link, box, "output-error")

@@ -53,8 +53,7 @@ def test_the_file_holds_the_problem_that_identify_solves(name, data_folder, tmp_
     _same(*_arm(name, data_folder), tmp_path, PoseOptions())
 
 
-def test_of_a_simulated_arm_with_friction_under_every_option(tmp_path):
-    two_link = load_problem("two_link")
+def test_of_a_simulated_arm_with_friction_under_every_option(two_link, tmp_path):
     run = experiment(two_link).training_run(seed=2).window(0.0, 8.0)
     problem = with_filters(with_bounds(two_link.with_gravity((0.0, -9.7, 1.0)), "m2=0.1:9"), "4,6")
     told: dict[str, Any] = {"effects": _FRICTION, "weighting": "none"}
@@ -64,11 +63,10 @@ def test_of_a_simulated_arm_with_friction_under_every_option(tmp_path):
     assert any("@v_s=" in effect for effect in about["effects"])
 
 
-def test_a_default_file_for_cbf_is_the_default_method(tmp_path):
-    problem = load_problem("two_link")
-    run = experiment(problem).training_run(seed=2).window(0.0, 8.0)
-    about = write_posed(problem, run, tmp_path / "a.cbf")
+def test_a_default_file_for_cbf_is_the_default_method(two_link, tmp_path):
+    run = experiment(two_link).training_run(seed=2).window(0.0, 8.0)
+    about = write_posed(two_link, run, tmp_path / "a.cbf")
     assert about["method"] == "lmi-sdp"
-    estimate = identify(problem, run)
+    estimate = identify(two_link, run)
     found = (estimate.certificate.lower, estimate.certificate.upper)
     np.testing.assert_allclose((about["lower"], about["upper"]), found, rtol=1e-7)

@@ -78,27 +78,26 @@ def test_turned_gravity_finds_its_own_base_parameters(panda):
     assert len(base_parameters(wall.model("rigid_body"), wall.independent)[0]) == 45
 
 
-def test_bounds_by_a_word():
+def test_bounds_by_a_word(two_link):
     """In place of the problem's; the rest stays, and a nominal link outside comes to their middle."""
-    problem = load_problem("two_link")
-    mass = problem.nominal_links[1, 0]
-    made = with_bounds(problem, f"m2={2 * mass}:{3 * mass},c1x=-0.2:,total=:9")
+    mass = two_link.nominal_links[1, 0]
+    made = with_bounds(two_link, f"m2={2 * mass}:{3 * mass},c1x=-0.2:,total=:9")
     assert made.box[1, 0].tolist() == [2 * mass, 3 * mass]
     assert made.box[0, 1].tolist() == [-0.2, np.inf]
     assert made.total_mass == (0.0, 9.0)
-    assert made.nominal_links[1] == pytest.approx(np.sqrt(6.0) * problem.nominal_links[1])
-    nearest = with_bounds(problem, f"m2=0:{mass / 2}")  # zero has no geometric mean
-    assert nearest.nominal_links[1] == pytest.approx(0.5 * problem.nominal_links[1])
-    assert np.array_equal(made.nominal_links[0], problem.nominal_links[0])
-    untouched = np.ones(problem.box.shape, dtype=bool)
+    assert made.nominal_links[1] == pytest.approx(np.sqrt(6.0) * two_link.nominal_links[1])
+    nearest = with_bounds(two_link, f"m2=0:{mass / 2}")  # zero has no geometric mean
+    assert nearest.nominal_links[1] == pytest.approx(0.5 * two_link.nominal_links[1])
+    assert np.array_equal(made.nominal_links[0], two_link.nominal_links[0])
+    untouched = np.ones(two_link.box.shape, dtype=bool)
     untouched[1, 0] = untouched[0, 1] = False
-    assert np.array_equal(made.box[untouched], problem.box[untouched])
-    exact = with_bounds(problem, "m1=3:3,total=9:9")  # known, and no contradiction
+    assert np.array_equal(made.box[untouched], two_link.box[untouched])
+    exact = with_bounds(two_link, "m1=3:3,total=9:9")  # known, and no contradiction
     assert exact.box[0, 0].tolist() == [3.0, 3.0]
     assert exact.total_mass == (9.0, 9.0)
     for wrong in ("m9=1:2", "m1=5:1", "m1=a:b", "m1", "m1=nan:2", "mass=1:2"):
         with pytest.raises(InputError):
-            with_bounds(problem, wrong)
+            with_bounds(two_link, wrong)
 
 
 def test_the_example_of_all_fields_is_one():

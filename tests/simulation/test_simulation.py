@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from recorded import refusal
 from scipy import signal
 
-from sdp_vs_penalty import Estimate, Measurements, compare, follow, load_problem
+from sdp_vs_penalty import Estimate, Measurements, Problem, compare, follow, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
@@ -83,16 +83,15 @@ EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.01,torque_offset"
 
 
 @pytest.fixture(scope="module")
-def known() -> tuple[Estimate, Measurements]:
+def known(two_link: Problem) -> tuple[Estimate, Measurements]:
     """A run of known truth at 250 Hz, and the model that is this truth."""
-    problem = load_problem("two_link")
-    model = problem.model(EFFECTS)
+    model = two_link.model(EFFECTS)
     sizes = {"viscous_friction": 0.3, "coulomb_friction": 0.4, "torque_offset": 0.1}
     theta = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
-    theta[model.rigid_indices] = problem.nominal_links.ravel()
-    trajectory = random_trajectory(problem.robot, 1, 6.0)
+    theta[model.rigid_indices] = two_link.nominal_links.ravel()
+    trajectory = random_trajectory(two_link.robot, 1, 6.0)
     run = simulate(trajectory, lambda motion: model.torque(theta, motion), Sensor(250.0, np.zeros(2)))
-    return replace(identify(problem, run, effects=EFFECTS), theta=theta), run
+    return replace(identify(two_link, run, effects=EFFECTS), theta=theta), run
 
 
 @pytest.mark.long

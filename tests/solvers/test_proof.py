@@ -18,7 +18,7 @@ from commands import run_cli
 from proofs import FALSE, cases, signed
 from random_robots import posed_task
 
-from sdp_vs_penalty import load_problem
+from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.errors import Infeasible, InputError
@@ -35,10 +35,9 @@ Proof = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def proofs() -> dict[str, Proof]:
+def proofs(two_link: Problem) -> dict[str, Proof]:
     """One of each formulation: matrices, cones and bounds, with and without the entropy."""
-    problem = load_problem("two_link")
-    task = posed_task(problem, experiment(problem).training_run(seed=1))
+    task = posed_task(two_link, experiment(two_link).training_run(seed=1))
     made = {}
     for method in METHODS:
         fit = make_estimator(method).fit(task)
