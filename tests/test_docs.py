@@ -43,16 +43,11 @@ def commands(page: str) -> list[str]:
     return [line for line in text.splitlines() if page != "../README.md" or line.startswith("sdp-vs-")]
 
 
-def printed(page: str) -> list[str]:
-    """The lines of a page's output blocks; * stands for anything."""
-    text = "".join(blocks((DOCS / page).read_text(encoding="utf-8"), "output"))
-    return [" ".join(line.split()) for line in text.splitlines()]
-
-
 def check_printed(page: str, said: str) -> None:
     """Every line that a page shows of outputs stands in them, however wide the terminal is."""
     whole = " ".join(said.split())
-    for line in printed(page):
+    shown = "".join(blocks((DOCS / page).read_text(encoding="utf-8"), "output"))
+    for line in (" ".join(line.split()) for line in shown.splitlines()):  # * stands for anything
         pattern = re.escape(line).replace(r"\*", ".*?").replace(r"\?", ".").replace(r"\ ", r"\s*")
         assert re.search(pattern, whole), f"{page}: {line}\n{said}"
 

@@ -17,9 +17,7 @@ from sdp_vs_penalty import InputError, files, load_problem
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    path = tmp_path / "run.csv"
-    write_run(path, load_problem("two_link"))
-    return path
+    return write_run(tmp_path / "run.csv", load_problem("two_link"))
 
 
 @pytest.mark.parametrize("how", ["same", "equals", "relative", "symlink", "hard link"])

@@ -10,25 +10,18 @@ import pytest
 from commands import PROGRAM, python
 from small_runs import write_run
 
-from sdp_vs_penalty import Problem
-
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel on its own, the packages that it needs from this environment."""
+def test_the_wheel_alone_works_from_another_folder(tmp_path, two_link):
+    """The packages that it needs are from this environment."""
     pytest.importorskip("hatchling", reason="hatchling builds the wheel: install the extra [test]")
-    folder = tmp_path_factory.mktemp("dist")
+    folder, installed = tmp_path / "dist", tmp_path / "site"
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (built,) = folder.glob("*.whl")
     with zipfile.ZipFile(built) as archive:
-        archive.extractall(folder / "site")
-    return folder / "site"
-
-
-def test_the_wheel_alone_works_from_another_folder(installed, tmp_path, two_link):
+        archive.extractall(installed)
     assert {path.name.split("-")[0] for path in installed.iterdir()} == {"sdp_vs_penalty"}
     assert all((installed / "sdp_vs_penalty" / x).is_file() for x in ("py.typed", "data/datasets.toml"))
     write_run(tmp_path / "run.csv", two_link)
@@ -68,15 +61,9 @@ for words in {lines!r}:
 """
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> Path:
-    folder = tmp_path_factory.mktemp("extras")
-    write_run(folder / "run.csv", two_link)
-    (folder / "run.mcap").write_bytes(b"\\x89MCAP0\\r\\n")
-    return folder
-
-
-def test_each_verb_works_or_names_its_extra(folder):
+def test_each_verb_works_or_names_its_extra(two_link, tmp_path):
+    write_run(tmp_path / "run.csv", two_link)
+    (tmp_path / "run.mcap").write_bytes(b"\\x89MCAP0\\r\\n")
     asked = {
         "check run.csv --problem two_link": "",
         "identify two_link --data run.csv --out model.json": "",
@@ -94,7 +81,7 @@ def test_each_verb_works_or_names_its_extra(folder):
         "shootout --solvers scs --problems two_link --out out": "solvers",
     }
     program = textwrap.dedent(WITHOUT).format(extras=EXTRAS, lines=[words.split() for words in asked])
-    done = python("-c", program, cwd=folder)
+    done = python("-c", program, cwd=tmp_path)
     *said, _ = done.stderr.split("CODE")
     codes = [int(part.split()[0]) for part in done.stderr.split("CODE")[1:]]
     assert len(codes) == len(asked), done.stderr[-2000:]
@@ -102,4 +89,4 @@ def test_each_verb_works_or_names_its_extra(folder):
         assert code == (2 if extra else 0), (words, text)
         assert f"[{extra}]" in text or not extra, (words, text)
         assert "Traceback" not in text, (words, text)
-    assert not (folder / "demo").exists()  # nothing is worked out for a report that cannot be written
+    assert not (tmp_path / "demo").exists()  # nothing is worked out for a report that cannot be written

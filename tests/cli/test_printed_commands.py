@@ -185,7 +185,7 @@ def twelve_found(panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
-    (Path("held.json")).write_text(_json(told(panda, TWELVE, frozen=True)))
+    (Path("held.json")).write_text(json.dumps(told(panda, TWELVE, frozen=True).to_dict()))
     run(f"{PROGRAM} add model.json --from held.json --only 8,9 --data run.csv --out model2.json")
     before, after = (load_estimate(Path(name)) for name in ("model.json", "model2.json"))
     np.testing.assert_array_equal(after.theta[: len(before.theta)], before.theta)
@@ -208,10 +208,6 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(twelve_found, run, monke
     assert len(re.findall(r"^\+ \d+\. weak", few, re.MULTILINE)) == 2
     assert "payload:1+2" in " ".join(few.split())
     assert "not known" in few
-
-
-def _json(found: Diagnosis) -> str:
-    return json.dumps(found.to_dict())
 
 
 @pytest.mark.slow

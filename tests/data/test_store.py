@@ -14,12 +14,6 @@ from sdp_vs_penalty.data import save, store
 from sdp_vs_penalty.data.files import load_measurements
 
 
-@pytest.fixture
-def small_store(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Everything is long."""
-    monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)
-
-
 def mapped(array: np.ndarray | None) -> bool:
     base = array
     while isinstance(base, np.ndarray):
@@ -51,8 +45,8 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
         assert load_measurements(out).data_hash == whole.data_hash
 
 
-@pytest.mark.usefixtures("small_store")
-def test_the_same_estimate_from_disk_and_from_memory(two_link, tmp_path):
+def test_the_same_estimate_from_disk_and_from_memory(two_link, tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)  # everything is long
     runs = [small_run(two_link, seconds=8.0, seed=seed) for seed in (0, 1)]
     paths = [tmp_path / f"run{k}.parquet" for k in (0, 1)]
     for run, path in zip(runs, paths, strict=True):

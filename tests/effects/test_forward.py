@@ -39,11 +39,6 @@ def run(p: Plant, state: State, torque: Array, h: float) -> State:
     return state
 
 
-def pushes(n: int, steps: int, h: float, size: float = 8.0) -> Array:
-    t = h * (np.arange(steps) + 0.5)
-    return np.column_stack([size * np.sin((3.0 + j) * t + j) for j in range(n)])
-
-
 def test_simulations_side_by_side_weigh_what_each_does_alone():
     light = plant("two_link", "rigid_body,rotor_inertia")
     heavy = plant("two_link", "rigid_body,rotor_inertia", rotor_inertia=0.7)
@@ -68,7 +63,8 @@ def test_as_mujoco_with_armature_and_damping(name):
     model.jnt_limited[:] = 0
     data = mujoco.MjData(model)
     data.qpos[:] = 0.3
-    torque = pushes(n, steps, h)
+    t = h * (np.arange(steps) + 0.5)
+    torque = np.column_stack([8.0 * np.sin((3.0 + j) * t + j) for j in range(n)])
     for row in torque:
         data.qfrc_applied[:] = row
         mujoco.mj_step(model, data)

@@ -13,16 +13,10 @@ from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.estimation import Limits, excitation, separation
 from sdp_vs_penalty.estimation.constants import LEVEL
-from sdp_vs_penalty.robot import FourierTrajectory, Robot
+from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.robot.geometry import self_collision
 from sdp_vs_penalty.robot.trajectory import joint_trajectory
 from sdp_vs_penalty.simulation import experiment
-
-
-@pytest.fixture(scope="module")
-def paper(panda: Problem) -> FourierTrajectory:
-    return experiment(panda).trajectory
-
 
 positive = st.floats(0.05, 3.0)
 
@@ -50,7 +44,8 @@ def test_an_optimised_trajectory_keeps_any_limits(low, span, velocity, accelerat
     assert np.abs(dq[[0, -1]]).max() < 1e-9
 
 
-def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda, paper):
+def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda):
+    paper = experiment(panda).trajectory
     limits = Limits.of_trajectory(paper)
     before = excitation.Regressor.of(panda).condition(paper)
     assert 105.0 < before < 125.0  # the paper's own figure is 109 to 122, depending on the basis

@@ -5,7 +5,7 @@ import pytest
 from arms import run_of_widths
 from random_robots import sines
 
-from sdp_vs_penalty import Estimate, Measurements, Problem
+from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
 from sdp_vs_penalty.estimation import free_constants, prior_deviation
@@ -14,22 +14,12 @@ from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
-#: Truth, in the units of each joint; the third axis slides.
-WIDTHS = (0.02, 0.003, 0.001, 0.008)
 
-
-@pytest.fixture(scope="module")
-def run(scara_arm: Problem) -> Measurements:
-    return run_of_widths(scara_arm, WIDTHS, 16.0)
-
-
-@pytest.fixture(scope="module")
-def estimate(scara_arm: Problem, run: Measurements) -> Estimate:
-    return identify(scara_arm, run, "ols")
-
-
-def test_every_joint_gets_its_own_width_with_an_honest_spread(estimate):
-    for found, truth in zip(estimate.details["shapes"], WIDTHS, strict=True):
+def test_every_joint_gets_its_own_width_with_an_honest_spread(scara_arm):
+    """In the units of each joint; the third axis slides."""
+    widths = (0.02, 0.003, 0.001, 0.008)
+    estimate = identify(scara_arm, run_of_widths(scara_arm, widths, 16.0), "ols")
+    for found, truth in zip(estimate.details["shapes"], widths, strict=True):
         assert abs(found["after"] - truth) < 4.0 * found["std"]
         assert found["std"] < 0.2 * truth
         assert not found["at_end"]

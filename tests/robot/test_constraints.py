@@ -21,19 +21,10 @@ def random_value(rng: np.random.Generator, cone: str) -> np.ndarray:
     return rng.normal(size=4)
 
 
-def wild_link(rng: np.random.Generator) -> np.ndarray:
-    """Parameters of a link that may or may not be consistent."""
-    return link_parameters(rng, 0.5) + rng.normal(size=10) * 10.0 ** rng.uniform(-4, 0)
-
-
-def random_body(rng: np.random.Generator) -> Body:
-    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return Body(0.3 * rng.normal(size=3), rng.uniform(0.5, 3.0, 3), axes, "geometry")
-
-
 @given(seeds, st.floats(0.001, 0.3))
 def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed, radius):
-    theta = wild_link(np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    theta = link_parameters(rng, 0.5) + rng.normal(size=10) * 10.0 ** rng.uniform(-4, 0)
     if theta[0] <= 1e-3 or abs(inertia.thickness(theta) - radius) < 1e-6:
         return
     constraint = build.pseudo_inertia("link 1", np.arange(10), radius)
@@ -45,7 +36,8 @@ def test_ellipsoid_is_the_mean_over_the_mass(seed):
     """tr(P Q) is the integral of 1 - (x - c)^T D (x - c), written here as a sum over points."""
     rng = np.random.default_rng(seed)
     masses, x = rng.uniform(0.1, 1.0, 20), rng.normal(size=(20, 3))
-    body = random_body(rng)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    body = Body(0.3 * rng.normal(size=3), rng.uniform(0.5, 3.0, 3), axes, "geometry")
     homogeneous = np.column_stack([x, np.ones(20)])
     theta = inertia.from_pseudo_inertia((homogeneous.T * masses) @ homogeneous)
     constraint = build.density_in_ellipsoid("body", "link 1", np.arange(10), body.quadric)

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, seeds, tree
 
-from sdp_vs_penalty import InputError, Problem, load_problem
+from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.robot import FourierTrajectory, Robot, joint_limits, load_urdf, random_trajectory
 from sdp_vs_penalty.simulation import experiment
 
@@ -76,11 +76,6 @@ def test_dh_tables_place_frames_as_craig_and_the_standard_do():
     np.testing.assert_array_equal([craig.link_frame, far.placement], [np.eye(4)] * 2)
 
 
-@pytest.fixture(scope="module")
-def paper(panda: Problem) -> FourierTrajectory:
-    return experiment(panda).trajectory
-
-
 @settings(derandomize=False)
 @given(seed=st.integers(0, 10_000))
 def test_velocity_and_acceleration_are_the_derivatives(seed):
@@ -95,7 +90,8 @@ def test_velocity_and_acceleration_are_the_derivatives(seed):
     np.testing.assert_allclose(ddq, (after[1] - before[1]) / (2 * h), atol=1e-7)
 
 
-def test_it_starts_and_ends_at_rest_and_stays_there(paper):
+def test_it_starts_and_ends_at_rest_and_stays_there(panda):
+    paper = experiment(panda).trajectory
     q, dq, ddq = paper.states([-1.0, 0.0, 21.0, 30.0])
     assert np.all(dq == 0.0)
     assert np.all(ddq == 0.0)

@@ -68,14 +68,10 @@ def test_the_record_is_bounded(monkeypatch):
     assert record_motion(FilteredRuns.of(wild, SETTINGS)) is None
 
 
-def folds_of(*runs: Measurements, count: int = 5) -> phases.PhaseFolds:
-    return phases.phase_folds(concatenate(list(runs)), SETTINGS, count)
-
-
 @pytest.mark.parametrize(("seconds", "still"), [(27.0, 0.0), (27.0, 3.0), (8.0, 0.0)])
 def test_every_instant_is_tested_once_with_all_its_periods_and_the_guard_is_kept(seconds, still):
     run = run_of(10, seconds, still=still)
-    split = folds_of(run)
+    split = phases.phase_folds(run, SETTINGS, 5)
     (clock,) = split.clocks
     assert clock.periodic == (seconds > 20.0)
     assert clock.length == pytest.approx(9.63 if clock.periodic else seconds, abs=0.01)

@@ -18,15 +18,11 @@ from sdp_vs_penalty.signals.kernels import Decimator
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
 
-def taps(kernel: Kernel) -> np.ndarray:
-    return np.arange(-kernel.half, kernel.half + 1) * kernel.dt
-
-
 def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
     """Complex gains (3,) of value, first and second derivative at share * cutoff over the ideal ones."""
     kernel = Kernel(cutoff, dt)
     w = 2.0 * np.pi * share * cutoff
-    wave = np.exp(-1j * w * taps(kernel))
+    wave = np.exp(-1j * w * dt * np.arange(-kernel.half, kernel.half + 1))
     orders = (kernel.value, kernel.first, kernel.second)
     return np.array([h @ wave / (1j * w) ** k for k, h in enumerate(orders)])
 
