@@ -15,7 +15,6 @@ from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import Estimator, Fit, Task, estimator_types, make_estimator
 from sdp_vs_penalty.estimators.estimator import joint_weights
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpPlain
 from sdp_vs_penalty.regression import Regression
 from sdp_vs_penalty.regression.regression import Factor
 from sdp_vs_penalty.robot import inertia
@@ -82,11 +81,6 @@ def test_a_fit_is_finite_and_says_what_it_minimised(method, task, fits):
 
 
 @EVERY
-def test_no_method_beats_least_squares(method, task, fits):
-    assert task.data.loss(fits[method].theta) >= task.data.loss(task.ols) * (1 - 1e-9)
-
-
-@EVERY
 def test_the_seed_decides_everything(method, task, fits):
     np.testing.assert_array_equal(quick(method).fit(task).theta, fits[method].theta)
 
@@ -103,14 +97,6 @@ def test_promised_constraints_hold_by_an_independent_check(method, task, fits):
         assert not np.any(h < low * masses[:, None] - 1e-8)
         assert not np.any(h > high * masses[:, None] + 1e-8)
     assert certificate.violations["pseudo-inertia"] <= 1e-10
-
-
-@pytest.mark.parametrize("method", CONSTRAINED)
-def test_no_constrained_method_goes_below_the_certified_optimum(method, task, fits):
-    """The plain SDP is a relaxation of every other: its proven lower bound holds for all."""
-    _, plain = certify(task, LmiSdpPlain().fit(task))
-    theta, _ = certify(task, fits[method])
-    assert task.data.loss(theta) >= plain.lower * (1 - 1e-9)
 
 
 @EVERY_MEASURED
@@ -143,18 +129,13 @@ def test_unknown_names_are_refused_with_those_that_exist(two_link):
 # --- joint weights and task -------------------------------------------------------------------------
 
 
-def one_column(sigmas: list[float], rows: int = 50) -> Regression:
-    """Joint j measures 3 theta_0 with residuals of standard deviation sigmas[j]."""
-    factors = []
-    for joint, sigma in enumerate(sigmas):
-        triangle = np.array([[3.0 * np.sqrt(rows), 3.0 * np.sqrt(rows)], [0.0, sigma * np.sqrt(rows)]])
-        factors.append(Factor(joint, 0, np.array([0]), triangle, rows))
-    return Regression((Parameter("x", "-", "e", 0),), len(sigmas), (), tuple(factors))
-
-
 def test_weights_make_the_residuals_of_all_joints_equal():
-    sigmas = [0.1, 1.0, 5.0]
-    regression = one_column(sigmas)
+    """Each measures 3 theta with residuals of another size."""
+    sigmas, factors, rows = [0.1, 1.0, 5.0], [], 50
+    for joint, sigma in enumerate(sigmas):
+        triangle = np.sqrt(rows) * np.array([[3.0, 3.0], [0.0, sigma]])
+        factors.append(Factor(joint, 0, np.array([0]), triangle, rows))
+    regression = Regression((Parameter("x", "-", "e", 0),), len(sigmas), (), tuple(factors))
     weights = joint_weights(regression, np.array([1.0]))
     np.testing.assert_allclose(weights * sigmas, (weights * sigmas)[0], rtol=1e-9)
     # Their scale keeps the meaning of the loss: the sum of squares over all joints stays.
