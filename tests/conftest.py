@@ -17,9 +17,6 @@ from hypothesis import settings
 from sdp_vs_penalty import Measurements, Problem, load_measurements, load_problem
 
 if TYPE_CHECKING:
-    from page_driver import Server
-    from playwright.sync_api import Browser, BrowserContext
-
     from sdp_vs_penalty.page.sessions import Sessions
     from sdp_vs_penalty.page.worker import WorkerPool
     from sdp_vs_penalty.simulation import HiddenRuns
@@ -108,41 +105,6 @@ def hidden(two_link: Problem) -> HiddenRuns:
     from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
     return hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
-
-
-# Of the page's tests; page_driver skips where the page, Playwright or Chromium is missing.
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    from page_driver import serving
-
-    with serving(tmp_path_factory.mktemp("page")) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    from page_driver import browsing
-
-    with browsing() as made:
-        yield made
-
-
-@pytest.fixture
-def context(browser: Browser) -> Iterator[BrowserContext]:
-    from page_driver import a_context
-
-    with a_context(browser) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Runs with a hidden effect."""
-    from page_driver import written
-
-    return written(hidden, tmp_path_factory.mktemp("runs"))
 
 
 @pytest.fixture(scope="module")

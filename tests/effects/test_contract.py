@@ -235,8 +235,3 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
 @pytest.mark.parametrize("name", MAKERS)
 def test_columns_are_the_hidden_torque(name):
     effect_contract.check_columns_are_the_hidden_torque(name)
-
-
-@pytest.mark.parametrize("name", MAKERS)
-def test_every_form_is_met(name):
-    effect_contract.check_every_form_is_met(name)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effect_contract import robots, wide_columns
 
-from sdp_vs_penalty.effects import Effect, Motion, parse_effects
+from sdp_vs_penalty.effects import Effect, Motion, effect_types, parse_effects
 from sdp_vs_penalty.effects.transmission import LAWS
 from sdp_vs_penalty.robot import Robot, parse_transmission
 
@@ -82,20 +82,16 @@ def test_friction_that_varies_with_position_is_nowhere_negative(two_link, waves)
     assert {kept for kept, _ in verdicts} == {True, False}
 
 
-def effect(text: str, robot: Robot = ARM) -> Effect:
-    (made,) = parse_effects(text, robot)
-    return made
-
-
 def test_laws_and_ratios_are_written_as_words_and_numbers():
-    made = effect("transmission_friction:1+2@c1=1@c2=-0.5@law=hysteresis@d=0.01")
-    assert made.text == "transmission_friction:1+2@c1=1@c2=-0.5@law=hysteresis@d=0.01"
+    text = "transmission_friction:1+2@c1=1@c2=-0.5@law=hysteresis@d=0.01"
+    (made,) = parse_effects(text, ARM)
+    assert made.text == text
     assert made.parameters[0].name == "f_t_hysteresis(q1-0.5q2)"
 
 
 def test_a_known_transmission_is_among_the_candidates():
     coupled = replace(ARM, transmission=parse_transmission(["50 q1", "30 q2", "20 q1 - 17 q2 - 17 q3"]))
-    kind = type(effect("transmission_friction:1+2"))
+    kind = effect_types()["transmission_friction"]
 
     def sought(robot: Robot) -> set[tuple[float, ...]]:
         found = kind.candidates(robot, 0)

@@ -293,9 +293,12 @@ def _case(
 
 def check_columns_are_the_hidden_torque(name: str) -> None:
     """In amount and sign: torque less columns times parameters is next to nothing, and where one number
-    says how large the effect is, that of the parameters is the true one."""
-    kind, met = effect_types()[name], set()
+    says how large the effect is, that of the parameters is the true one. On both kinds of joints, of
+    every form: shape constants that are choices."""
+    kind, met, forms = effect_types()[name], set(), set()
+    choices = {k: len(s.choices) for k, s in kind.shapes.items() if s.choices}
     for case in hidden_cases(name):
+        forms.add(tuple(case.effect.shape[k] for k in choices))
         theta, share = case.fitted
         allowed = case.hidden.details.get("allowed", YIELDS if name == "backlash" else ACCURACY)
         assert share < allowed, f"{name}, {case.where}: {100 * share:.1f} % is not in the columns"
@@ -310,17 +313,7 @@ def check_columns_are_the_hidden_torque(name: str) -> None:
                 assert all(c.margin(theta) >= 0.0 for c in demands), "the truth itself is not possible"
     wrist = name == "transmission_friction"  # they turn
     assert met == (set() if kind.whole_robot else {"revolute", *["prismatic"] * (not wrist)})
-
-
-def check_every_form_is_met(name: str) -> None:
-    """Of the shape constants that are choices."""
-    kind = effect_types()[name]
-    forms = {
-        tuple(case.effect.shape[k] for k, s in kind.shapes.items() if s.choices)
-        for case in hidden_cases(name)
-    }
-    choices = [len(s.choices) for s in kind.shapes.values() if s.choices]
-    assert len(forms) == int(np.prod(choices)), "the hidden worlds do not meet every form"
+    assert len(forms) == int(np.prod([*choices.values()])), "the hidden worlds do not meet every form"
 
 
 def _laws(*forms: tuple[Callable[[TrueMotion, int], Array], float | None, dict[str, float]]):

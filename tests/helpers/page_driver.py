@@ -5,9 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,9 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-
-from sdp_vs_penalty.data import save
-from sdp_vs_penalty.simulation import HiddenRuns
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -59,37 +54,6 @@ class Server:
 
 
 @contextmanager
-def serving(temporary: Path, *arguments: str) -> Iterator[Server]:
-    """The verb; at the end it leaves neither processes nor files behind."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    code = "from sdp_vs_penalty.cli.main import main; main()"
-    command = [sys.executable, "-c", code, "page", "--no-browser", "--port", str(port), *arguments]
-    environment = {
-        **os.environ,
-        "TMPDIR": str(temporary),
-        "OPENBLAS_NUM_THREADS": "1",
-        "PYTHONPATH": os.pathsep.join([ROOT, os.environ.get("PYTHONPATH", "")]),
-    }
-    process = subprocess.Popen(
-        command, cwd=temporary, env=environment, stdout=subprocess.PIPE, text=True
-    )
-    printed = re.search(rf"http://127\.0\.0\.1:{port}/\?key=(\S+)", process.stdout.readline())
-    made = Server(process, port, printed[1])
-    try:
-        yield made
-    finally:
-        family = psutil.Process(made.process.pid).children(recursive=True)
-        made.process.terminate()
-        made.process.wait(60)
-    _, alive = psutil.wait_procs(family, 30)
-    assert not alive, alive
-    assert list(temporary.glob("sdp-vs-penalty-page-*")) == []
-    assert list(temporary.glob("pymp-*")) == []  # Python's own, of its processes
-
-
-@contextmanager
 def browsing() -> Iterator[Browser]:
     with playwright.sync_playwright() as started:
         made = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
@@ -106,14 +70,6 @@ def a_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
     faults = [fault for page in made.pages for fault in getattr(page, "faults", [])]
     made.close()
     assert not faults, faults
-
-
-def written(hidden: HiddenRuns, folder: Path) -> list[Path]:
-    """Three runs and a test run, in two formats."""
-    paths = [folder / "run1.csv", folder / "run2.npz", folder / "run3.npz", folder / "test.npz"]
-    for run, path in zip(hidden.runs, paths, strict=True):
-        save(run, path)
-    return paths
 
 
 def key(name: str) -> str:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import http.client
+import os
 import re
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,16 +16,65 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import page_driver as driver
 import pytest
-from commands import PROGRAM, python
+from commands import HOME, PROGRAM, python
 from page_driver import expect, go, idle, key, open_page, pick
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.page.sessions import SILENCE
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.robot import load_urdf
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, BrowserContext
+
+    from sdp_vs_penalty.simulation import HiddenRuns
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[driver.Server]:
+    """The verb; at the end it leaves neither processes nor files behind."""
+    temporary = tmp_path_factory.mktemp("page")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, *PROGRAM, "page", "--no-browser", "--port", str(port)]
+    environment = {**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": HOME}
+    process = subprocess.Popen(
+        command, cwd=temporary, env=environment, stdout=subprocess.PIPE, text=True
+    )
+    printed = re.search(rf"http://127\.0\.0\.1:{port}/\?key=(\S+)", process.stdout.readline())
+    made = driver.Server(process, port, printed[1])
+    yield made
+    family = driver.psutil.Process(process.pid).children(recursive=True)
+    process.terminate()
+    process.wait(60)
+    _, alive = driver.psutil.wait_procs(family, 30)
+    assert not alive, alive
+    assert list(temporary.glob("sdp-vs-penalty-page-*")) == []
+    assert list(temporary.glob("pymp-*")) == []  # Python's own, of its processes
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with driver.browsing() as made:
+        yield made
+
+
+@pytest.fixture
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    with driver.a_context(browser) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three runs with a hidden effect and a test run, in two formats."""
+    folder = tmp_path_factory.mktemp("runs")
+    paths = [folder / name for name in ("run1.csv", "run2.npz", "run3.npz", "test.npz")]
+    for run, path in zip(hidden.runs, paths, strict=True):
+        save(run, path)
+    return paths
 
 
 @pytest.fixture(scope="module")
