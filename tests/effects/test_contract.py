@@ -7,8 +7,7 @@ from itertools import pairwise
 import effect_contract
 import numpy as np
 import pytest
-from effect_contract import robots, steady_motion, variants, wide_columns
-from random_robots import link_parameters, sines
+from effect_contract import robots, steady_motion, to_and_fro, variants, wide_columns
 
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.effects import (
@@ -19,25 +18,11 @@ from sdp_vs_penalty.effects import (
     effect_types,
     parse_effects,
 )
-from sdp_vs_penalty.robot import Robot
 from sdp_vs_penalty.simulation import MAKERS
 
 NAMES = list(effect_types())
 EVERY_EFFECT = pytest.mark.parametrize("name", NAMES)
 EVERY_ROBOT = pytest.mark.parametrize("which", robots())
-
-
-def to_and_fro(robot: Robot) -> Motion:
-    """Ten seconds of sines with reversals, and a current model."""
-    motion = sines(np.random.default_rng(0), robot.n, np.arange(0.0, 10.0, 0.01))
-    links = np.array([link_parameters(np.random.default_rng(k), 0.4) for k in range(robot.n)])
-    friction = 0.5 * np.tanh(motion.dq / 0.1)
-    torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + friction
-    warm = np.full_like(motion.q, 30.0)
-    seen = {"temperature": warm, "motors": 1.2 * motion.ddq}
-    return effect_contract.told(
-        replace(motion, torque=torque, current=CurrentModel(robot, links), **seen)
-    )
 
 
 @EVERY_EFFECT
@@ -86,7 +71,7 @@ def test_columns_fit_any_robot(name, which):
 @EVERY_EFFECT
 def test_every_parameter_makes_torque_in_a_motion_to_and_fro(name):
     robot = robots()["arm"]
-    motion = to_and_fro(robot)
+    motion = replace(to_and_fro(robot), sign_width=0.01)  # finer than any form
     for effect in variants(name, robot):
         torque_of_each = np.abs(wide_columns(effect, motion)).max(axis=(0, 1))
         # Of a link's parameters the first link's never show all.

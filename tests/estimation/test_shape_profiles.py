@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 from arms import run_of_widths
+from effect_contract import to_and_fro, wide_columns
 from random_robots import sines
 
-from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
-from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types
+from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import free_constants, prior_deviation
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, settled
 from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 
@@ -55,29 +55,13 @@ def test_exact_data_give_exact_constants(two_link, truth, start):
     assert set(found.std) == set(WANTED[:2])
 
 
-def motion_of(problem: Problem) -> Motion:
-    trajectory = random_trajectory(problem.robot, seed=1, duration=5.0)
-    t = np.linspace(0.0, 5.0, 1001)
-    states = trajectory.states(t)
-    current = CurrentModel(problem.robot, problem.nominal_links)
-    torque, warm = 1.0 + 0.5 * states[0], np.stack([20.0 + t, 30.0 - t], axis=1)
-    return Motion(t, *states, torque, current, temperature=warm, motors=1.2 * states[2])
-
-
-def torque(effect: Effect, theta: np.ndarray, motion: Motion) -> np.ndarray:
-    out = np.zeros_like(motion.q)
-    for block in effect.blocks(motion):
-        out[:, block.joint] += block.columns @ theta[block.parameters]
-    return out
-
-
 @pytest.mark.parametrize("name", sorted(n for n, e in effect_types().items() if not e.needs_command))
 def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link, name):
     """The linear prediction of a small change of each constant, against the effect moved by it."""
     kind = effect_types()[name]
     joints = None if kind.whole_robot else [1]
     effect = kind(two_link.robot, joints)
-    motion, theta = motion_of(two_link), np.linspace(0.5, 1.5, len(effect.parameters))
+    motion, theta = to_and_fro(two_link.robot), np.linspace(0.5, 1.5, len(effect.parameters))
     sensitive = ShapeSensitivity(effect, theta)
     assert len(sensitive.parameters) == len(free_constants(effect))
     for k, key in enumerate(free_constants(effect)):
@@ -85,10 +69,10 @@ def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link, nam
         change = 0.004
         moved = effect.shape[key] * np.exp(change) if relative else effect.shape[key] + change
         other = kind(two_link.robot, joints, **{**effect.shape, key: moved})
-        truly = torque(other, theta, motion) - torque(effect, theta, motion)
+        truly = (wide_columns(other, motion) - wide_columns(effect, motion)) @ theta
         unit = np.zeros(len(sensitive.parameters))
         unit[k] = change / prior_deviation(effect, key)
-        said = torque(sensitive, unit, motion)
+        said = wide_columns(sensitive, motion) @ unit
         assert np.any(np.abs(truly) > 0.0)
         # Where an element just gives way, a sample changes all at once.
         assert np.linalg.norm(said - truly) < 0.2 * np.linalg.norm(truly)

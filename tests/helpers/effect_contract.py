@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from random_robots import link_parameters, tree
+from random_robots import link_parameters, sines, tree
 from scipy.signal import butter, sosfiltfilt
 
 from sdp_vs_penalty import Problem, load_problem
@@ -66,6 +66,15 @@ def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
     warm = 20.0 + 300.0 * np.outer(t, 1.0 + np.arange(robot.n))
     moved = Motion(t, q, dq, ddq, torque, CurrentModel(robot, links), temperature=warm, motors=1.2 * ddq)
     return told(moved)
+
+
+def to_and_fro(robot: Robot) -> Motion:
+    """Six seconds of sines with reversals, and a current model."""
+    moved = sines(np.random.default_rng(3), robot.n, np.arange(0.0, 6.0, 0.01), 0.1, 5)
+    current = steady_motion(robot).current
+    torque = robot.inverse_dynamics(current.links, moved.q, moved.dq, moved.ddq) + 0.3 * moved.dq
+    seen = {"temperature": 25.0 + 3.0 * moved.q, "motors": 1.1 * moved.ddq, "sign_width": 0.02}
+    return told(replace(moved, torque=torque, current=current, **seen))
 
 
 def told(motion: Motion) -> Motion:

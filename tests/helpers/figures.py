@@ -9,8 +9,8 @@ import numpy as np
 from arms import THREE, run_of_widths, scara, write_urdf
 from challenge.worlds.conditions import Conditions, SensorNoise
 from challenge.worlds.runs import draw_motion, draw_world, log_run, urdf_of
-from effect_contract import robots, steady_motion, told, variants, wide_columns
-from random_robots import repeating_run, sines
+from effect_contract import robots, steady_motion, to_and_fro, told, variants, wide_columns
+from random_robots import repeating_run
 from servo_log import EFFECTS as LOOP
 from servo_log import log, write_slide
 from small_runs import small_run
@@ -55,12 +55,7 @@ def two_link_with(tau: Callable[[Measurements], Any], seconds: float = 24.0) -> 
 def effects_of(which: str) -> dict[str, Any]:
     """Of each effect how it is searched, what it makes of a motion, and what is said of it."""
     robot, out = robots()[which], {}
-    t = np.arange(0.0, 6.0, 0.01)
-    moved = sines(np.random.default_rng(3), robot.n, t, 0.1, 5)
-    torque = robot.inverse_dynamics(steady_motion(robot).model_links, moved.q, moved.dq, moved.ddq)
-    warm = 25.0 + 3.0 * moved.q
-    moved = replace(moved, torque=torque + 0.3 * moved.dq, current=steady_motion(robot).current)
-    moved = told(replace(moved, temperature=warm, motors=1.1 * moved.ddq, sign_width=0.02))
+    moved = to_and_fro(robot)
     for name in effect_types():
         every = variants(name, robot)
         first, few = every[0], every[:: 1 + len(every) // 9]
@@ -75,7 +70,7 @@ def effects_of(which: str) -> dict[str, Any]:
             "ends": np.sum(wide_columns(first, moved)[:, [7, -7]], axis=2),
             "said": [first.constants, first.brief, first.remark(0.3), first.as_sized(0.1)]
             + [first.looks_like(size, s) for size in (0.01, 2.0) for s in seen],
-            "undone": first.undone(np.full(len(first.nominal), 0.02), t, moved.torque)[[50, 300]],
+            "undone": first.undone(np.full(len(first.nominal), 0.02), moved.t, moved.torque)[[50, 300]],
         }
     return out
 
