@@ -184,10 +184,7 @@ def test_errors_name_what_was_given(estimate):
         (lambda: report(4, run, "x.html"), r"^report\(models=4\)"),
     ]
     for call, words in bad_calls:
-        with pytest.raises(InputError, match=words) as caught:
-            call()
-        assert "\n" not in str(caught.value)
-        assert str(caught.value).endswith(".")
+        assert re.search(words, refusal(call)), words
 
 
 def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda):

@@ -10,12 +10,10 @@ from pathlib import Path
 
 import pytest
 from commands import HOME, PROGRAM, python, run_cli
+from recorded import a_sentence
 from small_runs import write_run
 
-from sdp_vs_penalty import (
-    Problem,
-    __version__,
-)
+from sdp_vs_penalty import Problem, __version__
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.cli.verbs.list import Kind, listing
 from sdp_vs_penalty.effects import effect_types
@@ -41,13 +39,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> list[Pa
 
 
 def assert_one_sentence(err: str, *words: str) -> None:
-    """One line, ending like a sentence, without a traceback, with the words in it."""
     assert err.startswith("sdp-vs-penalty: ")
-    assert err.count("\n") == 1
-    assert err.rstrip().endswith(".")
-    assert "Traceback" not in err
-    for word in words:
-        assert word in err
+    a_sentence(err.removesuffix("\n"), *words)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no resource usage of children")

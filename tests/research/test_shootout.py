@@ -45,7 +45,7 @@ SMALL = (
 
 @pytest.fixture(scope="module")
 def two_link() -> Instance:
-    return instance("two_link simulated one-step gyration")
+    return instance(SMALL[0])
 
 
 @pytest.fixture(scope="module")
@@ -260,13 +260,10 @@ def test_summary_of_known_runs(tmp_path):
     assert paths[2].read_text().startswith("<?xml")
 
 
-PROBLEM = "two_link simulated one-step gyration"
-
-
 def setup(out: Path, **changes: object) -> runner.Shootout:
     chosen: dict[str, object] = {
         "solvers": ["clarabel", "lmi-sdp"],
-        "problems": [PROBLEM],
+        "problems": [SMALL[0]],
         "accuracies": (1e-4, 1e-6),
         "jobs": 1,
     }

@@ -12,7 +12,7 @@ from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Kernel, Preprocessing, noise_of, segmented
-from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM
+from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM, spectral_floor
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 Array = NDArray[np.float64]
@@ -74,6 +74,14 @@ def test_the_floor_of_runs_that_repeat_each_other():
         assert np.all(noise.degrees < 3.0 * len(rows.t) / 4)  # six pairs, three new differences
         shown.append(np.mean(noise.floor**2))
     assert np.sqrt(np.mean(shown)) / true_floor(0.6) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("ar", [0.0, 0.6])
+def test_the_floor_from_the_spectrum_is_that_of_the_filtered_noise(ar):
+    run = run_of(4, 1000.0, 240.0, ar)
+    loud = np.array([0.3, 2.0, 1.0, 1.0, 1.0, 1.0])
+    floor = spectral_floor(segmented(replace(run, tau=loud * run.tau), SETTINGS))
+    np.testing.assert_allclose(floor, loud * true_floor(ar), rtol=0.05)
 
 
 def test_drift_and_events_are_no_noise():

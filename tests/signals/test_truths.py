@@ -8,7 +8,6 @@ from scipy import signal
 
 from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.signals import (
-    Kernel,
     Preprocessing,
     coloured_noise,
     noise,
@@ -210,13 +209,3 @@ def test_the_resolution_of_positions_is_four_of_their_noises_deviations():
     t = np.arange(0.0, 60.0, 0.004)[:, None]
     q = np.sin(t) + 1e-4 * np.random.default_rng(5).normal(size=(len(t), 3))
     np.testing.assert_allclose(standstill.resolution(q), 4e-4, rtol=0.03)
-
-
-@pytest.mark.parametrize("ar", [0.0, 0.6])
-def test_the_floor_from_the_spectrum_is_that_of_the_filtered_noise(ar):
-    run, _ = coloured(4, ar, 60_000)
-    h = Kernel(8.0, 4e-3).value
-    lags = np.abs(np.subtract.outer(np.arange(len(h)), np.arange(len(h))))
-    true = np.sqrt(h @ (ar**lags / (1.0 - ar**2)) @ h) * np.array([0.3, 2.0])
-    floor = noise.spectral_floor(segmented(run, Preprocessing(5.0, 8.0)))
-    np.testing.assert_allclose(floor, true, rtol=0.05)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_robots import posed_task, repeating_run, task_of
+from recorded import refusal
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.estimation import Certificate
@@ -102,14 +103,10 @@ def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]
 @pytest.mark.parametrize("case", ["too heavy", "too light", "too thick", "one flat link"])
 def test_demands_that_exclude_each_other_are_named(case, panda):
     problem, thickness, families = conflicts(panda)[case]
-    with pytest.raises(InputError, match="exclude each other") as refusal:
-        LmiSdpThickness(thickness=thickness).fit(task_of(problem))
-    message = str(refusal.value)
-    for family in families:
-        assert family in message
+    method = LmiSdpThickness(thickness=thickness)
+    message = refusal(lambda: method.fit(task_of(problem)), "exclude each other", *families)
     for innocent in {"sign", "range", "centre of mass", "pseudo-inertia"}:
         assert innocent not in message or innocent in " ".join(families)
-    assert "\n" not in message
 
 
 def test_bounds_that_leave_no_room_are_not_called_a_contradiction(panda):
