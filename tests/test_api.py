@@ -160,7 +160,7 @@ def test_predict_is_the_models_torque(estimate, two_link):
     )
 
 
-def test_errors_name_what_was_given(estimate):
+def test_errors_name_what_was_given(estimate, two_link):
     run = {"t": [0.0, 1.0], "q": [[0, 0], [1, 1]], "tau": [[0, 1], [1, 2]]}
     late = {**run, "t": [1.0, 0.0]}
     bad_calls = [
@@ -173,6 +173,7 @@ def test_errors_name_what_was_given(estimate):
             "no column dq1, but dq2: give each joint a column",
         ),
         (lambda: identify("two_link", late), r"^run1: sample 2, column t: time runs backwards"),
+        (lambda: identify(two_link, small_run(two_link), weighting="x"), "^weighting 'x' is unknown"),
         (lambda: compare(None, run), r"^compare\(models=None\): no model"),
         (lambda: compare([], run), "^No model to compare"),
         (lambda: diagnose("nowhere.json", run), r"^nowhere.json: cannot be read"),

@@ -3,7 +3,6 @@
 import doctest
 import importlib
 import inspect
-import pkgutil
 from functools import cached_property
 from pathlib import Path
 from types import FunctionType, MethodType
@@ -17,17 +16,11 @@ from sdp_vs_penalty.effects.effect import JointEffect
 from sdp_vs_penalty.estimators import Estimator, Fit, Task
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
+#: Modules, and packages by their own name.
 WITH_EXAMPLES = [
-    module.name
-    for module in pkgutil.walk_packages([str(ROOT)], "sdp_vs_penalty.")
-    if any(
-        ">>> " in path.read_text()
-        for path in (
-            ROOT.parent / (module.name.replace(".", "/") + ".py"),
-            ROOT.parent / module.name.replace(".", "/") / "__init__.py",
-        )
-        if path.is_file()
-    )
+    ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__")
+    for path in sorted(ROOT.rglob("*.py"))
+    if ">>> " in path.read_text()
 ]
 VERBS = [
     name for name in sdp_vs_penalty.__all__ if inspect.isroutine(getattr(sdp_vs_penalty, name, None))

@@ -14,7 +14,7 @@ import pytest
 from commands import run_cli
 from recorded import refusal
 
-from sdp_vs_penalty import InputError, compare, identify, load_measurements, load_problem
+from sdp_vs_penalty import compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.data import DATASETS, datasets
 from sdp_vs_penalty.data.datasets import fetch
 from sdp_vs_penalty.errors import Remark
@@ -112,6 +112,5 @@ def test_a_changed_file_is_refused(address, tmp_path, monkeypatch):
     real = DATASETS["emps"]
     wrong = replace(real.files[0], sha256=hashlib.sha256(b"another").hexdigest())
     monkeypatch.setitem(datasets.DATASETS, "emps", replace(real, files=(wrong,)))
-    with pytest.raises(InputError, match="SHA-256 differs"):
-        fetch("emps", tmp_path, address)
+    refusal(lambda: fetch("emps", tmp_path, address), "SHA-256 differs")
     assert not list(tmp_path.rglob("*.mat"))

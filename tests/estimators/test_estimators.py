@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from random_robots import posed_task, repeating_run, sines
 
-from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation.identify import certify
@@ -116,14 +116,6 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
     torque = two_link.model().torque(truth, motion)
     error = np.linalg.norm(estimate.torque(motion) - torque) / np.linalg.norm(torque)
     assert error < (1e-6 if method.startswith(("ols", "lmi")) else 1e-4)
-
-
-def test_unknown_names_are_refused_with_those_that_exist(two_link):
-    run = toy_run(two_link, noise=1.0)
-    with pytest.raises(InputError, match=r"'magic' is unknown: there are: .*lmi-sdp.*penalty"):
-        identify(two_link, run, "magic")
-    with pytest.raises(InputError, match="weighting 'x' is unknown"):
-        identify(two_link, run, "ols", weighting="x")
 
 
 # --- joint weights and task -------------------------------------------------------------------------

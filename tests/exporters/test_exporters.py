@@ -68,11 +68,6 @@ NAMES = ["panda", "two_link", "emps", "tree", "random"]
 FULL = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia"
 
 
-def states(robot: Robot, seed: int = 1, count: int = 30) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n)) * 2.0
-    return robot.random_configurations(count, seed), dq, ddq
-
-
 Rows = np.ndarray
 Torques = Callable[[Path, Robot, Rows, Rows, Rows], Rows]
 
@@ -150,7 +145,7 @@ READERS: dict[str, tuple[tuple[Torques, ...], tuple[str, ...]]] = {
 def check_parity(path: Path, estimate: Estimate, ending: str = ".urdf") -> None:
     """Torques of the reloaded file against the model's, without what the file has no place for."""
     robot, (readers, lost) = estimate.robot, READERS[ending]
-    q, dq, ddq = states(robot)
+    q, dq, ddq = random_robots.states(robot, 30, 1)
     expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
     for p, value in zip(estimate.model.parameters, estimate.theta, strict=True):
         if p.effect in lost:
@@ -222,7 +217,7 @@ def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path):
         '<origin xyz="0 0 0.8" rpy="1.5707963267948966 0 -0.3"/><axis xyz="0 0 1"/></joint></robot>'
     )
     export(estimate, out, urdf=theirs)
-    q, dq, ddq = states(robot)
+    q, dq, ddq = random_robots.states(robot, 30, 1)
     vendor, links = load_urdf(out, robot.gravity)
     expected = robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
     assert np.abs(vendor.inverse_dynamics(links.ravel(), q, dq, ddq) - expected).max() <= PARITY

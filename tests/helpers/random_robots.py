@@ -76,6 +76,12 @@ def tree(rng: np.random.Generator, n: int, *, branched: bool = True, link_frames
     return Robot("random", tuple(joints), tuple(rng.normal(size=3) * 6.0))
 
 
+def states(robot: Robot, count: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Random configurations, velocities and accelerations, each (count, n)."""
+    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, robot.n)) * 2.0
+    return robot.random_configurations(count, seed), dq, ddq
+
+
 def sines(
     rng: np.random.Generator, n: int, t: Array, base_hz: float = 0.1, harmonics: int = 5
 ) -> Motion:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from arms import THREE, write_urdf
 from committed import MADE, RESULTS, as_kept, differences
-from random_robots import repeating_run
+from random_robots import repeating_run, states
 
 from sdp_vs_penalty import InputError, Measurements, Problem, load_problem
 from sdp_vs_penalty.effects import Motion
@@ -227,11 +227,6 @@ def test_without_noise_table_one_is_recovered(panda):
     assert residual_rms(panda, [rows], fit).max() < 1e-9
 
 
-def states(problem: Problem, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    dq, ddq = np.random.default_rng(seed).normal(size=(2, count, problem.robot.n))
-    return problem.robot.random_configurations(count, seed), dq, ddq
-
-
 def links_slice(problem: Problem, links: np.ndarray) -> Slice:
     model = problem.model("rigid_body")
     base, _ = base_parameters(model)
@@ -248,7 +243,7 @@ def real(two_link: Problem) -> np.ndarray:
 def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     problem = load_problem(name)
     robot, links = problem.robot, published_links(problem, column)
-    q, dq, ddq = states(problem, 5)
+    q, dq, ddq = states(robot, 5)
     made = wrenches.wrench_regressor(robot, q, dq, ddq) @ links.ravel()
     model = robot._with_inertias(links)
     data = model.createData()
@@ -259,7 +254,7 @@ def test_wrenches_are_those_of_recursive_newton_euler(name, column):
 
 
 def test_interval_contains_the_truth_and_is_certified(two_link, real):
-    Y = wrenches.wrench_regressor(two_link.robot, *states(two_link, 3))
+    Y = wrenches.wrench_regressor(two_link.robot, *states(two_link.robot, 3))
     intervals, true = wrenches.wrench_intervals(links_slice(two_link, real), Y), Y @ real.ravel()
     assert np.all(intervals.lower_bound <= true)
     assert np.all(true <= intervals.upper_bound)

@@ -7,7 +7,7 @@ import pytest
 from random_robots import posed_task, repeating_run, task_of
 from recorded import refusal
 
-from sdp_vs_penalty import InputError, Problem
+from sdp_vs_penalty import Problem
 from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.identify import certify, consistent, on_bounds, positive_mass_matrices
 from sdp_vs_penalty.estimators import Fit, LmiSdp, Task, interior_point
@@ -111,8 +111,7 @@ def test_demands_that_exclude_each_other_are_named(case, panda):
 
 def test_bounds_that_leave_no_room_are_not_called_a_contradiction(panda):
     known = with_box(panda, 2, 0, 3.0, 3.0)
-    with pytest.raises(InputError, match=r"no room.*mass \(link 3\).*equal bounds.*widen"):
-        LmiSdp().fit(task_of(known))
+    refusal(lambda: LmiSdp().fit(task_of(known)), "no room", "mass (link 3)", "equal bounds", "widen")
 
 
 @pytest.mark.parametrize("finds", [True, False])
@@ -135,8 +134,7 @@ def test_the_certificate_decides_whether_a_solver_gave_up(finds, task, monkeypat
         _, certificate = certify(task, method.fit(task))
         assert certificate.gap < 1e-7
     else:
-        with pytest.raises(InputError, match=r"gave up.*stalled"):
-            method.fit(task)
+        refusal(lambda: method.fit(task), "gave up", "stalled")
 
 
 def test_a_certificate_tells_what_holds_from_what_was_not_imposed():
