@@ -165,11 +165,8 @@ def verbs() -> dict[str, Callable[[Measurements], object]]:
     """What is done with a log, by name."""
     problem = load_problem("two_link")
     model = identify(problem, small_run(problem))
-    first = {"identify": identify, "check": check}
-    then = {"compare": compare, "diagnose": diagnose}
-    return {n: partial(v, problem) for n, v in first.items()} | {
-        n: partial(v, model) for n, v in then.items()
-    }
+    first = {verb.__name__: partial(verb, problem) for verb in (identify, check)}
+    return first | {verb.__name__: partial(verb, model) for verb in (compare, diagnose)}
 
 
 @pytest.mark.fuzz

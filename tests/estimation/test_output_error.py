@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import InputError, identify, load_problem
-from sdp_vs_penalty.regression import BlackBox
+from sdp_vs_penalty import identify, load_problem
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
@@ -35,9 +34,3 @@ def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
     k = next(iter(model.rigid_indices))
     assert made.theta[k] == pytest.approx(95.0, rel=0.02)
     assert start.theta[k] == pytest.approx(95.0, rel=0.1)
-
-
-def test_answers_of_a_black_box_are_no_motion(two_link):
-    box = BlackBox(np.zeros((5, 2)), np.zeros((5, 2)), np.tile(np.eye(2), (5, 1, 1)))
-    with pytest.raises(InputError, match="measured runs"):
-        identify(two_link, box, "output-error")

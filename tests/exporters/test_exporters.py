@@ -293,7 +293,6 @@ def test_inconsistent_inertials_are_refused(suffix, tmp_path):
 
 def test_other_refusals(tmp_path):
     estimate = estimate_of(load_problem("emps").robot, "viscous_friction", 0)
-    refusal(lambda: export(estimate, tmp_path / "out.stl"), "suffix")
     refusal(lambda: export(estimate, tmp_path / "out.urdf"), "rigid_body")
     refusal(lambda: export(estimate, tmp_path / "out.xml", urdf=tmp_path / "x.urdf"), ".urdf")
     path = tmp_path / "dtd.urdf"

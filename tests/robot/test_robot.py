@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from random_robots import link_parameters, seeds, tree
 
 from sdp_vs_penalty import InputError, load_problem
-from sdp_vs_penalty.robot import FourierTrajectory, Robot, joint_limits, load_urdf, random_trajectory
+from sdp_vs_penalty.robot import Robot, joint_limits, load_urdf, random_trajectory
 from sdp_vs_penalty.simulation import experiment
 
 
@@ -128,8 +128,3 @@ def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
 def test_a_joint_that_cannot_be_is_refused(two_link, change, said):
     with pytest.raises(InputError, match=said):
         replace(two_link.robot.joints[0], **change)
-
-
-def test_a_duration_without_room_for_the_blends_is_refused():
-    with pytest.raises(InputError, match="above twice the blend"):
-        FourierTrajectory(np.ones((1, 1)), np.ones((1, 1)), np.zeros(1), 1.0, 0.5, 1.0)

@@ -171,7 +171,6 @@ NOISE = np.random.default_rng(1).normal(size=len(T))
 SLOW = np.arange(0.0, 300.0, 0.1)
 #: name : (instants, positions, period or None)
 MOTIONS = {
-    "all joints repeat": (T, FIVE, 5.0),
     "one does not, however small its motion": (
         T, np.column_stack([FIVE[:, :2], 0.01 * np.sin(1.1 * T) * T / 20.0]), None,
     ),

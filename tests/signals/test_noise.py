@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import signal
 from small_runs import periodic
 
@@ -14,8 +13,6 @@ from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Kernel, Preprocessing, noise_of, segmented
 from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM, spectral_floor
 from sdp_vs_penalty.signals.segments import SegmentedRuns
-
-Array = NDArray[np.float64]
 
 DT, CUTOFF, JOINTS = 4e-3, 8.0, 6
 SETTINGS = Preprocessing(5.0, CUTOFF)

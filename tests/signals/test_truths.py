@@ -105,16 +105,12 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     assert spectrum.torque_spectrum([], 8.0) is None
 
 
-def pieces_of(rng: np.random.Generator, count: int) -> coloured_noise.Pieces:
-    """Consecutive rows between gaps, some too short to predict anything."""
-    ends = np.sort(rng.choice(np.arange(1, count), 5, replace=False))
-    return coloured_noise.Pieces(p[1:] for p in np.split(np.arange(count), ends))
-
-
 @given(seeds)
 def test_an_autoregression_filters_row_by_row(seed):
     rng = np.random.default_rng(seed)
-    pieces, x, ar = pieces_of(rng, 80), rng.normal(size=(80, 3)), rng.normal(size=4)
+    ends = np.sort(rng.choice(np.arange(1, 80), 5, replace=False))  # some too short to predict
+    pieces = coloured_noise.Pieces(p[1:] for p in np.split(np.arange(80), ends))
+    x, ar = rng.normal(size=(80, 3)), rng.normal(size=4)
     expected = np.zeros_like(x)
     for piece in pieces:
         for k in range(4, len(piece)):

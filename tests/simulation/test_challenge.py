@@ -10,12 +10,11 @@ import pytest
 from challenge import judge
 from challenge import worlds as challenged
 from challenge.cases import CLASSES, Case, run_case
+from committed import RESULTS
 from recorded import differences
 
 from sdp_vs_penalty.simulation import worlds
 from sdp_vs_penalty.simulation.worlds.world import DryFriction, bristles
-
-RESULTS = Path(__file__).parents[2] / "results"
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import SCARA, write_urdf
-from numpy.typing import NDArray
 from recorded import refusal
 from scipy import signal
 
@@ -14,8 +13,6 @@ from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
-
-Array = NDArray[np.float64]
 
 
 def test_an_ideal_sensor_shows_the_truth(panda):
