@@ -100,6 +100,13 @@ def idle(page: Page) -> None:
     expect(page.locator(".working")).to_be_hidden(timeout=PATIENCE)
 
 
+def act(page: Page, control: str, shown: str) -> None:
+    """Press a control, and wait until what it makes is shown and its job is done."""
+    page.click(key(control))
+    page.wait_for_selector(shown)
+    idle(page)
+
+
 def go(page: Page, stage: str) -> None:
     """To a stage by the rail."""
     page.click(f"nav.stages [data-to={stage}]")

@@ -130,6 +130,13 @@ def open_problem(robot: Robot, nominal: Array) -> Problem:
     return Problem("random", "random", robot, open_box(robot.n, 0.01), nominal, torque_side="link")
 
 
+def with_box(problem: Problem, link: int, entry: int, low: float, high: float) -> Problem:
+    """A problem with other bounds on one parameter of a link."""
+    box = problem.box.copy()
+    box[link, entry] = low, high
+    return replace(problem, box=box)
+
+
 def bare(robot: Robot) -> Problem:
     """A robot of which nothing but the kinematics is known."""
     nominal, sources = plausible_links(robot, np.zeros((robot.n, 10)))

@@ -17,7 +17,7 @@ import numpy as np
 import page_driver as driver
 import pytest
 from commands import HOME, PROGRAM, python
-from page_driver import expect, go, idle, key, open_page, pick
+from page_driver import act, expect, go, idle, key, open_page, pick
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
 from sdp_vs_penalty.data import save
@@ -86,8 +86,7 @@ def story(
         page = open_page(context, server)
         seen: dict[str, Any] = {"page": page, "context": context, "barriers": driver.barriers(page)}
         driver.choose(page, "two_link", files)
-        page.click(key("identify"))
-        page.wait_for_selector("[data-part=fit] .js-line")
+        act(page, "identify", "[data-part=fit] .js-line")
         seen["barriers"] += driver.barriers(page)
         begin = time.perf_counter()
         page.click(key("joint-2"))
@@ -96,23 +95,15 @@ def story(
         )
         seen["click"] = time.perf_counter() - begin
         go(page, "diagnose")
-        page.click(key("diagnose"))
-        page.wait_for_selector(key("add-0"))
-        idle(page)
+        act(page, "diagnose", key("add-0"))
         seen["barriers"] += driver.barriers(page)
-        page.click(key("add-0"))
-        page.wait_for_selector("table.history")
-        idle(page)
+        act(page, "add-0", "table.history")
         seen["errors"] = driver.errors(page)
         go(page, "identify")
-        page.click(key("compare"))
-        page.wait_for_selector("table.methods")
-        idle(page)
+        act(page, "compare", "table.methods")
         seen["barriers"] += driver.barriers(page)
         go(page, "use")
-        page.click(key("forward"))
-        page.wait_for_selector("[data-part=forward] .js-line")
-        idle(page)
+        act(page, "forward", "[data-part=forward] .js-line")
         seen["barriers"] += driver.barriers(page)
         folder = tmp_path_factory.mktemp("taken")
         for name in ("model.json", "robot.urdf", "robot.xml", "report.html"):
@@ -226,13 +217,9 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server)
     pick(page, "panda")
     page.wait_for_selector(key("simulate"))
     idle(page)
-    page.click(key("simulate"))
-    page.wait_for_selector("table.runs")
-    idle(page)
+    act(page, "simulate", "table.runs")
     go(page, "identify")
-    page.click(key("identify"))
-    page.wait_for_selector("[data-part=fit] .js-line")
-    idle(page)
+    act(page, "identify", "[data-part=fit] .js-line")
     for name in ("lmi-sdp", "ols", "penalty"):
         page.uncheck(key(f"method-{name}"))
     for name in ("penalty-paper", "penalty-paper-two-step", "penalty-two-step", "lmi-sdp-entropic"):

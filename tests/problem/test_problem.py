@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from random_robots import bare, link_parameters, open_problem, seeds, task_of, tree
+from random_robots import bare, link_parameters, open_problem, seeds, task_of, tree, with_box
 
 from sdp_vs_penalty import InputError, Problem
 from sdp_vs_penalty.estimators import interior_point
@@ -172,10 +172,9 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
         problem = open_problem(robot, np.array(links))
         np.testing.assert_allclose(problem.link_defaults, [[mass, radius]] * robot.n, rtol=1e-12)
         assert not problem.guessed_links.any()  # nothing says so
-    box = open_box(1)
-    box[0, 1] = -3.0, 1.0  # where a centre of mass may be, the link reaches
-    far = replace(open_problem(Robot("one", (arm,)), np.zeros((1, 10))), box=box)
-    assert far.link_defaults[0, 1] == 4.5
+    problem = open_problem(Robot("one", (arm,)), np.zeros((1, 10)))
+    # Where a centre of mass may be, the link reaches.
+    assert with_box(problem, 0, 1, -3.0, 1.0).link_defaults[0, 1] == 4.5
 
 
 def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
@@ -241,9 +240,7 @@ def test_a_cone_bounds_a_centre_of_mass_where_it_ends(ends, across):
     """|c across z| <= 0.1 + 0.3 c_z: as wide as at its wide end, or without bound."""
     joint = Joint("j", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
     problem = open_problem(Robot("one", (joint,)), np.zeros((1, 10)))
-    box = problem.box.copy()
-    box[0, 3] = ends
-    made = replace(problem, box=box, cones=(CentreOfMassCone(1, "z", 0.1, 0.3),))
+    made = replace(with_box(problem, 0, 3, *ends), cones=(CentreOfMassCone(1, "z", 0.1, 0.3),))
     np.testing.assert_allclose(made.centre_boxes[0, :2], [[-across, across]] * 2)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_robots import posed_task, repeating_run, task_of
+from random_robots import posed_task, repeating_run, task_of, with_box
 from recorded import refusal
 
 from sdp_vs_penalty import Problem
@@ -66,12 +66,6 @@ def test_the_share_of_positive_definite_mass_matrices_is_of_m_of_q(panda):
     alone = [np.linalg.eigvalsh(panda.robot.mass_matrices(tilted, x))[0, 0] > 0.0 for x in q[:300]]
     assert 0.0 <= share < 1.0
     assert share == pytest.approx(np.mean(alone), abs=0.1)
-
-
-def with_box(problem: Problem, link: int, entry: int, low: float, high: float) -> Problem:
-    box = problem.box.copy()
-    box[link, entry] = low, high
-    return replace(problem, box=box)
 
 
 def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]]]:
