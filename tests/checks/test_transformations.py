@@ -52,6 +52,20 @@ def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth):
     assert told == away
 
 
+@pytest.mark.parametrize("level", [0.2, 0.5])
+def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
+    """Whose best value lies a tenth of its interval beside 90 degrees."""
+    problem, rng = load_problem("panda"), np.random.default_rng(1)
+    run = replace(small_run(problem, seconds=8.0), dq=None)
+    noise = level * run.tau.std(axis=0) * rng.normal(size=run.tau.shape)
+    turned = run.q - 0.5 * np.pi * np.eye(problem.robot.n)[3]
+    (report,) = check(problem, replace(run, q=turned, tau=run.tau + noise), thorough=False)
+    (told,) = (f for f in report.problems if f.kind == "encoder offset")
+    assert (told.where, told.figures["shifts"]) == ("joint 4", [0.5 * np.pi])
+    low, high = told.figures["interval"]
+    assert low < 0.5 * np.pi - 0.1 < 0.5 * np.pi + 0.1 < high
+
+
 #: Torque by position and velocity, of unit size; hysteresis was called a filter of the channel.
 STRONG = {
     "a spring": lambda q, dq: q,
