@@ -11,9 +11,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from challenge.worlds.motion import waves
 from scipy import ndimage
 
 from corruptions.kinds import Corruption, corruptions
@@ -23,9 +24,10 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.inertia import from_pseudo_inertia
-
-Array = NDArray[np.float64]
+from sdp_vs_penalty.simulation.worlds.world import inverse_dynamics
 
 
 @dataclass(frozen=True)
@@ -45,14 +47,10 @@ class Arm:
     def clean(self) -> Estimate:
         return identify(self.problem, self.train)
 
-    @cached_property
-    def clean_errors(self) -> Array:
-        return compare(self.clean, self.test)[0].mse
-
     def harm(self, estimate: Estimate) -> float:
         """Held-out error over the clean model's: root mean square of the joints' ratios."""
-        errors = compare(estimate, self.test)[0].mse / self.clean_errors
-        return float(np.sqrt(np.mean(errors)))
+        errors, least = (compare(model, self.test)[0].mse for model in (estimate, self.clean))
+        return float(np.sqrt(np.mean(errors / least)))
 
     def corruptions(self) -> list[Corruption]:
         """The general ones, and those that need to know what the arm weighs."""
@@ -89,9 +87,8 @@ class Arm:
         dq = np.zeros_like(q) if still else np.gradient(smooth, t, axis=0)
         ddq = np.zeros_like(q) if still else np.gradient(_smoothed(dq, 9), t, axis=0)
         model = self.clean.model
-        rigid = np.zeros_like(theta)
-        rigid[model.rigid_indices] = theta[model.rigid_indices]
-        return model.torque(rigid, Motion(t, q, dq, ddq))
+        rigid = np.isin(np.arange(len(theta)), model.rigid_indices)
+        return model.torque(np.where(rigid, theta, 0.0), Motion(t, q, dq, ddq))
 
 
 def _smoothed(x: Array, width: int) -> Array:
@@ -108,12 +105,17 @@ def arm(name: str, data: Path) -> Arm:
     return {"panda": panda, "ur10e": ur10e, "tx40": tx40, "ur10": ur10, "emps": emps}[name](data)
 
 
+def _parted(name: str, problem: Problem, run: Measurements, middle: float) -> Arm:
+    """One run, which is spoiled up to the middle [s]."""
+    train, test = (run.window(*span).runs()[0] for span in ((0.0, middle), (middle, np.inf)))
+    return Arm(name, problem, train, test, (run,))
+
+
 def panda(data: Path) -> Arm:
     """Every fifth row, without its velocities."""
     run = load_measurements(data / "panda", joints=7)
     run = replace(run.rows(np.arange(0, len(run.t), 5)), dq=None)
-    train, test = (run.window(*span).runs()[0] for span in ((0.0, 14.0), (14.0, 30.0)))
-    return Arm("panda", load_problem("panda"), train, test, (run,))
+    return _parted("panda", load_problem("panda"), run, 14.0)
 
 
 def _kept(name: str, data: Path) -> dict[str, Measurements]:
@@ -131,12 +133,10 @@ def ur10e(data: Path) -> Arm:
 
 def ur10(data: Path) -> Arm:
     """UR10 of Salerno: the first 12 of 17.6 s are spoiled."""
-    problem = load_problem(data / "ur10_salerno" / "robot.urdf")
-    run = load_measurements(
-        data / "ur10_salerno" / "train.csv", joints=6, names=problem.robot.joint_names
-    )
-    train, test = (run.window(*span).runs()[0] for span in ((0.0, 12.0), (12.0, 18.0)))
-    return Arm("ur10", problem, train, test, (run,))
+    folder = data / "ur10_salerno"
+    problem = load_problem(folder / "robot.urdf")
+    run = load_measurements(folder / "train.csv", joints=6, names=problem.robot.joint_names)
+    return _parted("ur10", problem, run, 12.0)
 
 
 def emps(data: Path) -> Arm:
@@ -146,11 +146,9 @@ def emps(data: Path) -> Arm:
 
 
 def tx40(data: Path) -> Arm:
-    """Every tenth row, trained on the first 6 of 9 s."""
-    run = _kept("tx40", data)["exciting"]
-    spans = ((0, 30_000), (30_000, 45_000), (0, 45_000))
-    train, test, whole = (run.rows(np.arange(*span, 10)) for span in spans)
-    return Arm("tx40", load_problem("tx40"), train, test, (whole,))
+    """Every tenth row of the first 9 s."""
+    run = _kept("tx40", data)["exciting"].rows(np.arange(0, 45_000, 10))
+    return _parted("tx40", load_problem("tx40"), run, 6.0)
 
 
 # mass, centre of mass, axis, origin and kind of each joint's link; metres and kilograms.
@@ -179,11 +177,11 @@ def urdf(name: str, axes: tuple[Axis, ...]) -> str:
     return f'<robot name="{name}">{"".join(parts)}</robot>'
 
 
-def drawn(seed: int) -> tuple[Axis, ...]:
-    """Four to seven joints; geometry and masses of a size that arms have."""
+def drawn(seed: int, fewest: int = 4, most: int = 7) -> tuple[Axis, ...]:
+    """So many joints; geometry and masses of a size that arms have."""
     rng, axes = np.random.default_rng([seed, 99]), []
     say = lambda v: " ".join(f"{x:.4g}" for x in v)  # noqa: E731
-    for k in range(int(rng.integers(4, 8))):
+    for k in range(int(rng.integers(fewest, most + 1))):
         kind = "prismatic" if rng.random() < 0.12 else "revolute"
         axis, along = (np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0]) for _ in range(2))
         origin = rng.uniform(0.15, 0.4) * 0.9**k * along
@@ -192,46 +190,46 @@ def drawn(seed: int) -> tuple[Axis, ...]:
     return tuple(axes)
 
 
-def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
-    """Two runs, one held out; links differ from the URDF's inertials by up to 30 %; 200 Hz, 20 s,
-    position steps of 1e-5."""
+def believed(name: str, axes: tuple[Axis, ...]) -> Problem:
+    """The problem of the arm's URDF file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.urdf"
         path.write_text(urdf(name, axes))
-        problem = load_problem(path)
+        return load_problem(path)
+
+
+def true_model(axes: tuple[Axis, ...], rng: np.random.Generator) -> Any:
+    """Pinocchio's model; links differ from the URDF's inertials by up to 30 % and some centimetres."""
+    model = pin.buildModelFromXML(urdf("true", axes))
+    for inertia in list(model.inertias)[1:]:
+        inertia.mass *= rng.uniform(0.7, 1.3)
+        inertia.lever = inertia.lever + rng.normal(size=3) * 0.02
+    return model
+
+
+def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
+    """Two runs of the true model, one held out; 200 Hz, 20 s, position steps of 1e-5."""
     real = name.startswith("drawn")
-    runs = [_simulate(axes, np.random.default_rng([seed, k]), seed, real) for k in (0, 1)]
-    return Arm(name, problem, *runs, (runs[1],))
+    train, test = (_simulate(axes, np.random.default_rng([seed, k]), seed, real) for k in (0, 1))
+    return Arm(name, believed(name, axes), train, test, (test,))
 
 
 def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real: bool) -> Measurements:
-    import pinocchio as pin
-
-    model = pin.buildModelFromXML(urdf("true", axes))
-    data = model.createData()
-    links = np.random.default_rng(seed)
-    for inertia in list(model.inertias)[1:]:
-        inertia.mass *= links.uniform(0.7, 1.3)
-        inertia.lever = inertia.lever + links.normal(size=3) * 0.02
-    n = len(axes)
-    size = np.array([30.0 * 0.7**k for k in range(n)])
-    viscous, coulomb = links.uniform(0.05, 0.12, n) * size, links.uniform(0.05, 0.12, n) * size
+    machine, n = np.random.default_rng(seed), len(axes)
+    model, size = true_model(axes, machine), np.array([30.0 * 0.7**k for k in range(n)])
+    viscous, coulomb = machine.uniform(0.05, 0.12, (2, n)) * size
     t = np.arange(0.0, 20.0, 0.005)
-    q, dq, ddq = np.zeros((3, len(t), n))
     reach = np.array([0.12 if a[0] == "prismatic" else 0.7 for a in axes])
-    for harmonic in range(1, 6):
-        w = 2.0 * np.pi * 0.1 * harmonic
-        a, phase = reach / np.sqrt(harmonic) * rng.uniform(0.3, 1.0, n), rng.uniform(-np.pi, np.pi, n)
-        q += a * np.sin(w * t[:, None] + phase)
-        dq += a * w * np.cos(w * t[:, None] + phase)
-        ddq -= a * w**2 * np.sin(w * t[:, None] + phase)
+    shares, phases = rng.uniform([[0.3], [-np.pi]], [[1.0], [np.pi]], (5, 2, n)).swapaxes(0, 1)
+    k = np.arange(1, 6).astype(float)[:, None]
+    q, dq, ddq = waves(reach / np.sqrt(k) * shares, 2.0 * np.pi * 0.1 * k, phases)(t)
     q += np.where(reach > 0.5, rng.uniform(-0.4, 0.4, n), 0.0)
-    tau = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
+    tau = inverse_dynamics(model, q, dq, ddq)
     if real:  # of the machine, not of the run
         own, speed = np.random.default_rng([seed, 5]), dq.std(axis=0)
         side = np.where(dq > 0.0, 1.0, own.uniform(0.85, 1.15, n)) - 1.0
         tau += coulomb * np.sign(dq) * (side + 0.2 * np.exp(-((dq / (0.1 * speed)) ** 2)))
-        tau += own.uniform(0.1, 1.5) * np.diag(pin.crba(model, data, q[0])) * ddq
+        tau += own.uniform(0.1, 1.5) * np.diag(pin.crba(model, model.createData(), q[0])) * ddq
         ripple = own.uniform(0.0, 0.01) * tau.std(axis=0)
         tau += ripple * np.sin(40.0 * q / speed + own.uniform(-np.pi, np.pi, n))
     tau += viscous * dq + coulomb * np.sign(dq)

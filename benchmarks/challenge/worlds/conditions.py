@@ -4,7 +4,7 @@ What lies between a torque and its log, an angle and its log: filters, delay, no
 nuisance makes fair to name is stated here, before any case is run.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -79,8 +79,8 @@ class Conditions:
     library's Coulomb friction has unless told otherwise; asymmetry : of Coulomb and viscous
     friction, as a share; warming : share of the viscous friction that goes as grease warms up;
     thermometer : whether the gears' temperatures are logged; misplacement : (m, degrees) of the true
-    joints beside the URDF; runs, duration : of what is diagnosed, a test run apart; motion : of
-    motion.KINDS; servo : whether a servo drives it, and friction holds what stands; rotor : inertia of
+    joints beside the URDF; runs, duration : of what is diagnosed, a test run apart; motion : as of
+    motion.plan; servo : whether a servo drives it, and friction holds what stands; rotor : inertia of
     geared rotors over that of the links that they move, none of which the URDF tells."""
 
     arm: str = "panda"
@@ -106,25 +106,14 @@ class Site(World):
     conditions: Conditions = field(default_factory=Conditions)
 
 
-@dataclass(frozen=True)
-class Nuisance:
-    """draw : the conditions of one case; fair : effects that are a right answer to it (a changed shape
-    constant, kind "retune", always is); abstains : whether "unknown effect" is one as well."""
-
-    draw: Callable[[Conditions, Generator], Conditions]
-    fair: tuple[str, ...] = ()
-    abstains: bool = False
-
-
 def _channel(c: Conditions, **changes: float | None) -> Conditions:
     return replace(c, channel=replace(c.channel, **changes))  # type: ignore[arg-type]
 
 
 def _encoder(c: Conditions, rng: Generator) -> Conditions:
     step = 2.0 * np.pi / 2.0 ** int(rng.integers(13, 21))
-    return _channel(
-        c, step=step, speed_noise=log_uniform(rng, 1e-4, 3e-3) if rng.random() < 0.5 else None
-    )
+    speed = log_uniform(rng, 1e-4, 3e-3) if rng.random() < 0.5 else None
+    return _channel(c, step=step, speed_noise=speed)
 
 
 def _noise(c: Conditions, rng: Generator) -> Conditions:
@@ -147,71 +136,68 @@ def _mixed(c: Conditions, rng: Generator) -> Conditions:
     drawn += ["aperiodic", "rotor"]
     for name in drawn:
         if rng.random() < 0.5:
-            c = NUISANCES[name].draw(c, rng)
+            c = NUISANCES[name](c, rng)
     return c
 
 
+#: The conditions of one case, from usual ones.
+NUISANCES: Mapping[str, Callable[[Conditions, Generator], Conditions]] = {
+    "plain": lambda *_: Conditions(channel=Channel(rate=1000.0)),
+    "sign": lambda c, _: replace(c, law="sign"),
+    "tanh_0.002": lambda c, _: replace(c, law="tanh", width=(0.002, 0.002)),
+    "widths": lambda c, _: replace(c, law="tanh", width=(0.002, 0.1)),
+    "asymmetric": lambda c, rng: replace(c, asymmetry=float(rng.uniform(0.05, 0.3))),
+    "warming": lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4)), thermometer=True),
+    "dahl": lambda c, _: replace(c, law="dahl"),
+    "lugre": lambda c, _: replace(c, law="lugre"),
+    "smoothed": lambda c, _: _channel(c, smooth=0.04),
+    "causal": lambda c, rng: _channel(c, lag=log_uniform(rng, 0.003, 0.02)),
+    "delay": lambda c, rng: _channel(c, delay=log_uniform(rng, 0.002, 0.02)),
+    "geometry": lambda c, _: replace(c, misplacement=(1e-3, 0.1)),
+    "encoder": _encoder,
+    "rate": lambda c, rng: _channel(c, rate=float(rng.choice(RATES))),
+    "noise": _noise,
+    "points": lambda c, _: replace(c, motion="points"),
+    "servo": _servo,
+    "rotor": lambda c, rng: replace(c, rotor=float(rng.uniform(0.05, 0.6))),
+    "aperiodic": lambda c, _: replace(c, motion="aperiodic"),
+    "one_run": lambda c, rng: replace(c, runs=1, duration=float(rng.uniform(15.0, 60.0))),
+    "short": lambda c, rng: replace(c, runs=2, duration=float(rng.uniform(8.0, 12.0))),
+    "mixed": _mixed,
+}
+
 _PRESLIDING = ("presliding_hysteresis", "maxwell_slip")
 _LATE = ("global_delay", "torque_delay", "torque_filter")
+_UNEVEN = ("asymmetric_viscous_friction", "asymmetric_coulomb_friction", "torque_offset")
 _GEOMETRY = ("kinematic_error", "base_tilt", "joint_zero_error")
 
-NUISANCES: Mapping[str, Nuisance] = {
-    "plain": Nuisance(lambda *_: Conditions(channel=Channel(rate=1000.0))),
-    "sign": Nuisance(lambda c, _: replace(c, law="sign")),
-    "tanh_0.002": Nuisance(lambda c, _: replace(c, law="tanh", width=(0.002, 0.002))),
-    "widths": Nuisance(lambda c, _: replace(c, law="tanh", width=(0.002, 0.1)), ("sigmoid_friction",)),
-    "asymmetric": Nuisance(
-        lambda c, rng: replace(c, asymmetry=float(rng.uniform(0.05, 0.3))),
-        ("asymmetric_viscous_friction", "asymmetric_coulomb_friction", "torque_offset"),
-    ),
-    "warming": Nuisance(
-        lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4)), thermometer=True),
-        ("drift_friction", "warming_friction"),
-    ),
-    "dahl": Nuisance(lambda c, _: replace(c, law="dahl"), _PRESLIDING),
-    "lugre": Nuisance(lambda c, _: replace(c, law="lugre"), (*_PRESLIDING, "stribeck_friction"), True),
-    "smoothed": Nuisance(lambda c, _: _channel(c, smooth=0.04), ("torque_filter",), True),
+#: Under which conditions which effects are a right answer (a changed shape constant, kind "retune",
+#: always is), and whether "unknown effect" is one as well.
+FAIR: Sequence[tuple[Callable[[Conditions], bool], tuple[str, ...], bool]] = (
+    (lambda c: c.law == "tanh" and max(c.width) > max(Conditions().width), ("sigmoid_friction",), False),
+    (lambda c: c.asymmetry > 0.0, _UNEVEN, False),
+    (lambda c: c.warming > 0.0, ("drift_friction", "warming_friction"), False),
+    (lambda c: c.law == "dahl", _PRESLIDING, False),
+    (lambda c: c.law == "lugre", (*_PRESLIDING, "stribeck_friction"), True),
+    (lambda c: c.channel.smooth > 0.0, ("torque_filter",), True),
     # A delay is only the first order of a low-pass: what it leaves has no exact name.
-    "causal": Nuisance(lambda c, rng: _channel(c, lag=log_uniform(rng, 0.003, 0.02)), _LATE, True),
-    "delay": Nuisance(lambda c, rng: _channel(c, delay=log_uniform(rng, 0.002, 0.02)), _LATE),
-    "geometry": Nuisance(lambda c, _: replace(c, misplacement=(1e-3, 0.1)), _GEOMETRY, True),
-    "encoder": Nuisance(_encoder),
-    "rate": Nuisance(lambda c, rng: _channel(c, rate=float(rng.choice(RATES)))),
-    "noise": Nuisance(_noise),
-    "points": Nuisance(lambda c, _: replace(c, motion="points")),
+    (lambda c: c.channel.lag > 0.0, _LATE, True),
+    (lambda c: c.channel.delay > 0.0, _LATE, False),
+    (lambda c: c.misplacement != (0.0, 0.0), _GEOMETRY, True),
     # A sign of the velocity lets go at rest, where set-valued friction holds.
-    "servo": Nuisance(_servo, ("stiction",)),
-    "rotor": Nuisance(
-        lambda c, rng: replace(c, rotor=float(rng.uniform(0.05, 0.6))), ("rotor_inertia",)
-    ),
-    "aperiodic": Nuisance(lambda c, _: replace(c, motion="aperiodic")),
-    "one_run": Nuisance(lambda c, rng: replace(c, runs=1, duration=float(rng.uniform(15.0, 60.0)))),
-    "short": Nuisance(lambda c, rng: replace(c, runs=2, duration=float(rng.uniform(8.0, 12.0)))),
-    "mixed": Nuisance(_mixed),
-}
+    (lambda c: c.servo and c.law == "sign", ("stiction",), False),
+    (lambda c: c.rotor > 0.0, ("rotor_inertia",), False),
+)
 
 
 def draw_conditions(nuisance: str, rng: Generator) -> Conditions:
     """Conditions of one case of a class of nuisance, on any of the arms (plain: on the Panda)."""
     arm = str(rng.choice(ARMS))
     usual = Conditions(arm, runs=int(rng.integers(2, 5)), duration=float(rng.uniform(10.0, 25.0)))
-    return NUISANCES[nuisance].draw(usual, rng)
+    return NUISANCES[nuisance](usual, rng)
 
 
 def fair(c: Conditions) -> tuple[set[str], bool]:
     """The effects that are a right answer to these conditions, and whether abstaining is one."""
-    at_work = {
-        "widths": c.law == "tanh" and max(c.width) > max(Conditions().width),
-        "asymmetric": c.asymmetry > 0.0,
-        "warming": c.warming > 0.0,
-        "dahl": c.law == "dahl",
-        "lugre": c.law == "lugre",
-        "smoothed": c.channel.smooth > 0.0,
-        "causal": c.channel.lag > 0.0,
-        "delay": c.channel.delay > 0.0,
-        "geometry": c.misplacement != (0.0, 0.0),
-        "servo": c.servo and c.law == "sign",
-        "rotor": c.rotor > 0.0,
-    }
-    present = [NUISANCES[name] for name, here in at_work.items() if here]
-    return {effect for x in present for effect in x.fair}, any(x.abstains for x in present)
+    present = [(effects, abstains) for at_work, effects, abstains in FAIR if at_work(c)]
+    return {x for effects, _ in present for x in effects}, any(abstains for _, abstains in present)

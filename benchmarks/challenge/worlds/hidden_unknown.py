@@ -98,9 +98,8 @@ def disturbance(w: Site, j: int, rng: Generator) -> Hidden:
     c = w.conditions
     run = int(rng.integers(c.runs))
     begin = start_of(c, run) + LEAD + float(rng.uniform(0.15, 0.85)) * c.duration
-    length = float(
-        {"contact": rng.uniform(0.3, 2.0), "knock": rng.uniform(0.05, 0.15), "hum": 0.0}[kind]
-    )
+    lengths = {"contact": rng.uniform(0.3, 2.0), "knock": rng.uniform(0.05, 0.15), "hum": 0.0}
+    length = float(lengths[kind])
     frequency, phase = float(rng.uniform(1.0, 7.0)), float(rng.uniform(0.0, 2.0 * np.pi))
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 

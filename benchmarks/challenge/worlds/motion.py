@@ -6,6 +6,7 @@ law in the same form: its travel of 1e-7 is the set-valued sign.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from math import sqrt, tanh
 from operator import mul
@@ -19,34 +20,24 @@ from sdp_vs_penalty.simulation.worlds.world import Arm, Array, TrueMotion, World
 
 States = tuple[Array, Array, Array]
 
-KINDS = ("periodic", "aperiodic", "points")
+#: Shares of the position and velocity limits that a motion uses; the farthest from its centre [rad].
+REACH, SPEED, SWING = 0.75, 0.5, 1.6
 
 
-def plan(
-    arm: Arm,
-    kind: str,
-    duration: float,
-    rng: np.random.Generator,
-    reach: float = 0.75,
-    speed: float = 0.5,
-    swing: float = 1.6,
-) -> Callable[[Array], States]:
-    """A random motion as a function of time [s] from its beginning.
-
-    kind : of KINDS; reach, speed : shares of the position and velocity limits that it uses; swing : the
-    farthest from its centre [rad].
-    """
-    half = np.minimum(0.5 * reach * (arm.upper - arm.lower), swing)
-    slack = 0.5 * reach * (arm.upper - arm.lower) - half
-    room = 0.5 * (arm.lower + arm.upper), slack, half
+def plan(arm: Arm, kind: str, duration: float, rng: np.random.Generator) -> Callable[[Array], States]:
+    """A random motion, periodic, aperiodic or from point to point ("points"), as a function of time [s]
+    from its beginning."""
+    reach = 0.5 * REACH * (arm.upper - arm.lower)
+    half = np.minimum(reach, SWING)
+    room = 0.5 * (arm.lower + arm.upper), reach - half, half
     if kind == "points":
-        return _points(room, speed * arm.speed, duration, rng)
+        return _points(room, SPEED * arm.speed, duration, rng)
     if kind == "periodic":
         period = min(float(rng.uniform(8.0, 13.3)), duration / 1.5)
         frequencies = np.tile(np.arange(1, 6)[:, None] / period, (1, arm.n))
     else:
         frequencies = rng.uniform(0.05, 0.5, (8, arm.n))
-    return _waves(room, speed * arm.speed, frequencies, duration, rng)
+    return _waves(room, SPEED * arm.speed, frequencies, duration, rng)
 
 
 def _placed(room: States, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -58,27 +49,26 @@ def _placed(room: States, rng: np.random.Generator) -> tuple[Array, Array]:
 def _waves(
     room: States, fastest: Array, frequencies: Array, duration: float, rng: np.random.Generator
 ) -> Callable[[Array], States]:
-    """q = c + sum_k a_k sin(w_k t + phi_k), as large as position and velocity limits let it be."""
+    """Waves about a centre, as large as position and velocity limits let them be."""
     w = 2.0 * np.pi * frequencies
     phase = rng.uniform(0.0, 2.0 * np.pi, w.shape)
     size = rng.uniform(0.3, 1.0, w.shape) / np.sqrt(w)
     centre, half = _placed(room, rng)
-
-    def at(t: Array) -> States:
-        angle = w * t[:, None, None] + phase
-        q = (size * np.sin(angle)).sum(axis=1)
-        dq = (size * w * np.cos(angle)).sum(axis=1)
-        return q, dq, -(size * w**2 * np.sin(angle)).sum(axis=1)
-
-    q, dq, _ = at(np.arange(0.0, duration, 0.02))
+    q, dq, _ = waves(size, w, phase)(np.arange(0.0, duration, 0.02))
     middle = 0.5 * (q.max(axis=0) + q.min(axis=0))
     fit = np.minimum(half / np.abs(q - middle).max(axis=0), fastest / np.abs(dq).max(axis=0))
-    size = fit * size
-    centre = centre - fit * middle
+    return waves(fit * size, w, phase, centre - fit * middle)
+
+
+def waves(size: Array, w: Array, phase: Array, centre: Array | float = 0.0) -> Callable[[Array], States]:
+    """q = centre + sum_k size_k sin(w_k t + phase_k) of k waves, each (k, n) or (k, 1) [rad or m, rad/s,
+    rad]; centre (n,)."""
 
     def states(t: Array) -> States:
-        q, dq, ddq = at(t)
-        return centre + q, dq, ddq
+        angle = w * t[:, None, None] + phase
+        q = centre + (size * np.sin(angle)).sum(axis=1)
+        dq = (size * w * np.cos(angle)).sum(axis=1)
+        return q, dq, -(size * w**2 * np.sin(angle)).sum(axis=1)
 
     return states
 
@@ -90,8 +80,7 @@ def _points(
     35 s^4 - 84 s^5 + 70 s^6 - 20 s^7, whose first three derivatives vanish at both ends."""
     centre, half = _placed(room, rng)
     again = int(rng.integers(4, 7)) if rng.random() < 0.5 else 10_000
-    targets: list[Array] = [centre]
-    times = [0.0]  # of the ends of the pauses
+    targets, times = [centre], [0.0]  # where it pauses, and until when
     arrivals: list[float] = []
     while times[-1] < duration:
         k = len(targets)
@@ -120,29 +109,26 @@ def _points(
 
 def thinned(m: TrueMotion, every: int) -> TrueMotion:
     """One in so many rows of a motion."""
-    share = None if m.share is None else m.share[::every]
-    return TrueMotion(m.t[::every], m.q[::every], m.dq[::every], m.ddq[::every], share)
+    return replace(m, **{name: x[::every] for name, x in vars(m).items() if x is not None})
 
 
 #: Travel of a friction that has none [rad or m].
 NONE = 1e-7
 #: Velocity to which a step is solved [rad/s or m/s], and in how many rounds at most.
 TOLERANCE, ROUNDS = 1e-8, 30
+#: A good industrial controller: bandwidth of its position loop [Hz], or by how much it yields to dry
+#: friction at most [rad].
+BANDWIDTH, YIELDS = 4.0, 0.01
+#: The share of dry friction that its feed-forward knows, and over which velocity that turns [rad/s].
+KNOWN, TURNS = 0.7, 0.05
 
 
 def driven(
-    world: Site,
-    plan: TrueMotion,
-    bandwidth: float = 4.0,
-    yields: float = 0.01,
-    known: float = 0.7,
-    turns: float = 0.05,
+    world: Site, plan: TrueMotion, pull: Array | float = 0.0, jitter: Array | float = 0.0
 ) -> TrueMotion:
     """What the arm does under PID control with feed-forward, at the rate of the plan (1 kHz), from rest.
 
-    A good industrial controller: bandwidth of its position loop [Hz], or by how much it yields to dry
-    friction at most [rad]; known : the share of friction that its feed-forward knows, which turns
-    round over ``turns`` [rad/s].
+    pull (N, n) : a torque against it that nobody plans; jitter (N, n) : noise of the encoders.
 
     Solves M (v' - v) / h + b(q, v) + f (v + v') / 2 + F(v') = tau for the next velocity v', F dry
     friction. Each row is of the middle of a step, which (v + v') / 2 goes through: with v' alone all
@@ -150,24 +136,25 @@ def driven(
     """
     arm, n = world.arm, world.arm.n
     h = float(plan.t[1] - plan.t[0])
+    pull, jitter = (np.broadcast_to(x, plan.q.shape) for x in (pull, jitter))
     coulomb = np.where(world.coulomb > 0.0, world.coulomb, arm.coulomb)
     forward = inverse_dynamics(arm.model, plan.q, plan.dq, plan.ddq) + world.viscous * plan.dq
     forward += world.rotor * plan.ddq + world.offset
-    forward += known * coulomb * np.tanh(plan.dq / (turns * arm.unit_speed))
+    forward += KNOWN * coulomb * np.tanh(plan.dq / (TURNS * arm.unit_speed))
     data = world.built.createData()
     q, v, z, wound = plan.q[0].copy(), np.zeros(n), np.zeros(n), np.zeros(n)
     alone = _mass_matrix(arm.model, arm.model.createData(), q) + np.diag(world.rotor)
     inertia = 1.0 / np.diag(np.linalg.inv(alone))  # of a joint whose neighbours are free
-    gain = np.maximum((2.0 * np.pi * bandwidth) ** 2 * inertia, coulomb / (yields * arm.unit_speed))
+    gain = np.maximum((2.0 * np.pi * BANDWIDTH) ** 2 * inertia, coulomb / (YIELDS * arm.unit_speed))
     damp, wind = 2.0 * np.sqrt(gain * inertia), 2.0 * gain
     rows = []
     for k in range(len(plan.t)):
-        seen = world.conditions.channel.position(q, arm.unit_speed)
+        seen = world.conditions.channel.position(q + jitter[k], arm.unit_speed)
         wound += h * (plan.q[k] - seen)
         tau = forward[k] + gain * (plan.q[k] - seen) + damp * (plan.dq[k] - v) + wind * wound
         bias = pin.nonLinearEffects(world.built, data, q, v)
         A = _mass_matrix(world.built, data, q) + np.diag(world.rotor + 0.5 * h * world.viscous)
-        push = A @ v + h * (tau - bias - world.offset - world.viscous * v)
+        push = A @ v + h * (tau - bias - world.offset - pull[k] - world.viscous * v)
         after, share = _next(A, push, h * coulomb, z, h, world)
         mean = 0.5 * (v + after)
         rows.append((q + 0.5 * h * mean, mean, (after - v) / h, share))

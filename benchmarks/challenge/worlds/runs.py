@@ -3,7 +3,9 @@ what is logged of them."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from challenge.worlds.conditions import Conditions, Site
 from challenge.worlds.motion import driven, plan
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.simulation.worlds.hidden import log_uniform
 from sdp_vs_penalty.simulation.worlds.world import (
     PAUSE,
     Arm,
@@ -26,30 +29,33 @@ def urdf_of(name: str) -> Path:
     return Path(__file__).parent / f"{name}.urdf"
 
 
-def load_arm(name: str, noise: float = 0.1) -> Arm:
-    """One of ARMS; noise : of its torques over the Coulomb friction in its URDF."""
-    model = pin.buildModelFromUrdf(str(urdf_of(name)))
+def load_arm(name: str) -> Arm:
+    """One of ARMS."""
+    return arm_of(pin.buildModelFromUrdf(str(urdf_of(name))))
+
+
+def arm_of(model: Any) -> Arm:
+    """The arm of a model of Pinocchio's, with its limits and friction, a tenth of which is noise."""
     rotary = np.array([joint.shortname().startswith("JointModelR") for joint in model.joints[1:]])
-    limits = (model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit)
+    limits = model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit
     lower, upper, speed, coulomb, viscous = map(np.array, (*limits, model.friction, model.damping))
-    sizes, n = (coulomb, viscous, rotary, noise * coulomb), len(rotary)
-    ends = (lower, upper, speed)
-    return Arm(model, *ends, *sizes, model.njoints - 1, np.eye(n), np.zeros(n))
+    sizes, n = (coulomb, viscous, rotary, 0.1 * coulomb), len(rotary)
+    return Arm(model, lower, upper, speed, *sizes, model.njoints - 1, np.eye(n), np.zeros(n))
 
 
-def draw_world(c: Conditions, rng: np.random.Generator, without: Collection[str] = ()) -> Site:
+def draw_world(
+    c: Conditions, rng: np.random.Generator, without: Collection[str] = (), arm: Arm | None = None
+) -> Site:
     """Friction around what the URDF says, links as it says, joints where the conditions put them.
 
-    without : of viscous_friction, coulomb_friction and torque_offset those that no joint has.
+    without : of viscous_friction, coulomb_friction and torque_offset those that no joint has; arm : in
+    place of the conditions' one.
     """
-    arm = load_arm(c.arm)
-    n = arm.n
-
-    def spread(low: float, high: float) -> Array:
-        return np.asarray(np.exp(rng.uniform(np.log(low), np.log(high), n)))
-
-    coulomb, viscous = arm.coulomb * spread(0.5, 1.5), arm.viscous * spread(0.5, 1.5)
-    offset = 0.2 * arm.coulomb * rng.uniform(-1.0, 1.0, n)
+    arm = arm or load_arm(c.arm)
+    n, spread = arm.n, partial(log_uniform, rng, size=arm.n)
+    coulomb = arm.coulomb * spread(0.5, 1.5) * ("coulomb_friction" not in without)
+    viscous = arm.viscous * spread(0.5, 1.5) * ("viscous_friction" not in without)
+    offset = 0.2 * arm.coulomb * rng.uniform(-1.0, 1.0, n) * ("torque_offset" not in without)
     unit = arm.unit_speed
     width = spread(*c.width) * (1.0 if c.width[0] == c.width[1] else unit)
     dry = DryFriction(
@@ -58,15 +64,10 @@ def draw_world(c: Conditions, rng: np.random.Generator, without: Collection[str]
     sides = rng.choice([-1.0, 1.0], (2, n)) * c.asymmetry
     built = misplaced(arm.model, *c.misplacement, rng)
     warm_up = float(rng.uniform(30.0, 120.0))
-    coulomb = coulomb * ("coulomb_friction" not in without)
-    viscous = viscous * ("viscous_friction" not in without)
-    offset = offset * ("torque_offset" not in without)
     middle = 0.5 * (arm.lower + arm.upper)
     rotor = c.rotor * np.diag(pin.crba(arm.model, arm.model.createData(), middle))
-    lopsided = sides[0] * coulomb, sides[1] * viscous
-    noise = c.noise.level * arm.noise
-    own = (coulomb, viscous, offset, *lopsided, rotor, noise, warm_up, c.warming)
-    return Site(arm, built, dry, *own, c)
+    rubs = coulomb, viscous, offset, sides[0] * coulomb, sides[1] * viscous
+    return Site(arm, built, dry, *rubs, rotor, c.noise.level * arm.noise, warm_up, c.warming, c)
 
 
 #: Rate of the simulation [Hz]; of the log's rates each divides it.
@@ -100,9 +101,14 @@ class Logged:
 
 
 def log_run(
-    world: Site, motion: TrueMotion, rng: np.random.Generator, added: Sequence[Array] = ()
+    world: Site,
+    motion: TrueMotion,
+    rng: np.random.Generator,
+    added: Sequence[Array] = (),
+    jitter: Array | float = 0.0,
 ) -> Logged:
-    """What the sensors make of a run; added : (N, n) torques on top of the world's, on the fine grid."""
+    """What the sensors make of a run; on the fine grid (N, n) added : torques on top of the world's,
+    jitter : noise of the encoders."""
     c = world.conditions
     every = round(FINE / c.channel.rate)
     inside = slice(round(LEAD * FINE), round((LEAD + c.duration) * FINE), every)
@@ -113,7 +119,7 @@ def log_run(
     speed = None
     if c.channel.speed_noise is not None:
         speed = dq + c.channel.speed_noise * world.arm.unit_speed * rng.normal(size=dq.shape)
-    counted = c.channel.position(q, world.arm.unit_speed)
+    counted = c.channel.position((motion.q + jitter)[inside], world.arm.unit_speed)
     warm = np.round(world.temperature(t), 1) if c.thermometer else None
     run = Measurements(t, counted, noisy, speed, temperature=warm)
     return Logged(run, Measurements(t, q, tau, temperature=warm), tuple(shares))
