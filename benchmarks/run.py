@@ -123,16 +123,15 @@ def fits(problem: Problem, run: Measurements) -> list[Row]:
 PROGRAM = [sys.executable, "-m", "sdp_vs_penalty"]
 #: Run by a small process: a child's peak begins with the memory of the process that starts it.
 _WORK = """
-import resource, subprocess, sys, time
-quiet, start = subprocess.DEVNULL, time.perf_counter()
-subprocess.run(sys.argv[1:], stdout=quiet, stderr=quiet)
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0, time.perf_counter() - start)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
 """
 
 
 def measured(command: list[str]) -> tuple[float, ...]:
-    """Processor time [s], peak memory [MB] and time on the wall [s] of a process on one thread."""
+    """Processor time [s] and peak memory [MB] of a process on one thread."""
     env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     around = [sys.executable, "-c", _WORK, *command]
     done = subprocess.run(around, env=env, check=True, capture_output=True, text=True)
@@ -194,7 +193,7 @@ def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[R
         for count in counts:
             recorded(Path(log), count, true)
             for verb, words in commands.items():
-                seconds, most, _ = measured([*PROGRAM, *words])
+                seconds, most = measured([*PROGRAM, *words])
                 note = f"peak memory {most - imports[verb]:.0f} MB beyond imports"
                 rows.append((f"{verb}, {count} rows", seconds, None, "s", note))
     return rows
@@ -235,9 +234,8 @@ def write(out: Path, tables: list[pandas.DataFrame]) -> None:
     if (table := out / "benchmarks.csv").exists():
         old = pandas.read_csv(table, dtype=str, keep_default_na=False)
         new.append(old[~old["part"].isin([part for t in tables for part in t["part"]])])
-    order = {part: k for k, part in enumerate([*PARTS, *LEFT])}
-    cells = pandas.concat(new).replace("nan", "")
-    cells = cells.sort_values("part", key=lambda x: x.map(order), kind="stable")
+    order, cells = [*PARTS, *LEFT], pandas.concat(new).replace("nan", "")
+    cells = cells.sort_values("part", key=lambda x: x.map(order.index), kind="stable")
     write_text(table, cells.to_csv(index=False, lineterminator="\n"))
     left = ", ".join(f"{part} by one of commit {commit}" for part, commit in LEFT.items())
     about = (

@@ -1,23 +1,19 @@
 """How often is the diagnosis right, on robots that are simulated independently of the library?
 
-python benchmarks/challenge --classes clean --nuisance sign,dahl --cases 4 --seed 1000 --out hidden
+python benchmarks/challenge --classes clean --nuisance sign dahl --cases 4 --seed 1000 --out hidden
 """
 
 import argparse
+import os
 import sys
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 sys.path[0] = str(Path(__file__).parents[1])  # for this process and its workers
 
 from challenge.cases import CLASSES, run_challenge, wanted  # noqa: E402
 from challenge.worlds.conditions import NUISANCES  # noqa: E402
 from sdp_vs_penalty.parallel import Workers  # noqa: E402
-
-
-def some_of(known: Sequence[str]) -> Callable[[str], list[str]]:
-    """Reads a,b: the parser tells the ValueError of a name that is none."""
-    return lambda text: [known[known.index(name)] for name in text.split(",")]
 
 
 def main() -> None:
@@ -27,7 +23,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results"), help="folder for challenge.*")
     parser.add_argument("--jobs", type=int, default=2)
     for word, known in (("--classes", [*CLASSES]), ("--nuisance", [*NUISANCES])):
-        parser.add_argument(word, type=some_of(known), default=known, help="a,b; default: all")
+        parser.add_argument(word, nargs="+", choices=known, default=known)
     told = parser.parse_args()
     every = wanted(told.cases, told.seed, told.classes, told.nuisance)
     show = lambda text: print(text, end="\r")  # noqa: E731

@@ -5,20 +5,18 @@ it. Cases are kept one by one, so that an interrupted challenge goes on where it
 """
 
 import json
-import os
 import time
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from challenge.judge import Record, report_text
 from challenge.truth import energies, judged_curve, true_floor
-from challenge.worlds.conditions import NUISANCES, Conditions, draw_conditions, fair
+from challenge.worlds.conditions import NUISANCES, Conditions, Site, draw_conditions, fair
 from challenge.worlds.hidden_unknown import disturbance, nameless, unknown
 from challenge.worlds.motion import thinned
 from challenge.worlds.runs import Logged, draw_motion, draw_world, log_run, urdf_of
@@ -31,7 +29,7 @@ from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import Workers, spread
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.simulation.worlds.hidden import FRICTION, FROZEN, LEVELS, MACHINE, Hidden, Maker
-from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 
 #: What every model in question has, unless that is what is hidden.
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
@@ -70,7 +68,7 @@ class CaseClass:
         return [str(x) for x in rng.choice(others, self.count, replace=False)]
 
     def hidden(
-        self, names: Sequence[str], world: World, motions: Sequence[TrueMotion], rng: np.random.Generator
+        self, names: Sequence[str], world: Site, motions: Sequence[TrueMotion], rng: np.random.Generator
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
         kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN, **EFFECTS}
@@ -175,22 +173,17 @@ def _diagnosed(
         "curves": [{"joint": c.joint, "of": c.of, "formula": c.formula} for c in diagnosis.curves],
     }
     if kind.what == "curves":
-        record["curve"] = judged_curve(diagnosis, hidden[0], logged, estimate, data)
+        record["curve"] = judged_curve(diagnosis, hidden[0], logged, estimate)
     if hidden:
         record["energy"] = energies(runs, estimate, kind.frozen)
     if kind.what in ("none", "effects"):
-        settled = replace(estimate, preprocessing=estimate.preprocessing.resolve(test.run))
-        record["after"] = (np.array(result["held_out_rmse"]) / true_floor(test, settled)).tolist()
+        record["after"] = (np.array(result["held_out_rmse"]) / true_floor(test, estimate)).tolist()
     return record
 
 
-def rounded(value: Any) -> Any:
-    """The same with all floats at six digits: thousands of records are kept."""
-    if isinstance(value, float):
-        return float(f"{value:.6g}")
-    if isinstance(value, dict):
-        return {key: rounded(x) for key, x in value.items()}
-    return [rounded(x) for x in value] if isinstance(value, (list, tuple)) else value
+def rounded(record: Record) -> Record:
+    """As JSON has it, with all floats at six digits: thousands of records are kept."""
+    return dict(json.loads(json.dumps(record), parse_float=lambda x: float(f"{float(x):.6g}")))
 
 
 #: Of the record's format: cases of another version are simulated anew.
@@ -201,8 +194,6 @@ def run_challenge(
     todo: Sequence[Case], seed: int, out: Path, workers: Workers, progress: Callable[[str], None]
 ) -> list[Path]:
     """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.md."""
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
     store, report = out / "challenge.json", out / "challenge.md"
     records: dict[str, Record] = {}
     with alone(out):

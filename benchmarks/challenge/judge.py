@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from challenge.worlds.conditions import NUISANCES
 from sdp_vs_penalty.formatting import markdown_table
@@ -19,17 +20,6 @@ IDENTIFIABLE = 30.0
 FARTHEST = 0.3
 #: What a diagnosis of a clean robot can come to; the first is a false claim.
 OUTCOMES = ("false", "named", "abstained", "silent")
-
-
-def wilson(hits: float, count: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's score interval of a share (JASA 1927); (0, 1) without cases."""
-    if count == 0:
-        return 0.0, 1.0
-    p = hits / count
-    centre = p + z**2 / (2 * count)
-    half = z * np.sqrt(p * (1 - p) / count + z**2 / (4 * count**2))
-    scale = 1 + z**2 / count
-    return max(0.0, float((centre - half) / scale)), min(1.0, float((centre + half) / scale))
 
 
 def counted(record: Record) -> bool:
@@ -70,17 +60,14 @@ def first(record: Record) -> Item | None:
 
 
 def first_right(record: Record) -> bool:
-    named = first(record)
-    return named is not None and is_true(named, record)
+    return any(is_true(named, record) for named in claims(record)[:1])
 
 
 def in_set(record: Record) -> bool:
     """A hidden effect is the first named one, or among those that it cannot be told apart from."""
     named = first(record)
-    if named is None:
-        return False
-    rivals = {r.split(":")[0] for r in named["indistinguishable_from"]}
-    return is_true(named, record) or any(t["effect"] in rivals for t in record["truth"])
+    rivals = {r.split(":")[0] for r in named["indistinguishable_from"]} if named else set()
+    return first_right(record) or any(t["effect"] in rivals for t in record["truth"])
 
 
 def all_named(record: Record) -> bool:
@@ -123,14 +110,12 @@ def sizes(record: Record) -> list[tuple[str, float, float]]:
     filter in the channel, which delays) the size is that of both, and is not judged."""
     out = []
     for truth in record["truth"]:
-        for f in record["found"]:
-            if same(f, truth) and truth.get("size") is not None and f["effect"] not in record["fair"]:
-                wave = f["effect"] in ("torque_ripple", "base_tilt", "payload")
-                size = abs(f["size"]) if wave else f["size"]
-                error = size - truth["size"]
-                deviations = error / f["std"] if f["std"] > 0.0 else float("inf")
-                out.append((f["effect"], abs(error / truth["size"]), abs(deviations)))
-                break
+        mine = (f for f in record["found"] if same(f, truth) and f["effect"] not in record["fair"])
+        if (f := next(mine, None)) and truth.get("size") is not None:
+            wave = f["effect"] in ("torque_ripple", "base_tilt", "payload")
+            error = (abs(f["size"]) if wave else f["size"]) - truth["size"]
+            deviations = error / f["std"] if f["std"] > 0.0 else float("inf")
+            out.append((f["effect"], abs(error / truth["size"]), abs(deviations)))
     return out
 
 
@@ -153,8 +138,7 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("clean", "false claims, all nuisances", lambda r: outcome(r) == "false", "<= 1 %"),
     ("clean", "false events", lambda record: bool(record["events"]), ""),
     ("clean", "false curves", lambda r: bool(r.get("curves")), "<= 1 %"),
-    ("strong", "first named effect right", first_right, ">= 99 %"),
-    ("medium", "first named effect right", first_right, ">= 99 %"),
+    *((name, "first named effect right", first_right, ">= 99 %") for name in SINGLE[:2]),
     ("weak", "first named effect right", first_right, ">= 95 %"),
     *((name, "truth in the equivalence set", in_set, ">= 99 %") for name in SINGLE),
     *((name, "nothing named besides", lambda r: not extras(r), "") for name in SINGLE),
@@ -163,8 +147,7 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
     ("one_run", "first named effect right", first_right, ">= 95 %"),
     ("pairs", "both named", all_named, ">= 95 %"),
     ("triples", "all three named", all_named, ">= 90 %"),
-    ("unknown_strong", "abstained", abstained, ">= 97 %"),
-    ("unknown_medium", "abstained", abstained, ">= 97 %"),
+    *((f"unknown_{level}", "abstained", abstained, ">= 97 %") for level in SINGLE[:2]),
     ("disturbance", "flagged as event or unknown", flagged, ""),
     ("disturbance", "an event at the right time", found_in_time, ">= 90 %"),
     ("payload", "payload named first", first_right, ""),
@@ -173,9 +156,9 @@ MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
 )
 
 
-def share(hits: int, count: int) -> list[str]:
-    """Cases, share and Wilson's interval."""
-    low, high = wilson(hits, count)
+def share(hits: float, count: int) -> list[str]:
+    """Cases, share and Wilson's 95 % interval (JASA 1927), which is of whole hits."""
+    low, high = binomtest(round(hits), count).proportion_ci(method="wilson")
     return [str(count), f"{100 * hits / count:.1f} %", f"{100 * low:.1f} to {100 * high:.1f} %"]
 
 

@@ -4,13 +4,13 @@ And whether a measured curve is right: its variables, and what adding it buys on
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from challenge.worlds.runs import Logged
-from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -27,44 +27,33 @@ from sdp_vs_penalty.simulation.worlds.hidden import Hidden
 
 def energies(logged: Sequence[Logged], estimate: Estimate, frozen: bool) -> list[float]:
     """Energy of each hidden effect's torque, white, the model's columns partialled out."""
-    return [_white(logged, estimate, frozen, k).energy for k in range(len(logged[0].shares))]
+    every = (_white(logged, estimate, frozen, k) for k in range(len(logged[0].shares)))
+    return [float(np.sum(left**2)) for *_, left in every]
 
 
 def beyond_one_name(logged: Sequence[Logged], estimate: Estimate, joint: int) -> float:
     """Energy of the first hidden torque beside the model and that effect of the library on its joint
     (from 0), as a search begins with it, which makes most of it: what shows that it has no name."""
-    hidden = _white(logged, estimate, False, 0)
-    rows, Q, M = hidden.rows, hidden.Q, len(hidden.rows.t)
-    mine = slice(joint * M, (joint + 1) * M)
+    rows, noise, Q, left = _white(logged, estimate, False, 0)
+    mine = slice(joint * len(rows.t), (joint + 1) * len(rows.t))
     best = 0.0
-    for batch in library(whitened(rows, hidden.noise, estimate, False)).batches:
+    for batch in library(whitened(rows, noise, estimate, False)).batches:
         for f in range(len(batch.forms)) if batch.joints == (joint,) else ():
             Z = batch.columns(f)[joint]
             overlap = Q[mine].T @ Z
-            gram, pull = Z.T @ Z - overlap.T @ overlap, Z.T @ hidden.left[mine]
+            gram, pull = Z.T @ Z - overlap.T @ overlap, Z.T @ left[mine]
             best = max(best, float(pull @ np.linalg.lstsq(gram, pull, rcond=1e-9)[0]))
-    return hidden.energy - best
+    return float(np.sum(left**2)) - best
 
 
-@dataclass(frozen=True)
-class _White:
-    """rows, noise : of the log; Q (n M, r) : the model's white columns, orthonormal; left (n M,) : what
-    they leave of a hidden torque.
+def _white(
+    logged: Sequence[Logged], estimate: Estimate, frozen: bool, k: int
+) -> tuple[SegmentedRuns, Noise, Array, Array]:
+    """Rows and noise of the log; (n M, r) the model's white columns, orthonormal; (n M,) what they leave
+    of the hidden torque k.
 
     White as the true noise is, which is the log less what perfect torque channels would have shown.
     """
-
-    rows: SegmentedRuns
-    noise: Noise
-    Q: Array
-    left: Array
-
-    @property
-    def energy(self) -> float:
-        return float(np.sum(self.left**2))
-
-
-def _white(logged: Sequence[Logged], estimate: Estimate, frozen: bool, k: int) -> _White:
     silent = _filtered([x.ideal.tau for x in logged], logged, estimate)
     rows = _filtered([x.run.tau for x in logged], logged, estimate)
     noise = noise_in(rows, rows.residual - silent.residual)
@@ -73,32 +62,27 @@ def _white(logged: Sequence[Logged], estimate: Estimate, frozen: bool, k: int) -
     white, apart = white_rows(rows, noise, columns, silent.residual - without.residual)
     change = apart.ravel()
     Q = orthonormal(white.reshape(len(change), -1))
-    return _White(rows, noise, Q, change - Q @ (Q.T @ change))
+    return rows, noise, Q, change - Q @ (Q.T @ change)
 
 
 def _filtered(taus: Sequence[Array], logged: Sequence[Logged], estimate: Estimate) -> SegmentedRuns:
     """Rows of the logged positions with other torques."""
-    runs = [replace(x.run, tau=tau) for x, tau in zip(logged, taus, strict=True)]
-    data = concatenate(runs)
+    data = concatenate([replace(x.run, tau=tau) for x, tau in zip(logged, taus, strict=True)])
     return diagnosis_rows(data, estimate, estimate.preprocessing.resolve(data))
 
 
 def true_floor(test: Logged, estimate: Estimate) -> Array:
     """(n,) standard deviation of what noise, and the encoders' steps, leave of the filtered torque."""
-
+    settings = estimate.preprocessing.resolve(test.run)
     runs = test.run, test.ideal, replace(test.run, tau=test.ideal.tau)
-    rows = (diagnosis_rows(run, estimate, estimate.preprocessing) for run in runs)
+    rows = (diagnosis_rows(run, estimate, settings) for run in runs)
     real, ideal, stepped = (x.residual[x.keep[:, 0]] for x in rows)
     # The encoders' steps may change what counts as standstill.
     return np.asarray((real - (ideal if real.shape == ideal.shape else stepped)).std(axis=0))
 
 
 def judged_curve(
-    result: Diagnosis,
-    hidden: Hidden,
-    logged: Sequence[Logged],
-    estimate: Estimate,
-    data: Measurements,
+    result: Diagnosis, hidden: Hidden, logged: Sequence[Logged], estimate: Estimate
 ) -> dict[str, Any]:
     """beyond : energy that no one effect of the library makes; variables : whether the first curve of
     the right joint has the right ones (|x| and sign(x) count as x); removed : share of the missing
@@ -107,16 +91,15 @@ def judged_curve(
     (joint,) = hidden.joints
     own = [c for c in result.curves if c.joint == joint + 1]
     wanted = {_plain(v) for v in hidden.details["of"]}
-    test = logged[-1]
-    settled = replace(estimate, preprocessing=estimate.preprocessing.resolve(test.run))
-    floor = float(true_floor(test, settled)[joint])
-    before = after = float(compare(estimate, test.run, settled.preprocessing)[0].rmse[joint])
+    *learnt, test = logged
+    settings, floor = estimate.preprocessing.resolve(test.run), float(true_floor(test, estimate)[joint])
+    before = after = float(compare(estimate, test.run, settings)[0].rmse[joint])
     if result.curves or result.effects:
-        bigger = add(estimate, result, data)
-        after = float(compare(bigger, test.run, settled.preprocessing)[0].rmse[joint])
+        bigger = add(estimate, result, concatenate([x.run for x in learnt]))
+        after = float(compare(bigger, test.run, settings)[0].rmse[joint])
     excess = before**2 - floor**2
     return {
-        "beyond": beyond_one_name(logged[:-1], estimate, joint),
+        "beyond": beyond_one_name(learnt, estimate, joint),
         "variables": bool(own) and {_plain(v) for v in own[0].of} == wanted,
         "removed": 1.0 - max(after**2 - floor**2, 0.0) / excess if excess > 0.0 else 1.0,
         "after": after / floor,

@@ -19,13 +19,13 @@ judged on arms that nobody looked at.
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 
 import pandas
-from challenge.judge import wilson
+from challenge.judge import share
 
 from corruptions.arms import Arm, arm
 from corruptions.kinds import Corruption
@@ -104,10 +104,8 @@ def _case(
 
 def contradicts(report: Report) -> bool:
     """Whether two issues are about the same number of the same joint."""
-    every = [
-        (number, f) for number, kinds in _NUMBERS.items() for f in report.problems if f.kind in kinds
-    ]
-    asked = [(number, _joints(f) or {0}) for number, f in every]
+    every = product(_NUMBERS.items(), report.problems)
+    asked = [(number, _joints(f) or {0}) for (number, kinds), f in every if f.kind in kinds]
     return any(a == b and (j & k or {0} in (j, k)) for (a, j), (b, k) in combinations(asked, 2))
 
 
@@ -158,18 +156,12 @@ def summary(title: str, cases: Sequence[Case]) -> list[str]:
     count = {word: sum(c.outcome == word for c in spoiled) for word in _WORDS}
     bad = [c for c in spoiled if c.outcome == "silent" and (c.harm or 0.0) > HARMFUL]
     seen = [c for c in spoiled if c.harm is None or c.harm > 1.1 or c.outcome != "silent"]
-    alarms = sum(c.outcome.startswith("false") for c in cases)
-    errors = sum(c.outcome == "false error" for c in cases)
+    alarms = [c.outcome for c in cases if c.outcome.startswith("false")]
     shares = (len(bad), len(spoiled)), (count["named"], len(spoiled)), (count["named"], len(seen))
     cells = [title, str(len(spoiled)), *(str(count[w]) for w in _WORDS)]
-    alarm = f"{alarms} ({errors} errors) of {len(cases) - len(spoiled)}"
-    return [*cells, *(_share(*x) for x in shares), alarm, str(sum(c.contradicts for c in cases))]
-
-
-def _share(hits: int, count: int) -> str:
-    """In percent, with Wilson's 95 % interval."""
-    low, high = wilson(hits, count)
-    return f"{100 * hits / count:.1f} % ({100 * low:.0f}-{100 * high:.0f})" if count else ""
+    alarm = f"{len(alarms)} ({alarms.count('false error')} errors) of {len(cases) - len(spoiled)}"
+    told = ["{1} ({2})".format(*share(*x)) if x[1] else "" for x in shares]
+    return [*cells, *told, alarm, str(sum(c.contradicts for c in cases))]
 
 
 def markdown(cases: Sequence[Case], command: str) -> str:
@@ -206,8 +198,7 @@ def main() -> None:
     with ProcessPoolExecutor(given.workers) as pool:
         for found in pool.map(work, given.arms.split(",")):  # kept after each arm
             cases += found
-            table = pandas.DataFrame([astuple(c) for c in cases], columns=[f.name for f in fields(Case)])
-            text = table.to_csv(index=False, lineterminator="\n", float_format="%.3g")
-            write_text(given.out / "corruptions.csv", text)
+            table = pandas.DataFrame(cases).to_csv(index=False, lineterminator="\n", float_format="%.3g")
+            write_text(given.out / "corruptions.csv", table)
             write_text(given.out / "corruptions.md", markdown(cases, f"{command} --part {given.part}"))
             print("\n".join(" | ".join(summary(n, found)) for n in {c.arm for c in found}), flush=True)

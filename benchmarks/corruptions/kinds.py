@@ -7,17 +7,16 @@ under which names the check may report it.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import accumulate, combinations
+from itertools import accumulate, combinations, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import interpolated
 
-Array = NDArray[np.float64]
 Spoil = Callable[[Measurements], Measurements]
 #: One channel (N,) of a run replaced.
 Change = Callable[[Array, Measurements], Array]
@@ -53,16 +52,14 @@ def corruptions(n: int) -> list[Corruption]:
     def add(kind: str, joints: tuple[int, ...], size: str, causes: str, *how: Any, **more: Any) -> None:
         made.append(Corruption(kind, joints, size, tuple(causes.split("|")), *how, **more))
 
-    for kind, size, causes, name, change in _channels(n == 1):
-        for j in chosen:
-            add(kind, (j,), size, causes, partial(_on, name, j, change))
+    for (kind, size, causes, name, change), j in product(_channels(n == 1), chosen):
+        add(kind, (j,), size, causes, partial(_on, name, j, change))
     for j in chosen:
         signs = np.where(np.arange(n) == j, -1.0, 1.0)
         mirrored = lambda r, s=signs: replace(r, q=r.q * s, tau=r.tau * s, dq=None)  # noqa: E731
         add("joint sign", (j,), "q and tau", "joint sign", mirrored)
-    for kind, size, cause, names in _ORDERS:
-        for pair in combinations(chosen, 2):
-            add(kind, pair, size, cause, partial(_swapped, names, *pair))
+    for (kind, size, cause, names), pair in product(_ORDERS, combinations(chosen, 2)):
+        add(kind, pair, size, cause, partial(_swapped, names, *pair))
     for kind, size, causes, spoil in _runs():
         add(kind, (), size, causes, spoil)
     for g, word in (((0.0, 0.0, 9.81), "ceiling"), ((9.81, 0.0, 0.0), "wall"), (_TILTED, "30 deg")):
@@ -76,10 +73,9 @@ def corruptions(n: int) -> list[Corruption]:
         ("torque gain", "x 1.15", "tau", lambda x, r: 1.15 * x),
         ("encoder offset", "3 deg", "q", lambda x, r: x + np.radians(3.0)),
     )
-    for j in chosen[:2]:
-        for kind, size, name, change in moved:
-            spoil = partial(_on, name, j, change)
-            add(f"{kind} in one of two runs", (j,), size, kind, spoil, beside=True)
+    for j, (kind, size, name, change) in product(chosen[:2], moved):
+        word, spoil = f"{kind} in one of two runs", partial(_on, name, j, change)
+        add(word, (j,), size, kind, spoil, beside=True)
     return made
 
 
@@ -116,9 +112,8 @@ def _channels(alone: bool) -> Iterator[tuple[str, str, str, str, Change]]:
     for late in (0.02, 0.05, 0.1):
         word, size = "one torque channel late", f"{1e3 * late:g} ms"
         yield word, size, lagging, "tau", lambda x, r, s=late: np.interp(r.t - s, r.t, x)
-    for hertz in (0.7, 2.0):
-        word = "causal filter of one torque"
-        yield word, f"{hertz:g} Hz", lagging, "tau", lambda x, r, f=hertz: lagged(x, r.t, f)
+    for f in (0.7, 2.0):
+        yield "causal filter of one torque", f"{f:g} Hz", lagging, "tau", partial(_lagged, f)
     for share in (0.5, 1.0):
         ramp = partial(_drift, share)
         yield "torque drift", f"{share:g} std", "torque drift", "tau", partial(ramp, np.arange)
@@ -141,10 +136,9 @@ def _channels(alone: bool) -> Iterator[tuple[str, str, str, str, Change]]:
     yield "wrapped angle", "", "wrapped angle", "q", _wrapped
     causes = "frozen position|idle joints"
     yield "frozen position", "whole run", causes, "q", lambda x, r: np.full_like(x, x[0])
-    for word, name in (("position", "q"), ("torque", "tau")):
-        for seconds in (1.0, 3.0):
-            stale = partial(_held, seconds, False)
-            yield f"stale {word}", f"{seconds:g} s", f"frozen {word}|stale channel", name, stale
+    for (word, name), seconds in product((("position", "q"), ("torque", "tau")), (1.0, 3.0)):
+        stale = partial(_held, seconds, False)
+        yield f"stale {word}", f"{seconds:g} s", f"frozen {word}|stale channel", name, stale
     for name, height, size in (("tau", 500.0, "tau 500"), ("q", 1.0, "q 1 rad")):
         yield "spikes", size, "spikes", name, partial(_spiked, height)
     for name in ("q", "tau"):
@@ -155,9 +149,8 @@ def _channels(alone: bool) -> Iterator[tuple[str, str, str, str, Change]]:
 
 def _runs() -> Iterator[tuple[str, str, str, Spoil]]:
     """kind, size, causes, and what is made of a whole run."""
-    tenth = lambda n: np.sort(np.concatenate([np.arange(n), np.arange(100, n, 10)]))  # noqa: E731
-    word = "doubled rows, clock re-made"
-    yield word, "every tenth", "doubled rows", lambda r: _remade(r, tenth(len(r.t)))
+    doubled = lambda r: _remade(r, np.sort(np.r_[: len(r.t), 100 : len(r.t) : 10]))  # noqa: E731
+    yield "doubled rows, clock re-made", "every tenth", "doubled rows", doubled
     for block in (10, 50):
         word, lose = "lost rows, clock re-made", partial(_lost, block)
         yield word, f"8 x {block} rows", "lost rows|one-off event", lose
@@ -175,8 +168,8 @@ def _runs() -> Iterator[tuple[str, str, str, Spoil]]:
     for late in (0.02, 0.06, -0.06):
         shifted = lambda x, r, s=late: np.interp(r.t - s, r.t, x)  # noqa: E731
         yield "all torques late", f"{1e3 * late:g} ms", "delay", partial(_each_torque, shifted)
-    word, slow = "causal filter of all torques", lambda x, r: lagged(x, r.t, 1.5)
-    yield word, "1.5 Hz", "torque filter|delay", partial(_each_torque, slow)
+    slow = partial(_each_torque, partial(_lagged, 1.5))
+    yield "causal filter of all torques", "1.5 Hz", "torque filter|delay", slow
     degrees = lambda r: replace(r, q=np.degrees(r.q), dq=None)  # noqa: E731
     yield "positions in degrees", "", "positions in degrees|position range", degrees
     yield "torque magnitude", "all", "torque magnitude", partial(_each_torque, lambda x, r: np.abs(x))
@@ -191,9 +184,9 @@ def _runs() -> Iterator[tuple[str, str, str, Spoil]]:
         yield "torque scale", size, "torque unit|torque channel kind", scaled
 
 
-def lagged(x: Array, t: Array, hertz: float) -> Array:
+def _lagged(hertz: float, x: Array, run: Measurements) -> Array:
     """A causal first-order low-pass, sample by sample."""
-    shares = 1.0 - np.exp(-2.0 * np.pi * hertz * np.diff(t, prepend=t[0]))
+    shares = 1.0 - np.exp(-2.0 * np.pi * hertz * np.diff(run.t, prepend=run.t[0]))
     steps = zip(x, shares, strict=True)
     return np.array(list(accumulate(steps, lambda y, new: y + new[1] * (new[0] - y), initial=x[0]))[1:])
 
