@@ -22,7 +22,6 @@ from sdp_vs_penalty.robot import inertia
 NAMES = list(estimator_types())
 MEASURED = [name for name in NAMES if not estimator_types()[name].needs_black_box]
 EVERY = pytest.mark.parametrize("method", NAMES)
-EVERY_MEASURED = pytest.mark.parametrize("method", MEASURED)
 #: Methods that promise an answer inside the convex constraints.
 CONSTRAINED = [n for n in MEASURED if n.startswith("lmi-sdp") or n in ("penalty", "penalty-two-step")]
 
@@ -97,7 +96,7 @@ def test_promised_constraints_hold_by_an_independent_check(method, task, fits):
     assert certificate.violations["pseudo-inertia"] <= 1e-10
 
 
-@EVERY_MEASURED
+@pytest.mark.parametrize("method", MEASURED)
 def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
     """penalty-paper excepted: two runs of annealing need not arrive."""
     if method.startswith("penalty-paper"):

@@ -108,14 +108,10 @@ def test_what_is_no_body_has_no_ellipsoid():
 
 def test_the_verb_and_short_runs(two_link, tmp_path):
     run = experiment(two_link).training_run(0)
-    keep = (run.t > run.t[0] + 2.0) & (run.t < run.t[0] + 3.8)
-    short = replace(run, t=run.t[keep], q=run.q[keep], tau=run.tau[keep], dq=None)
-    save(short, tmp_path / "short.csv")
+    save(run.window(2.0, 3.8), tmp_path / "short.csv")
     identify(two_link, run, "ols").save(tmp_path / "model.json")
-    out = tmp_path / "short.html"
-    assert (
-        run_cli("report", tmp_path / "model.json", "--data", tmp_path / "short.csv", "--out", out) == 0
-    )
+    model, data, out = (tmp_path / name for name in ("model.json", "short.csv", "short.html"))
+    assert run_cli("report", model, "--data", data, "--out", out) == 0
     assert "from the runs that it was identified" in out.read_text()
 
 
