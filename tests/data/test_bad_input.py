@@ -144,8 +144,6 @@ def test_degrees_are_refused_by_the_derivative_and_a_turning_shaft_is_not(two_li
 
 def test_wrong_number_of_joints(two_link, panda, tmp_path):
     run = small_run(two_link)
-    save(run, tmp_path / "run.csv")
-    refusal(lambda: load_measurements(tmp_path / "run.csv", joints=7), "run.csv", "2 joints", "7")
     refusal(lambda: identify(panda, run), "2 joints", "panda", "7")
     refusal(lambda: check(panda, run), "2 joints, the robot has 7")
     raw = tmp_path / "ur-20_02_12-50sec_12harm.csv"

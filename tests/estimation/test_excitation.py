@@ -166,10 +166,8 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     assert special.ndtr(delta / 2.0) > LEVEL
 
 
-_ARM = """<robot name="folding">{links}{joints}</robot>"""
-
-
 def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path):
+    arm = """<robot name="folding">{links}{joints}</robot>"""
     box = '<collision><origin xyz="0.25 0 0"/><geometry><box size="0.5 0.1 0.1"/></geometry></collision>'
     links = "".join(f'<link name="l{k}">{box}</link>' for k in range(4))
     joints = "".join(
@@ -179,10 +177,10 @@ def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path):
         for k in range(3)
     )
     path = tmp_path / "arm.urdf"
-    path.write_text(_ARM.format(links=links, joints=joints))
+    path.write_text(arm.format(links=links, joints=joints))
     free = self_collision(path, 3)
     assert free(np.zeros((1, 3)))
     assert not free(np.array([[0.0, 0.0, 0.0], [0.0, 2.2, 2.2]]))
     bare = tmp_path / "bare.urdf"
-    bare.write_text(_ARM.format(links="".join(f'<link name="l{k}"/>' for k in range(4)), joints=joints))
+    bare.write_text(arm.format(links="".join(f'<link name="l{k}"/>' for k in range(4)), joints=joints))
     assert self_collision(bare, 3) is None

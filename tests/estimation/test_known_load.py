@@ -10,14 +10,13 @@ from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
 
-ARM = Path(__file__).parents[2] / "docs" / "my_arm.urdf"
 GAIN = np.array([0.92, 1.07, 0.9])
 LOAD = inertia.standard_from_barycentric([1.5, 0.05, -0.02, 0.1, 0.004, 0, 0.003, 0, 0, 0.005])
 
 
 @pytest.fixture(scope="module")
 def arm() -> Problem:
-    return load_problem(str(ARM))
+    return load_problem(str(Path(__file__).parents[2] / "docs" / "my_arm.urdf"))
 
 
 def measured(arm: Problem, seed: int, load: float, gain: np.ndarray = GAIN) -> Measurements:

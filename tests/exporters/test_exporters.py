@@ -33,7 +33,8 @@ from sdp_vs_penalty.signals import Preprocessing
 PARITY = 1e-9  # N m
 
 #: A tree with fixed joints, odd spacing and line ends, and unknown attributes.
-TREE = Path(__file__).with_name("tree.urdf").read_bytes().decode()
+TREE_FILE = Path(__file__).with_name("tree.urdf")
+TREE = TREE_FILE.read_bytes().decode()
 
 
 def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None = None) -> Estimate:
@@ -54,12 +55,10 @@ def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None 
     return Estimate(random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings)
 
 
-def robots(tmp_path: Path) -> dict[str, Robot]:
-    tree = tmp_path / "tree.urdf"
-    tree.write_bytes(TREE.encode())
+def robots() -> dict[str, Robot]:
     return {
         **{name: load_problem(name).robot for name in ("panda", "two_link", "emps")},
-        "tree": load_urdf(tree)[0],
+        "tree": load_urdf(TREE_FILE)[0],
         "random": random_robots.tree(np.random.default_rng(5), 6, link_frames=True),
     }
 
@@ -157,7 +156,7 @@ def check_parity(path: Path, estimate: Estimate, ending: str = ".urdf") -> None:
 @pytest.mark.parametrize("ending", READERS)
 @pytest.mark.parametrize("name", NAMES)
 def test_every_file_of_dynamics_makes_the_models_torques(name, ending, tmp_path):
-    estimate = estimate_of(robots(tmp_path)[name], f"{FULL},torque_offset", 3)
+    estimate = estimate_of(robots()[name], f"{FULL},torque_offset", 3)
     left_out = export(estimate, tmp_path / f"out{ending}")
     assert {text.partition(":")[0] for text in left_out} == set(READERS[ending][1])
     check_parity(tmp_path / f"out{ending}", estimate, ending)
@@ -179,11 +178,11 @@ def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
 
 
 def test_a_users_urdf_is_edited_byte_for_byte(tmp_path):
-    original, out = tmp_path / "tree.urdf", tmp_path / "out.urdf"
-    estimate = estimate_of(robots(tmp_path)["tree"], FULL, 3)
-    export(estimate, out, urdf=original)
+    out = tmp_path / "out.urdf"
+    estimate = estimate_of(robots()["tree"], FULL, 3)
+    export(estimate, out, urdf=TREE_FILE)
     check_parity(out, estimate)
-    before, after = original.read_bytes(), out.read_bytes()
+    before, after = TREE_FILE.read_bytes(), out.read_bytes()
     only_numbers_of_inertials_changed(before, after)
     # Where bytes differ, only inside inertials and dynamics; odd quotes and spaces stay.
     for text in ('<inertial extra="kept">', "<!-- beside -->", 'secret="1 > 0"', '">\r\n'):
@@ -295,7 +294,7 @@ def test_other_refusals(tmp_path):
     refusal(lambda: export(estimate, tmp_path / "out.xml", urdf=tmp_path / "x.urdf"), ".urdf")
     path = tmp_path / "dtd.urdf"
     path.write_text('<!DOCTYPE robot [<!ENTITY a "b">]>' + TREE.split("?>", 1)[1])
-    full = estimate_of(robots(tmp_path)["tree"], "rigid_body", 0)
+    full = estimate_of(robots()["tree"], "rigid_body", 0)
     refusal(lambda: export(full, tmp_path / "out.urdf", urdf=path), "DOCTYPE")
     path.write_text(TREE.replace("utf-8", "utf-16").replace("UTF-8", "UTF-16"), "utf-16")
     refusal(lambda: export(full, tmp_path / "out.urdf", urdf=path), "save the file as UTF-8")

@@ -11,7 +11,6 @@ from random_robots import driven, seeds, tree
 from recorded import refusal
 
 from sdp_vs_penalty import InputError, Problem, identify, load_problem
-from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.regression import BlackBox, LeastSquares, compress, load_answers
@@ -25,22 +24,12 @@ from sdp_vs_penalty.simulation import experiment
 FILTERS = Preprocessing(5.0, 8.0)
 
 
-def rows_of(model: Model, run: Measurements) -> tuple[list[np.ndarray], np.ndarray]:
-    """Each joint's full rows (M, p), and the torque (M, n)."""
-    rows = FilteredRun(run, FILTERS).all_rows(model)
-    wide = []
-    for columns in rows.columns:
-        full = np.zeros((len(rows.torque), len(model.parameters)))
-        full[:, columns.indices] = columns.columns
-        wide.append(full)
-    return wide, rows.torque
-
-
 @given(seeds)
 def test_factors_answer_what_all_rows_would(seed):
     model, _, run = driven(seed, 12.0, 4e-3, "rigid_body,viscous_friction,torque_offset", 0.1)
     regression = compress(FilteredRuns.of(run, FILTERS), model)
-    wide, torque = rows_of(model, run)
+    rows = FilteredRun(run, FILTERS).all_rows(model)
+    wide, torque = [c.wide(len(model.parameters)) for c in rows.columns], rows.torque
     rng = np.random.default_rng(seed)
     weights = rng.uniform(0.1, 3.0, model.robot.n)
     data = regression.least_squares(weights)
@@ -106,10 +95,7 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     model = problem.model("rigid_body,rotor_inertia,viscous_friction,torque_offset")
     rates = np.random.default_rng(1).normal(size=(2, 200, problem.robot.n))
     motion = Motion(np.zeros(200), problem.robot.random_configurations(200, 1), *rates)
-    columns = np.zeros((len(motion.t), problem.robot.n, len(model.parameters)))
-    for j, block in enumerate(model.columns(motion)):
-        columns[:, j, block.indices] = block.columns
-    columns = columns.reshape(-1, columns.shape[2])
+    columns = np.concatenate(model.wide(motion))
     base, seen = base_rows(problem, model), np.linalg.norm(columns, axis=0)
     rank = np.linalg.matrix_rank(columns[:, seen > 1e-9] / seen[seen > 1e-9], tol=1e-8)
     assert len(base.rows) == rank == SEEN[which]

@@ -234,11 +234,6 @@ def links_slice(problem: Problem, links: np.ndarray) -> Slice:
     return Slice(problem.constraints(model), base, links.ravel(), bound)
 
 
-@pytest.fixture(scope="module")
-def real(two_link: Problem) -> np.ndarray:
-    return published_links(two_link, "p_real")
-
-
 @pytest.mark.parametrize(("name", "column"), [("two_link", "p_real"), ("panda", "p_hat")])
 def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     problem = load_problem(name)
@@ -253,7 +248,8 @@ def test_wrenches_are_those_of_recursive_newton_euler(name, column):
         assert np.abs(made[k] - reference).max() < 1e-10
 
 
-def test_interval_contains_the_truth_and_is_certified(two_link, real):
+def test_interval_contains_the_truth_and_is_certified(two_link):
+    real = published_links(two_link, "p_real")
     Y = wrenches.wrench_regressor(two_link.robot, *states(two_link.robot, 3))
     intervals, true = wrenches.wrench_intervals(links_slice(two_link, real), Y), Y @ real.ravel()
     assert np.all(intervals.lower_bound <= true)
@@ -263,8 +259,8 @@ def test_interval_contains_the_truth_and_is_certified(two_link, real):
     assert intervals.slack < 1e-6
 
 
-def test_a_slice_without_interior_is_refused(two_link, real):
-    impossible = real.copy()
+def test_a_slice_without_interior_is_refused(two_link):
+    impossible = published_links(two_link, "p_real")
     impossible[1, 9] = -5.0  # Izz2 is identifiable: no feasible parameters have these torques
     with pytest.raises(InputError, match="strictly inside all constraints"):
         links_slice(two_link, impossible)

@@ -188,12 +188,9 @@ def test_what_has_a_period(name):
     assert repeat_period(t, q) == (None if period is None else pytest.approx(period, abs=2e-3))
 
 
-RATE = 250.0
-
-
 def positions(held: float, resolution: float) -> tuple[np.ndarray, np.ndarray]:
     """(N, 1) of a joint that swings to and fro and is held so long [s] at each end; and when it is."""
-    turns, into = np.divmod(np.arange(0.0, 20.0, 1.0 / RATE), 1.0 + held)
+    turns, into = np.divmod(np.arange(0.0, 20.0, 1.0 / 250.0), 1.0 + held)
     q = 0.3 * np.cos(np.pi * (turns + np.minimum(into, 1.0)))
     return (resolution * np.round(q / resolution))[:, None], into > 1.0
 
