@@ -27,9 +27,8 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
     run = small_run(load_problem("two_link"), seconds=3.0)
     path = tmp_path / f"run{suffix}"
     if suffix == ".mcap":
-        folder = tmp_path / "bag"
-        write_bag(folder, run, mcap=True, names=["a", "b"])
-        path = folder
+        path = tmp_path / "bag"
+        write_bag(path, run, mcap=True, names=["a", "b"])
     else:
         save(run, path)
     whole = load_measurements(path)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from random_robots import driven, seeds, tree
 from recorded import refusal
 
-from sdp_vs_penalty import InputError, Problem, identify, load_problem
+from sdp_vs_penalty import Problem, identify, load_problem
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.regression import BlackBox, LeastSquares, compress, load_answers
@@ -155,7 +155,7 @@ def test_what_a_black_box_does_not_say_is_refused(panda, two_link):
     ("change", "message"),
     [
         ({"gravity": None}, "array gravity is missing"),
-        ({"gravity": np.zeros((5, 6))}, r"shape \(5, 6\)"),
+        ({"gravity": np.zeros((5, 6))}, "shape (5, 6)"),
         ({"mass_matrix": np.zeros((5, 7))}, "array mass_matrix has shape"),
         ({"q": np.full((5, 7), np.nan)}, "configuration 1: not a finite number"),
         ({"mass_matrix": np.triu(np.ones((5, 7, 7)))}, "not symmetric"),
@@ -166,8 +166,7 @@ def test_bad_files_are_named(tmp_path, change, message):
     file = tmp_path / "box.npz"
     arrays = {"q": np.zeros((5, 7)), "gravity": np.zeros((5, 7)), "mass_matrix": np.zeros((5, 7, 7))}
     np.savez(file, **{k: v for k, v in (arrays | change).items() if v is not None})
-    with pytest.raises(InputError, match=message):
-        load_answers(file)
+    refusal(lambda: load_answers(file), message)
 
 
 def test_another_robots_file_and_several_files_are_refused(panda, tmp_path):

@@ -8,7 +8,6 @@ import pytest
 from arms import urdfdom_torque
 from recorded import refusal, refusals, same_refusal
 
-from sdp_vs_penalty import InputError
 from sdp_vs_penalty.robot import load_urdf
 
 #: A gantry arm: a prismatic base axis, a continuous shoulder, an elbow, a tool behind two fixed joints,
@@ -57,8 +56,7 @@ def test_a_bad_urdf_is_refused(case, tmp_path, monkeypatch):
 )
 def test_what_is_no_robot_is_refused(text, words, tmp_path):
     (tmp_path / "bad.urdf").write_text(text)
-    with pytest.raises(InputError, match=words):
-        load_urdf(tmp_path / "bad.urdf")
+    refusal(lambda: load_urdf(tmp_path / "bad.urdf"), words)
 
 
 def test_entities_and_missing_files_do_no_harm(tmp_path):
