@@ -115,12 +115,16 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
     least, most, measured = 1e-2, 1.0, over  # beside the effort limits where no mass is known
     told = f"{over:.3g} times what the joints are made for"
+    large = small = False
     if known:  # least and largest ratio of measured to nominal torque
-        needed = float(np.linalg.norm(log.heard(repair).T * log.nominal(repair)))
-        measured = max(float(np.linalg.norm(channels)), 1e-300) / max(needed, 1e-300)
+        rows, arm = log.rows(repair), (log.heard(repair).T * log.nominal(repair)).T[:, :, None]
+        measured = _size(channels) / _size(arm)
         least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
         told = f"{measured:.3g} times what an arm of {weighs} kg needs"
-    large, small, far = known and measured > most, known and measured < least, over > c.EFFORT[1]
+        # Upright axes bear friction, and no weight: without it they have to be too large as well.
+        made = _size(rows.apart @ log.score(repair).theta) / _size(rows.rest(arm))
+        large, small = min(measured, made) > most, measured < least
+    far = over > c.EFFORT[1]
     kind, severity, where, mend = "torque unit", "error", "all torque channels", None
     right = "if right, correct the problem's masses"
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
@@ -143,6 +147,11 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         return
     what, ratio = f"the torques are {told}: {why}.", measured if known else None
     yield Issue.of(kind, severity, range(log.n), what, sure, remedy, mend, where, times_nominal=ratio)
+
+
+def _size(x: Array) -> float:
+    """Norm of torques, none of them 0."""
+    return max(float(np.linalg.norm(x)), 1e-300)
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:

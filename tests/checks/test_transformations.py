@@ -9,7 +9,7 @@ from small_runs import hostile_log, small_run
 from sdp_vs_penalty import InputError, Measurements, Problem, check, compare, identify, load_problem
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects.bristles import dahl
-from tests.helpers.arms import THREE, write_urdf
+from tests.helpers.arms import THREE, TURN, write_urdf
 
 PROBLEM = load_problem("two_link")
 RUN = replace(small_run(PROBLEM, seconds=8.0), dq=None)
@@ -64,6 +64,15 @@ def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
     assert (told.where, told.figures["shifts"]) == ("joint 4", [0.5 * np.pi])
     low, high = told.figures["interval"]
     assert low < 0.5 * np.pi - 0.1 < 0.5 * np.pi + 0.1 < high
+
+
+def test_friction_that_is_larger_than_all_inertia_is_no_other_unit(tmp_path):
+    """Upright axes bear no weight: of light links friction is ten times all else."""
+    light = replace(TURN, mass=0.3, com="0.2 0 0")
+    urdf = write_urdf(tmp_path / "upright.urdf", "upright", (light, replace(light, origin="0.3 0 0")))
+    problem = load_problem(urdf)
+    (report,) = check(problem, replace(small_run(problem, seconds=8.0), dq=None), thorough=False)
+    assert not report.problems
 
 
 #: Torque by position and velocity, of unit size; hysteresis was called a filter of the channel.
