@@ -140,7 +140,6 @@ class Stiction(PreslidingHysteresis):
     )
     reference = "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
     symbol = "f_s"
-    refines: tuple[str, ...] = ("coulomb_friction",)
     at_rest = "holds"
     #: Short travels, over which the computed state forgets what the filter makes of a joint at rest.
     shapes = {

@@ -8,8 +8,6 @@ from sdp_vs_penalty.effects.effect import STANDS, Array, Effect, JointEffect, Mo
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
-_HANDBOOK = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
-
 
 class TorqueOffset(JointEffect):
     equation = "f_o"
@@ -55,19 +53,24 @@ class TorqueGain(JointEffect):
         return super().looks_like(size, seen)
 
 
-class Delay(Effect):
+class Late(Effect):
     """Torque that is logged later than the positions; each parameter is as long as the shape constant
     T."""
 
-    reference = _HANDBOOK
+    reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
     units = ("s", "s")
     usual = (_FILTER, _FILTER)
     lower = 0.0
     needs_torque = True
-    forward = "channel"
-    has_memory = True  # the time derivative looks at neighbouring samples
-    shapes = {"T": Shape(0.001, "s", signed=True)}
+    has_memory = True  # time derivatives and filters look at other samples
     sized_shape = "T"
+
+
+class Delay(Late):
+    """By the same time at every frequency."""
+
+    forward = "channel"
+    shapes = {"T": Shape(0.001, "s", signed=True)}
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         out = torque.copy()
@@ -105,7 +108,7 @@ class GlobalDelay(Delay):
         return -motion.late_torque_rate(self.shape["T"])[:, :, None]
 
 
-class TorqueFilter(Effect):
+class TorqueFilter(Late):
     equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T) H(-T)"
     explanation = (
         "All torques are logged behind one low-pass filter of the time constant T, of which the "
@@ -113,20 +116,13 @@ class TorqueFilter(Effect):
         "looks both ways, as a mean of samples does (phase zero: tau_hat without the links' torque). "
         "T is T_f: all of the torque passes."
     )
-    reference = _HANDBOOK
     symbol = "T_f"
-    units = ("s", "s")
-    usual = (_FILTER, _FILTER)
-    lower = 0.0
-    needs_torque = True
     forward = "left out"  # no instant's torque is known from that instant's reading
-    has_memory = True
     whole_robot = True
     shapes = {
         "T": Shape(0.005, "s"),
         "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
     }
-    sized_shape = "T"
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:

@@ -132,6 +132,7 @@ class MeasuredCurve(JointEffect):
     symbol = "curve"
     units = ("-", "-")
     several = True
+    searched = ()
     shapes = {
         **_axis("x", 2.0, 1.0, tuple(w for w in WORDS if w != "none")),
         **_axis("y", 1.0, WORDS.index("none") + 1.0, WORDS),
@@ -201,10 +202,6 @@ class MeasuredCurve(JointEffect):
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """None: a table is measured, not searched (diagnosis/curves)."""
-        return ()
-
-    @property
-    def searched(self) -> tuple[str, ...]:
         return ()
 
     def variables(self, joint: int) -> tuple[Variable, ...]:

@@ -135,11 +135,7 @@ class Model:
 
     def wide(self, motion: Motion) -> Array:
         """(n, N, p) the same with columns for all parameters, zero where they do not act on a joint."""
-        out = np.zeros((self.robot.n, len(motion.t), len(self.parameters)))
-        for k, blocks in self.blocks(motion).items():
-            for block in blocks:
-                out[block.joint][:, self.indices[k][block.parameters]] = block.columns
-        return out if self.gains is None else np.array(self.gains)[:, None, None] * out
+        return np.stack([own.wide(len(self.parameters)) for own in self.columns(motion)])
 
     def blocks(
         self, motion: Motion, known: Collection[int] = (), smooth: Motion | None = None

@@ -111,10 +111,6 @@ class PositionDependentFriction(JointEffect):
         "waves": Shape(1.0, choices=(1.0, 2.0)),
     }
 
-    @property
-    def _columns(self) -> int:
-        return 2 * int(self.shape["waves"])
-
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         # Two waves are not looked for: along less than a whole one they fit anything that is seen.
@@ -123,7 +119,7 @@ class PositionDependentFriction(JointEffect):
         return [{"k": k, "waves": 1.0} for k in grid]
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
-        waves = range(1, self._columns // 2 + 1)
+        waves = range(1, int(self.shape["waves"]) + 1)
         return [(f"{x}{joint + 1}_{i}", self.unit_on(joint)) for i in waves for x in ("a_p", "b_p")]
 
     def column(self, motion: Motion, joint: int) -> Array:
@@ -131,7 +127,7 @@ class PositionDependentFriction(JointEffect):
 
     def _waves(self, phase: Array) -> Array:
         """(N, 2 waves) cos and sin of the phase and its multiples."""
-        waves = np.arange(1, self._columns // 2 + 1) * phase[:, None]
+        waves = np.arange(1.0, self.shape["waves"] + 1.0) * phase[:, None]
         return np.stack([np.cos(waves), np.sin(waves)], axis=2).reshape(len(phase), -1)
 
     def constraints(
@@ -142,7 +138,7 @@ class PositionDependentFriction(JointEffect):
         between = np.cos(np.pi * self.shape["waves"] / _PHASES)  # how low a wave is at the nearest phase
         coefficients = np.vstack([np.ones(_PHASES), self._waves(phases).T / between])
         coulomb = {p.joint - 1: k for k, p in enumerate(parameters) if p.effect == "coulomb_friction"}
-        k, own = self._columns, super().constraints(indices, parameters)
+        k, own = len(coefficients) - 1, super().constraints(indices, parameters)
         return own + [
             build.linear(
                 "sign",

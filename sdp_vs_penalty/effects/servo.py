@@ -40,11 +40,7 @@ class ServoGain(Servo):
     """A part with one gain a joint."""
 
     shape_of = "servo_position"
-
-    @property
-    def searched(self) -> tuple[str, ...]:
-        """None of its own: the delay is servo_position's."""
-        return ()
+    searched = ()  # none of its own: the delay is servo_position's
 
     def blocks(self, motion: Motion) -> list[Block]:
         column = self.drive(motion, motion.t - self.shape["T"])
@@ -68,11 +64,7 @@ class ServoPosition(Servo):
     sized_by = slice(0, 1)
     position_gains = slice(0, None, 2)
     shapes = {**Servo.shapes, "d": Shape(0.0, "s", scale="linear", signed=True)}
-
-    @property
-    def searched(self) -> tuple[str, ...]:
-        """The delay; the age of the velocity is given or zero."""
-        return ("T",)
+    searched = ("T",)  # the delay; the age of the velocity is given or zero
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         own, per = self.unit_on(joint), self.robot.position_units[joint]

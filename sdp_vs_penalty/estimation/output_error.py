@@ -111,15 +111,12 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
     size = np.concatenate([c.states.q for c in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
 
-    def rms(errors: Array) -> float:
-        """Of errors over the motion's size (R,), in rad or m."""
-        return _rms(errors.reshape(-1, len(size)) * size)
-
     directions = visible(task.data.R)[1] * np.sqrt(task.data.loss(task.ols) / task.data.rows)
     theta, error = start.theta, _errors(plant, windows, size)[0]
-    begin, step = error, 0.1  # of a slope, in standard deviations
+    units = np.resize(size, error.shape)  # of the errors [rad, m]
+    begin, step = _rms(error * units), 0.1  # of a slope, in standard deviations
     for k in range(12):
-        task.progress(f"output error, step {k + 1}: {1e3 * rms(error):.4g} thousandths")
+        task.progress(f"output error, step {k + 1}: {1e3 * _rms(error * units):.4g} thousandths")
         # The simulation's errors as least squares in theta, in units of the torque's variance.
         found = _errors(Plant(model, np.vstack([theta, theta + step * directions.T])), windows, size)
         slopes = (found[1:] - found[0]).T / step
@@ -135,7 +132,7 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
             break
         theta, error = tried[best], errors[best]
     fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
-    fit.details["simulation_rms"] = [rms(begin), rms(error)]
+    fit.details["simulation_rms"] = [begin, _rms(error * units)]
     return replace(posed, task=linearised), fit
 
 

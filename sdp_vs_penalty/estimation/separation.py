@@ -28,6 +28,7 @@ from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import RATE, Limits, independent_rate, noise_of_model, shrunk
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.regression.partial import partialled
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
 
@@ -125,14 +126,8 @@ class Hypotheses:
 def _apart(X: Array, A: Array, B: Array) -> float:
     """delta^2 of A against everything that X and B make, in the direction of A that B makes best; A's
     directions have unit parameters."""
-    XB = np.hstack([X, B])
-    norms = np.linalg.norm(XB, axis=0)
-    gram_columns = XB[:, norms > 0.0] / norms[norms > 0.0]
-    values, vectors = np.linalg.eigh(gram_columns.T @ gram_columns)
-    good = values > 1e-9 * values[-1]
-    part = (vectors[:, good] / np.sqrt(values[good])).T @ (gram_columns.T @ A)
-    left = A.T @ A - part.T @ part
-    return float(max(np.linalg.eigvalsh(left)[0], 0.0))
+    left = partialled(np.hstack([X, B]), A)
+    return float(max(np.linalg.eigvalsh(left.T @ left)[0], 0.0))
 
 
 def default_excitation(estimate: Estimate, duration: float, seed: int) -> States:

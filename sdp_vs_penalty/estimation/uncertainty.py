@@ -22,10 +22,10 @@ freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,12 +160,10 @@ class Sandwich:
 
     def gain_response(self, theta: Array) -> Array:
         """(p, n) change of the estimate theta for a unit relative error of each channel's gain."""
-        moved = np.zeros((self.directions.shape[1], self.regression.joints))
         theta = np.pad(theta, (0, len(self.norms) - len(theta)))
-        for f in self.regression.per_joint:
-            rows, weight = f.triangle[:, :-1], self.weights[f.joint] ** 2
-            moved[:, f.joint] = weight * (rows @ theta[f.indices]) @ (rows @ self.directions[f.indices])
-        return np.asarray(self.directions @ moved)
+        made = ((f, f.triangle[:, :-1] @ theta[f.indices]) for f in self.regression.factors)
+        own = np.eye(self.regression.joints)
+        return self.response([np.outer(torque, own[f.joint]) for f, torque in made])
 
 
 def stretched(factor: Array, std: Array) -> Array:
@@ -231,6 +229,7 @@ class Uncertainty(Plain):
     change of the parameters for a unit relative error of each torque channel's gain, and gain_errors
     (n, e), a factor of the covariance of these errors, which the covariance holds as well; torque_noise
     (n,) : standard deviation of the torque that the model leaves [N m, N].
+    Raises ValueError for arrays that do not belong together.
     """
 
     standard: tuple[Interval, ...]
@@ -239,6 +238,12 @@ class Uncertainty(Plain):
     gain_response: Array
     torque_noise: Array
     gain_errors: Array
+
+    def __post_init__(self) -> None:
+        p, n = len(self.standard), len(self.torque_noise)
+        shapes = self.spread.shape[:1], self.gain_response.shape, self.gain_errors.shape[:1]
+        if shapes != ((p,), (p, n), (n,)):
+            raise ValueError("uncertainty: arrays of other parameters or joints")
 
     @cached_property
     def factor(self) -> Array:
@@ -289,17 +294,6 @@ class Uncertainty(Plain):
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds beside the parameters' own intervals."""
         return {"level": LEVEL} | {k: x for k, x in super().to_dict().items() if k != "standard"}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote, and the parameters' own intervals; ValueError for arrays that do
-        not belong together."""
-        found = super().from_dict(data)
-        p, n = len(found.standard), len(found.torque_noise)
-        shapes = found.spread.shape[:1], found.gain_response.shape, found.gain_errors.shape[:1]
-        if shapes != ((p,), (p, n), (n,)):
-            raise ValueError("uncertainty: arrays of other parameters or joints")
-        return found
 
 
 def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:

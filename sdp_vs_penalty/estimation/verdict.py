@@ -6,9 +6,9 @@ them grade the same model and measurements differently. What is not known never 
 can exist. A diagnosis names what is missing; the grade is the same with and without it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,10 @@ class Verdict(Plain):
     judged_on: tuple[str, ...]
     remark: str = ""
 
+    def __post_init__(self) -> None:
+        if not self.lines:
+            raise ValueError("verdict: no line says a grade")
+
     @property
     def grade(self) -> Grade:
         """That of the weakest line."""
@@ -87,14 +91,6 @@ class Verdict(Plain):
 
     def to_dict(self) -> dict[str, Any]:
         return {"grade": self.grade, "headline": self.headline, **super().to_dict()}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote; KeyError, TypeError or ValueError for anything else."""
-        found = super().from_dict(data)
-        if not found.lines:
-            raise ValueError("verdict: no line says a grade")
-        return found
 
 
 #: What is said of a model without a verdict.

@@ -20,13 +20,10 @@ class Ols(Estimator):
 
     name = "ols"
     table_place: ClassVar[int | None] = 1
+    rest = "prior"
     description = "classical least squares, no constraints (the paper's CLS)"
 
     joint_prior: float = 0.0
-
-    @property
-    def rest(self) -> str:
-        return "prior"
 
     def fit(self, task: Task) -> Fit:
         task = with_joint_prior(task, self.joint_prior)

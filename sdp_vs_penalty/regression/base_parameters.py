@@ -61,8 +61,7 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
         places = np.array([names.index(q.name) for q in part.parameters])
         states = part.robot.random_states
         motion = Motion(np.zeros(len(states[0])), *states)
-        wide = np.stack([block.wide(len(places)) for block in part.columns(motion)], axis=1)
-        stacked = wide.reshape(-1, len(places))
+        stacked = np.swapaxes(part.wide(motion), 0, 1).reshape(-1, len(places))
         # Of columns that stand for each other the first leads, whatever rounding says: links first.
         matrix, lead = structure(stacked, preference=np.linspace(1.0, 1.0 - 1e-4, len(places)))
         kept = [int(places[k]) for k in lead]

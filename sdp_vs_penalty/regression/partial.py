@@ -22,10 +22,8 @@ def visible(A: Array) -> tuple[Array, Array]:
     """
     norms = np.linalg.norm(A, axis=0)
     seen = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
-    if not len(seen):
-        return np.zeros((len(A), 0)), np.zeros((A.shape[1], 0))
     u, s, vt = np.linalg.svd(A[:, seen] / norms[seen], full_matrices=False)
-    good = s > UNSEEN * s[0]
+    good = s > UNSEEN * s.max(initial=0.0)
     V = np.zeros((A.shape[1], int(good.sum())))
     V[seen] = (vt[good] / s[good, None]).T / norms[seen, None]
     return u[:, good], V

@@ -271,8 +271,7 @@ class _TimeBlocks:
 
 
 class Cells(Protocol):
-    """places : run, start and stop [s] of each block; cell : the blocks (M,) of a run's instants t (M,),
-    or (M, n) of each joint's."""
+    """places : run, start and stop [s] of each block; cell : the blocks (M,) of a run's instants t."""
 
     @property
     def places(self) -> Sequence[TimeBlock]: ...
@@ -316,13 +315,10 @@ def _cells_of_run(
 
 
 def _take(found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]) -> None:
-    """Add rows to factors by block and joint, each to the block that ``owner`` (M,) says, or (M, n) for
-    each joint."""
+    """Add rows to factors by block and joint, each to the block that ``owner`` (M,) says."""
+    order = np.argsort(owner, kind="stable")
+    blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
-        if joint == 0 or owner.ndim == 2:
-            own = owner.reshape(len(owner), -1)[:, joint]
-            order = np.argsort(own, kind="stable")
-            blocks, begin = np.unique(own[order], return_index=True)
         both = np.column_stack([columns.columns, rows.torque[:, joint]]).take(order, axis=0)
         for block, piece in zip(blocks.tolist(), np.split(both, begin[1:]), strict=True):
             old = found.get((block, joint), Factor(joint, block, columns.indices, both[:0], 0))

@@ -62,10 +62,8 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
     """Standard parameters, shape (..., 10), of pseudo-inertia matrices, shape (..., 4, 4)."""
     p = np.asarray(matrix, float)
     trace = np.trace(p[..., :3, :3], axis1=-2, axis2=-1)
-    inertia = trace[..., None, None] * np.eye(3) - p[..., :3, :3]
-    return np.concatenate(
-        [p[..., 3, 3, None], p[..., :3, 3], *(inertia[..., i, j, None] for i, j in _ENTRIES)], axis=-1
-    )
+    moments = inertia_entries(trace[..., None, None] * np.eye(3) - p[..., :3, :3])
+    return np.concatenate([p[..., 3, 3, None], p[..., :3, 3], moments], axis=-1)
 
 
 def inertia_matrix(entries: ArrayLike) -> Array:

@@ -9,10 +9,10 @@ comes back is kept once; both stay far below the distance, so that neither makes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,13 @@ class MotionRecord(Plain):
     lines: tuple[Array, ...]
     distance: float
 
+    def __post_init__(self) -> None:
+        rows = np.concatenate([self.centre[None], self.scale[None], *self.lines])
+        if not (self.lines and np.all(np.isfinite(rows))):
+            raise ValueError("training_motion: not numbers for each joint")
+        if not (np.all(self.scale > 0.0) and self.distance > 0.0):
+            raise ValueError("training_motion: a scale is not above 0")
+
     def new_share(self, runs: FilteredRuns) -> float | None:
         """Share of the runs' filtered rows that are new: not within the distance of any point. None
         where the filters leave none."""
@@ -57,17 +64,6 @@ class MotionRecord(Plain):
         there = [(line * other.scale + other.centre - self.centre) / self.scale for line in other.lines]
         distance = max(self.distance, other.distance)
         return _record(self.centre, self.scale, lambda: [*self.lines, *there], distance)
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Raises KeyError, TypeError or ValueError for a field that is missing or of another kind."""
-        found = super().from_dict(data)
-        rows = np.concatenate([found.centre[None], found.scale[None], *found.lines])
-        if not (found.lines and np.all(np.isfinite(rows))):
-            raise ValueError("training_motion: not numbers for each joint")
-        if not (np.all(found.scale > 0.0) and found.distance > 0.0):
-            raise ValueError("training_motion: a scale is not above 0")
-        return found
 
 
 def record_motion(runs: FilteredRuns) -> MotionRecord | None:
