@@ -36,14 +36,16 @@ def spread(
     items: Iterable[Item],
     scheduler: str | None = None,
     jobs: int = 2,
-) -> Iterator[Result]:
-    """Results as they come, in any order; scheduler : a Dask scheduler's address, None: this machine.
+) -> Iterator[tuple[int, Result]]:
+    """Results as they come, in any order, each with its item's place; scheduler : a Dask scheduler's
+    address, None: this machine.
 
     What a worker was doing that died is done again by another one, a few times.
     Raises InputError where Dask is not installed, nobody answers at the address, or the scheduler ends.
     """
+    todo = list(enumerate(items))
     if scheduler is None:
-        yield from _here(function, items, jobs)
+        yield from _here(function, todo, jobs)
         return
     with _connected(scheduler) as client:
         from distributed import KilledWorker, Variable, as_completed
@@ -54,7 +56,7 @@ def spread(
         try:
             shared.set(serialize_bytes(function))
             # A task that ran when its worker died is started again on another one.
-            batches = _batches(list(items), sum(client.nthreads().values()))
+            batches = _batches(todo, sum(client.nthreads().values()))
             futures = client.map(partial(_each, shared.name), batches, pure=False, retries=_RETRIES)
             for future in as_completed(futures):
                 yield from future.result()
@@ -67,14 +69,14 @@ def spread(
             shared.delete()
 
 
-def _each(name: str, items: Sequence[Any]) -> list[Any]:
-    """What a variable of the scheduler's holds, applied to each item of a batch.
+def _each(name: str, items: Sequence[tuple[int, Any]]) -> list[tuple[int, Any]]:
+    """What a variable of the scheduler's holds, applied to each item of a batch, with its place.
 
     No worker holds it for others, as they hold scattered values: where such a holder is killed, Dask
     waits for ever.
     """
     function = _fetched(name)
-    return [function(item) for item in items]
+    return [(place, function(item)) for place, item in items]
 
 
 @lru_cache(maxsize=1)
@@ -99,11 +101,13 @@ def _batches(items: list[Item], threads: int) -> list[list[Item]]:
     return [items[k : k + count] for k in range(0, len(items), count)]
 
 
-def _here(function: Callable[[Item], Result], items: Iterable[Item], jobs: int) -> Iterator[Result]:
+def _here(
+    function: Callable[[Item], Result], todo: list[tuple[int, Item]], jobs: int
+) -> Iterator[tuple[int, Result]]:
     """By processes that begin as this one is where the system can fork: they import and read nothing."""
     context: Any = get_context("fork" if sys.platform == "linux" else "spawn")
-    todo, deaths = list(items), 0
-    lines, busy = dict[Any, Any](), dict[Any, Item]()  # processes, and what they do, by their pipes
+    lines, deaths = dict[Any, Any](), 0  # processes by their pipes
+    busy = dict[Any, tuple[int, Item]]()  # and what they do
 
     def idle() -> Any:
         if not (free := lines.keys() - busy.keys()):
@@ -146,18 +150,12 @@ def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
     end_with(parent)
     while True:
-        item = line.recv()
+        place, item = line.recv()
         try:
-            answer: tuple[Any, ...] = function(item), None
+            answer: tuple[Any, ...] = (place, function(item)), None
         except Exception as error:
             answer = None, error
         line.send(answer)
-
-
-def _numbered(function: Callable[[Item], Result], item: tuple[int, Item]) -> tuple[int, Result]:
-    """The result of an item that comes with a number."""
-    number, own = item
-    return number, function(own)
 
 
 @dataclass(frozen=True)
@@ -177,8 +175,7 @@ class Workers:
         found: dict[int, Result] = {}
         results: Iterable[tuple[int, Result]] = enumerate(map(function, todo))
         if self.scheduler is not None or min(self.jobs, len(todo)) > 1:
-            work = partial(_numbered, function)
-            results = spread(work, enumerate(todo), self.scheduler, self.jobs)
+            results = spread(function, todo, self.scheduler, self.jobs)
         for k, result in results:
             found[k] = result
             if len(todo) > 1:

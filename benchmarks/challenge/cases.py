@@ -202,7 +202,7 @@ def run_challenge(
             records = kept["cases"] if kept.get("version") == VERSION else {}
         todo = [c for c in todo if c.key not in records]
         found = spread(run_case, todo, workers.scheduler, workers.jobs)
-        for done, (key, record) in enumerate(found, start=1):
+        for done, (_, (key, record)) in enumerate(found, start=1):
             records = dict(sorted({**records, key: record}.items(), key=lambda pair: _order(pair[0])))
             progress(f"case {done} of {len(todo)}")
             write_text(store, json.dumps({"version": VERSION, "cases": records}) + "\n")

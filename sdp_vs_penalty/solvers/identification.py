@@ -84,7 +84,7 @@ def least_squares_sdp(
     constraints: Sequence[Constraint],
     reference: Array,
     bound: Array,
-    centre: Array | None = None,
+    centre: Array,
     fine: bool = False,
     least_loss: float = 0.0,
 ) -> SdpProblem:
@@ -92,14 +92,13 @@ def least_squares_sdp(
 
     reference (p,) : a theta inside the constraints, from where each cone is scaled.
     bound (p,) : largest plausible |theta|.
-    centre (p,) : theta = centre + scale x; near the optimum nothing cancels. Default: 0.
+    centre (p,) : theta = centre + scale x; near the optimum nothing cancels.
     fine : a unit of a parameter makes the torque of the residual instead of the whole torque.
     least_loss : what the loss at the optimum is at least about, where the constraints cost far more
         than the unconstrained residual: the objective is a number of size one in that unit.
     """
     data, entropy = objective.least_squares, objective.entropy
     p = len(bound)
-    centre = np.zeros(p) if centre is None else centre
     torque = float(np.sqrt(data.tau_squared)) or 1.0
     norms = np.linalg.norm(data.R, axis=0)
     seen = norms * bound > UNSEEN * torque

@@ -13,13 +13,14 @@ import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, sdpa_text, svec, svec_entries
+from sdp_vs_penalty.solvers.rewrite import SDPA_CONES
 from sdp_vs_penalty.solvers.solver import ACCURACY, SDPA_CLAIMS, Solver
 
 
 class Program(Solver):
     """Runs in a fresh folder that holds problem.dat-s; parameters : the text of a file of its own."""
 
-    cones = frozenset({"nonnegative", "psd"})
+    cones = SDPA_CONES
     # All inequalities in one block at the end: of several, DSDP's saved solution holds none.
     order = "psd", "nonnegative"
     parameters = ""

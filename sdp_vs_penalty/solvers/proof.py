@@ -225,7 +225,6 @@ def _polished(exact: dict[str, Any], evidence: DualEvidence, bound: Array) -> li
     """y, shifted until nothing is left of the slope wherever the data determine theta."""
     for _ in range(CORRECTIONS):
         _, slope = verify_proof.dual_bound(exact)
-        assert evidence.push is not None
         shift = evidence.push(bound * np.array([float(x) for x in slope]))
         exact["y"] = [a - Fraction(float(b)) for a, b in zip(exact["y"], shift, strict=True)]
     return list(exact["y"])

@@ -22,6 +22,8 @@ from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle, unsvec
 
 #: Kinds of cones in the order of SCS and CVXOPT.
 KINDS = ("zero", "nonnegative", "soc", "psd", "exp")
+#: What SDPA's format holds, of a linear objective.
+SDPA_CONES = frozenset({"nonnegative", "psd"})
 
 
 class NotApplicableError(ValueError):
@@ -41,8 +43,6 @@ class Rewritten:
 
     def then(self, step: Callable[[ConicProblem], Rewritten]) -> Rewritten:
         following = step(self.problem)
-        if following.problem is self.problem:
-            return self
 
         def back(x: Array, z: Array) -> tuple[Array, Array]:
             return self.back(*following.back(x, z))
@@ -72,11 +72,6 @@ def suited(problem: ConicProblem, kinds: Collection[str], order: Sequence[str] =
     return found.then(lambda p: reorder(p, order)) if order else found
 
 
-def linear_matrix_inequalities(problem: ConicProblem) -> Rewritten:
-    """Linear objective, no equalities, only psd and nonnegative cones: what SDPA's format holds."""
-    return suited(problem, {"nonnegative", "psd"})
-
-
 def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
     """G (k, m) with 1/2 x^T P x = 1/2 |G x|^2; P holds the upper triangle only."""
     P = sparse.csc_matrix(problem.P)
@@ -100,20 +95,20 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
     size = rows if group is None else group
     starts = list(range(0, rows, size))
     columns = len(starts)
-    blocks, constants, cones = [sparse.hstack([problem.A, _zeros(problem.A.shape[0], columns)])], [], []
+    blocks: list[list[Any]] = [[problem.A, None]]
+    constants, cones = [problem.b], list(problem.cones)
     for k, start in enumerate(starts):
         part = factor[start : start + size]
-        unit = sparse.csr_matrix(([1.0], ([0], [k])), (1, columns))
-        top = sparse.hstack([_zeros(1, m), -unit])
-        blocks += [top, top, sparse.hstack([-np.sqrt(2.0) * part, _zeros(part.shape[0], columns)])]
+        top = sparse.csr_matrix(([-1.0], ([0], [k])), (1, columns))
+        blocks += [[None, top], [None, top], [-np.sqrt(2.0) * part, None]]
         constants += [np.array([1.0, -1.0]), np.zeros(part.shape[0])]
         cones.append(Cone("soc", 2 + part.shape[0]))
     made = ConicProblem(
         sparse.csc_matrix((m + columns, m + columns)),
         np.concatenate([problem.q, np.ones(columns)]),
-        sparse.csc_matrix(sparse.vstack(blocks)),
-        np.concatenate([problem.b, *constants]),
-        (*problem.cones, *cones),
+        sparse.csc_matrix(sparse.bmat(blocks)),
+        np.concatenate(constants),
+        tuple(cones),
     )
     return Rewritten(made, lambda x, z: (x[:m], z[: len(problem.b)]))
 
@@ -203,10 +198,6 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
             cones += [problem.cones[k] for k in mine]
     change = sparse.identity(len(problem.b), format="csr")[np.concatenate(order)]
     return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
-
-
-def _zeros(rows: int, columns: int) -> sparse.csr_matrix:
-    return sparse.csr_matrix((rows, columns))
 
 
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:

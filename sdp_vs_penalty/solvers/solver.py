@@ -20,7 +20,7 @@ import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
-from sdp_vs_penalty.solvers.rewrite import full_matrices, suited, unchanged
+from sdp_vs_penalty.solvers.rewrite import full_matrices, suited
 
 #: Stands in :attr:`Solver.told` for the accuracy that is asked for.
 ACCURACY = "accuracy"
@@ -79,10 +79,9 @@ class Solver(ABC):
     def solve(self, problem: ConicProblem, accuracy: float) -> Solution:
         """Its answer to any problem; raises NotApplicableError for cones that it cannot be given."""
         form = suited(problem, self.cones, self.order)
-        sent = (full_matrices if self.full_matrices else unchanged)(form.problem)
-        found = self.run(sent.problem, self.options(accuracy))
-        x, z = sent.back(found.x, found.z)
-        x, z = form.back(x, z)
+        form = form.then(full_matrices) if self.full_matrices else form
+        found = self.run(form.problem, self.options(accuracy))
+        x, z = form.back(found.x, found.z)
         return replace(found, x=x, z=z)
 
     def said(self, x: Array, z: Array, status: str, iterations: float, more: str = "") -> Solution:
@@ -90,18 +89,12 @@ class Solver(ABC):
         claims = self.claims.get(status, "failed")
         return Solution(x, z, claims, f"{status} {more}".rstrip(), int(iterations))
 
-    def licence(self) -> str:
-        """What is missing of a licence, or ""."""
-        return ""
-
     @property
     def absent(self) -> str:
         """Why it cannot be used on this machine and what to do, "" where it can."""
         kind, what = self.requires
         there = shutil.which(what) if kind == "program" else importlib.util.find_spec(what)
-        if there is None:
-            return f"the {kind} {what} is not installed (source: {self.source})"
-        return self.licence()
+        return "" if there else f"the {kind} {what} is not installed (source: {self.source})"
 
     @property
     def source(self) -> str:

@@ -41,10 +41,12 @@ class ThroughCvxpy(Solver):
         cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
         cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
 
-    def licence(self) -> str:
+    @property
+    def absent(self) -> str:
+        """Why it cannot be used on this machine: for lack of the package, or of a licence."""
         found = (Path(os.path.expandvars(path)).expanduser() for path in self.licences)
         there = any("@" in path.name or path.is_file() for path in found)
-        return "" if there else f"no licence in {', '.join(self.licences)}"
+        return super().absent or ("" if there else f"no licence in {', '.join(self.licences)}")
 
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
         import cvxpy as cp

@@ -105,13 +105,14 @@ class DualEvidence:
 
     multipliers (e,) : of the constraints' entries, near their cones; y (r,) : near the residual at the
     optimum; entropy_slopes (links, 4, 4) : positive definite S, -log det P >= log det S + 4 - tr(S P);
-    push : from a leftover slope (p,) times its limit to the shift of y (r,) that removes it.
+    push : from a leftover slope (p,) times its limit to the shift of y (r,) that removes it, by default
+    none.
     """
 
     multipliers: Array
     y: Array
     entropy_slopes: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
-    push: Callable[[Array], Array] | None = None
+    push: Callable[[Array], Array] = lambda leftover: np.zeros(())
 
 
 def lower_bound(
@@ -137,13 +138,11 @@ def lower_bound(
             return -np.inf
         slope, constant = slope + tangent[0], constant + tangent[1]
     near, push = evidence.y, evidence.push
-    if push is not None:
-        near = near - push(bound * (np.asarray(slope[0], float) + 2.0 * (near @ data.R)))
+    near = near - push(bound * (np.asarray(slope[0], float) + 2.0 * (near @ data.R)))
     R, rho, limit, y = (np.asarray(x, Long) for x in (data.R, data.rho, bound, near))
     floor = Long(data.residual_norm) ** 2
     left = slope[0] + 2 * (y @ R)
-    for _ in range(CORRECTIONS if push else 0):
-        assert push is not None
+    for _ in range(CORRECTIONS):
         leftover = np.asarray(limit * left, float)
         if np.abs(leftover).sum() <= 1e-3 * TIGHT * float(y @ y + floor):
             break

@@ -112,7 +112,7 @@ class Assignment:
     reference: Reference | None = None
 
 
-def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
+def perform(task: Assignment) -> list[Row]:
     """Do a task here; what a worker of any kind calls. InputError where its instance is another one."""
     made = instance(task.problem)
     if made.hash != task.hash:
@@ -125,14 +125,14 @@ def perform(task: Assignment) -> tuple[Assignment, list[Row]]:
         kind, found, _ = in_child(lambda: reference(made), task.time_limit, task.memory)
         remark = "" if kind == "ended" else f"{kind} {found}".strip()
         found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
-        return task, [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
+        return [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
     _ = made.sdp if made.sent is not None else None
     contestant, stopped, rows = contestants()[task.solver], "", list[Row]()
     contestant.warm_up()  # what a first use pays for
     for accuracy in task.accuracies:
         rows.append(run_one(task, contestant, made, accuracy, stopped))
         stopped = stopped or (rows[-1]["settings"] if rows[-1]["class"] == "timeout" else "")
-    return task, rows
+    return rows
 
 
 def run_one(
@@ -231,7 +231,8 @@ def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outc
         done, total = 0, sum(len(task.accuracies) for task in tasks)
         groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in competing}
         say("runs", done, total)
-        for task, rows in work(tasks):
+        for place, rows in work(tasks):
+            task = tasks[place]
             assert task.reference is not None
             about = {name: getattr(task, name) for name in ("problem", "hash", "solver")}
             about |= {"group": groups[task.problem], "version": versions[task.solver]}
@@ -255,11 +256,11 @@ def _references(
             raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
     current = {e.name: instance(e.name).hash for e in entries}
     todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
-    tasks = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()]
+    tasks, names = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()], [*todo]
     say("proving intervals", 0, len(tasks))
-    for done, (task, (known[task.problem],)) in enumerate(work(tasks), start=1):
+    for done, (k, (known[names[k]],)) in enumerate(work(tasks), start=1):
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
-        say(f"proving intervals: {task.problem}", done, len(tasks))
+        say(f"proving intervals: {names[k]}", done, len(tasks))
     return {name: known[name] for name in current}
 
 
