@@ -61,9 +61,11 @@ def plain_unit(unit: str) -> str:
     return "" if unit == "-" else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
 
 
-def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """The lines of a table in Markdown."""
-    return [f"| {' | '.join(cells)} |" for cells in (headings, ["---"] * len(headings), *rows)]
+def markdown_table(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], sides: Sequence[str] = ()
+) -> list[str]:
+    """The lines of a table in Markdown; sides : "---:" of a column that stands right."""
+    return [f"| {' | '.join(cells)} |" for cells in (headings, sides or ["---"] * len(headings), *rows)]
 
 
 def finite(x: float) -> float | None:

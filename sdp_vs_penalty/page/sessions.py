@@ -23,10 +23,8 @@ LARGEST = LEAST
 #: refused, the work of a tab that was closed ends, and a tab that was asked for is not waited for.
 SILENCE = 30.0
 
-RUN_SUFFIXES = suffixes()
-ROBOT_SUFFIXES = (".urdf", ".xml")
 #: By what is dropped.
-SUFFIXES = {"runs": RUN_SUFFIXES, "robot": ROBOT_SUFFIXES, "model": (".json",)}
+SUFFIXES = {"runs": suffixes(), "robot": (".urdf", ".xml"), "model": (".json",)}
 
 
 def shown_name(given: str) -> str:

@@ -102,10 +102,6 @@ def spoken(text: str) -> str:
     return text.replace("`diagnose`", "Diagnose").replace("`", "")
 
 
-def _nothing(session: Session) -> None:
-    return None
-
-
 @dataclass(frozen=True)
 class Part:
     """anchor, title : where and what; ready : whether it is shown yet; depends : everything that its
@@ -128,11 +124,11 @@ class Stage:
     title: str
     before: str
     parts: tuple[Part, ...]
-    verdict: Callable[[Session], Verdict | None] = _nothing
+    verdict: Callable[[Session], Verdict | None] = lambda session: None
 
 
 def after_model(
-    anchor: str, title: str, also: Callable[[Session], Any] = _nothing
+    anchor: str, title: str, also: Callable[[Session], Any] = lambda session: None
 ) -> Callable[[Callable[[View], None]], Part]:
     """A part that is shown once there is a model; it depends on the models and on ``also``."""
     ready = lambda session: session.model is not None  # noqa: E731

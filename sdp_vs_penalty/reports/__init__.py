@@ -70,51 +70,37 @@ def report(
     check_name(Path(out))
     script = plotly_script()
     named = as_estimates(models, "report(models=...)")
-    names = next(iter(named.values())).robot.joint_names
+    first, last = next(iter(named.values())), list(named.values())[-1]
+    names = first.robot.joint_names
     runs = as_measurements(measurements, names=names, what="report(measurements=...)")
     whole = None
     if noise_from is not None:
         whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
     said = load_diagnosis(findings) if isinstance(findings, str | Path) else findings
-    material = _material(named, runs, whole, forward, progress, commands, said)
+    progress("comparing")
+    filtered = FilteredRuns.of(driven(first, runs)[1], first.preprocessing)
+    comparisons, judged = compare(named, filtered, noise_from=whole), {}
+    for c in comparisons:
+        rows = (run.all_rows(c.estimate.model) for run in filtered.runs)
+        judged[c.name] = [(row, predicted(row, c.estimate.theta)) for row in rows]
+    drive: Drive = "torque" if runs.torque_logged else "servo"
+    steps = None if forward else 100  # of the free runs together: a fifth of a second
+    try:
+        ahead: Following | str = follow(last, runs, drive=drive, steps=steps, progress=progress)
+    except InputError as error:
+        ahead = str(error)
+    progress("looking where it fails")
+    failures = {
+        name: where_it_fails(named[name], runs, filtered.settings, noise=comparisons[0].noise)
+        for name in dict.fromkeys((comparisons[0].name, comparisons[-1].name))
+    }
+    checks = _checks(named, runs)
+    material = Material(named, runs, comparisons, judged, failures, checks, ahead, commands, said)
     progress("drawing")
     made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]
     title = f"{material.last.robot.name}: identified dynamics"
     write_text(out, page(title, made, script.read_text("utf-8")))
     return material.verdict
-
-
-def _material(
-    models: Mapping[str, Estimate],
-    runs: Measurements,
-    noise_from: Measurements | None,
-    forward: bool,
-    progress: Progress,
-    commands: Sequence[str],
-    said: Diagnosis | None,
-) -> Material:
-    """What is computed for the sections."""
-    progress("comparing")
-    names, judged = list(models), {}
-    first, last = names[0], names[-1]
-    filtered = FilteredRuns.of(driven(models[first], runs)[1], models[first].preprocessing)
-    comparisons = compare(models, filtered, noise_from=noise_from)
-    drive: Drive = "torque" if runs.torque_logged else "servo"
-    for c in comparisons:
-        rows = (run.all_rows(c.estimate.model) for run in filtered.runs)
-        judged[c.name] = [(row, predicted(row, c.estimate.theta)) for row in rows]
-    steps = None if forward else 100  # of the free runs together: a fifth of a second
-    try:
-        ahead: Following | str = follow(models[last], runs, drive=drive, steps=steps, progress=progress)
-    except InputError as error:
-        ahead = str(error)
-    progress("looking where it fails")
-    failures = {
-        name: where_it_fails(models[name], runs, filtered.settings, noise=comparisons[0].noise)
-        for name in dict.fromkeys((first, last))
-    }
-    checks = _checks(models, runs)
-    return Material(models, runs, comparisons, judged, failures, checks, ahead, commands, said)
 
 
 def _checks(models: Mapping[str, Estimate], runs: Measurements) -> dict[str, list[dict[str, Any]]]:

@@ -10,7 +10,7 @@ from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import ROBOT_SUFFIXES, RUN_SUFFIXES
+from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
@@ -58,7 +58,7 @@ def _choose(view: View) -> None:
         there[file.parent.name] = file.parent.name, tomllib.loads(file.read_text())["title"], None
     for folder in view.folder_problems():
         there[str(folder)] = folder.name, "with the bounds and filters of its problem.toml", None
-    for file in view.folder_files(ROBOT_SUFFIXES):
+    for file in view.folder_files(SUFFIXES["robot"]):
         there[str(file)] = file.name, "from your folder", file.name
     with draw.tiles("Built-in robots"):
         for source, (name, said, urdf) in there.items():
@@ -104,7 +104,7 @@ def _own(view: View) -> None:
         draw.draw_form(view.forms["read"], view.session.reading)
         draw.note("Applies to the files that are read next.")
     ticked: dict[str, bool] = {}
-    files = {file.name: file for file in view.folder_files(RUN_SUFFIXES)}
+    files = {file.name: file for file in view.folder_files(SUFFIXES["runs"])}
     if not files:
         return
 

@@ -1,13 +1,12 @@
 """The paper's figures."""
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import write_bytes
+from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.research.figures import panda, two_link
 from sdp_vs_penalty.research.tables.study import Study
@@ -62,10 +61,8 @@ def save(figure: Any, base: Path) -> list[Path]:
     paths = []
     # Without a date the same numbers make the same file.
     for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
-        content = io.BytesIO()
-        figure.savefig(content, format=suffix[1:], dpi=200, metadata=metadata)
-        path = base.with_name(base.name + suffix)
-        write_bytes(path, content.getvalue())
-        paths.append(path)
+        paths.append(base.with_name(base.name + suffix))
+        with writing(paths[-1]) as file:
+            figure.savefig(file, format=suffix[1:], dpi=200, metadata=metadata)
     plt.close(figure)
     return paths

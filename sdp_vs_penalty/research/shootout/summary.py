@@ -8,7 +8,6 @@ accuracy, and a claim of success; or infeasibility, rightly claimed.
 """
 
 import importlib.util
-import io
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas
 
-from sdp_vs_penalty.files import write_bytes, write_text
+from sdp_vs_penalty.files import write_text, writing
 from sdp_vs_penalty.formatting import markdown_table, number
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.research.shootout.contestants import contestants
@@ -84,10 +83,9 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
         axes[0].set_ylabel("share of problems got right")
         labels = axes[0].get_legend_handles_labels()
         figure.legend(*labels, loc="outside right upper", frameon=False)
-        file = io.BytesIO()
-        figure.savefig(file, format="svg", metadata={"Date": None})
+        with writing(path) as file:
+            figure.savefig(file, format="svg", metadata={"Date": None})
         plt.close(figure)
-    write_bytes(path, file.getvalue())
     return True
 
 

@@ -105,10 +105,9 @@ class Table:
 
     def markdown(self) -> str:
         cells = self.cells().replace({r"\|": r"\\|", "\n": " "}, regex=True)
-        head, _, *rows = markdown_table(list(cells.columns), cells.to_numpy().tolist())
         sides = ["---:" if _numeric(cells[name]) else ":---" for name in cells]
         notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
-        table = [head, f"| {' | '.join(sides)} |", *rows]
+        table = markdown_table(list(cells.columns), cells.to_numpy().tolist(), sides)
         return "\n".join([f"# {self.title}", "", self.caption, "", *table, *notes]) + "\n"
 
     def latex(self) -> str:
