@@ -3,6 +3,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty.plugins import surface
 from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
@@ -30,40 +31,36 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.simulation.hidden_runs import simulate as simulate
 
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
-_HOME = {
-    "add": "diagnosis.adding",
-    "check": "checks",
-    "compare": "diagnosis.comparison",
-    "convert": "problem.load",
-    "cross_validate": "estimation.resampling",
-    "diagnose": "diagnosis.diagnose",
-    "Estimate": "estimation.estimate",
-    "excite": "estimation.excitation",
-    "export": "exporters.export",
-    "fetch": "data.datasets",
-    "follow": "simulation.follow",
-    "identify": "diagnosis.comparison",
-    "InputError": "errors",
-    "load_estimate": "estimation.estimate",
-    "load_measurements": "data.files",
-    "load_problem": "problem.load",
-    "Measurements": "data.measurements",
-    "Problem": "problem.problem",
-    "report": "reports",
-    "simulate": "simulation.hidden_runs",
-    "where_it_fails": "diagnosis.where_it_fails",
+_NAMES = {
+    "checks": "check",
+    "data.datasets": "fetch",
+    "data.files": "load_measurements",
+    "data.measurements": "Measurements",
+    "diagnosis.adding": "add",
+    "diagnosis.comparison": "compare identify",
+    "diagnosis.diagnose": "diagnose",
+    "diagnosis.where_it_fails": "where_it_fails",
+    "errors": "InputError",
+    "estimation.estimate": "Estimate load_estimate",
+    "estimation.excitation": "excite",
+    "estimation.resampling": "cross_validate",
+    "exporters.export": "export",
+    "problem.load": "convert load_problem",
+    "problem.problem": "Problem",
+    "reports": "report",
+    "simulation.follow": "follow",
+    "simulation.hidden_runs": "simulate",
 }
+_found = surface(__name__, **_NAMES)
 #: Verbs that check their measurements first; inside the package they do not.
 _CHECKED = ("identify", "diagnose")
-__all__ = ["__version__", "effects", *_HOME]
+__all__ = ["__version__", "effects", *" ".join(_NAMES.values()).split()]
 
 
 def __getattr__(name: str) -> Any:
     if name == "effects":
         return importlib.import_module(f"{__name__}.effects")
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    found = _found(name)
     if name in _CHECKED:
         found = importlib.import_module(f"{__name__}.checks.first").with_check(found)
     return globals().setdefault(name, found)

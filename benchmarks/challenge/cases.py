@@ -140,7 +140,7 @@ def run_case(case: Case) -> tuple[str, Record]:
         "nuisance": case.nuisance,
         "conditions": asdict(conditions) | {"dry": world.dry.to_dict()},
         "truth": [h.to_dict() for h in hidden],
-        "deviation": [h.deviation(world, motions[0]) for h in hidden],
+        "deviation": [deviation(h, world, motions[0]) for h in hidden],
         "fair": sorted(allowed),
         "abstains": abstains,
         **{name: [] for name in ("found", "retuned", "events", "after", "energy")},
@@ -179,6 +179,12 @@ def _diagnosed(
     if kind.what in ("none", "effects"):
         record["after"] = (np.array(result["held_out_rmse"]) / true_floor(test, estimate)).tolist()
     return record
+
+
+def deviation(hidden: Hidden, world: Site, m: TrueMotion) -> float:
+    """Root mean square of the shift [rad or m]; 0 for an effect that shifts nothing."""
+    shift = 0.0 if hidden.shift is None else hidden.shift(world, m, hidden.size)
+    return float(np.sqrt(np.mean(np.square(shift))))
 
 
 def rounded(record: Record) -> Record:

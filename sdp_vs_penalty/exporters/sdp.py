@@ -26,7 +26,7 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.solvers.conic import cbf_text, sdpa_text
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
-from sdp_vs_penalty.solvers.rewrite import SDPA_CONES, linear_objective, suited
+from sdp_vs_penalty.solvers.rewrite import linear_objective, suited
 
 #: Ending of the sparse SDPA format, and the method that goes into it unless another is named.
 _SDPA, SDPA_METHOD = ".dat-s", "lmi-sdp-thickness"
@@ -62,7 +62,7 @@ def export_sdp(
     """
     check_format(path, any(c.kind == "exp" for c in sdp.conic.cones))
     sdpa = Path(path).name.endswith(_SDPA)
-    made = suited(sdp.conic, SDPA_CONES) if sdpa else linear_objective(sdp.conic)
+    made = suited(sdp.conic, {"nonnegative", "psd"}) if sdpa else linear_objective(sdp.conic)
     text = sdpa_text(made.problem) if sdpa else cbf_text(made.problem)
     write_text(path, text)
     about = {

@@ -125,8 +125,8 @@ def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
     follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
     noise, last, ends = setup.sensor.torque_std, robot.link_joints[-1] + 1, joint_limits(robot)
     arm = Arm(model, *ends, size, size, rotary, noise, last, *follows)
-    dry = DryFriction("tanh", np.full(robot.n, min(problem.model().sign_width)))
-    return World(arm, model, dry, coulomb, viscous, offset, none, none, none, noise)
+    dry = DryFriction(np.full(robot.n, min(problem.model().sign_width)))
+    return World(arm, model, dry, coulomb, viscous, offset, noise)
 
 
 def hidden_runs(

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, project, safe_depth
 from sdp_vs_penalty.solvers import verified
+from sdp_vs_penalty.solvers.identification import unit_diagonals
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import Iterate
 from sdp_vs_penalty.solvers.verified import TIGHT, DualEvidence
@@ -145,10 +146,7 @@ def _polished(
 def _sizes(group: Alike, terms: Array) -> Array:
     """(g, d, d) t t^T of the diagonals t of T, from the terms that bounds make; ones for cones that are
     no matrices."""
-    if group.cone != "psd":
-        return np.ones_like(group.constant)
-    t = or_one(np.diagonal(terms, axis1=1, axis2=2)) ** -0.5
-    return np.asarray(t[:, :, None] * t[:, None])
+    return unit_diagonals(terms) if group.cone == "psd" else np.ones_like(group.constant)
 
 
 def _inverse(group: Alike, t: Array) -> Array:

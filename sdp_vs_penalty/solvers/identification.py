@@ -57,7 +57,7 @@ class SdpProblem:
             return None
         rows = slice(self.entropy_row, self.entropy_row + 36 * len(self.entropy.links))
         blocks = unsvec(solution.z[rows].reshape(-1, 36), 8)[:, :4, :4]
-        return blocks * _unit_diagonals(self.entropy) * self.loss_scale**2 / self.entropy.weight
+        return blocks * unit_diagonals(self.entropy.nominal) * self.loss_scale**2 / self.entropy.weight
 
     def multipliers(self, solution: Solution) -> dict[Constraint, Array]:
         """The dual matrix or vector of each constraint, in the units of loss per F."""
@@ -219,7 +219,7 @@ def _log_det(
     """
     (links,) = alike(entropy.links)
     n, (i, j) = len(links.places), np.tril_indices(4)
-    twice, z = _unit_diagonals(entropy), 10 + np.arange(10)
+    twice, z = unit_diagonals(entropy.nominal), 10 + np.arange(10)
     blocks, constant = np.zeros((n, 20, 8, 8)), np.zeros((n, 8, 8))
     local = theta_scale[links.indices][:, :, None, None]
     blocks[:, :10, :4, :4] = links.coefficients * twice[:, None] * local
@@ -236,9 +236,9 @@ def _log_det(
     return [matrices, Alike("exp", np.arange(4 * n), pairs, one, both)], logs, links
 
 
-def _unit_diagonals(entropy: Entropy) -> Array:
-    """(links, 4, 4) by which matrices are multiplied, so that the nominal ones have diagonals of one."""
-    size = 1.0 / np.sqrt(np.diagonal(entropy.nominal, axis1=1, axis2=2))
+def unit_diagonals(values: Array) -> Array:
+    """(g, d, d) by which matrices are multiplied, so that these (g, d, d) have diagonals of one."""
+    size = _sizes(values)
     return np.asarray(size[:, :, None] * size[:, None])
 
 
@@ -261,7 +261,7 @@ def _whitening(values: Array) -> Array:
     times.
     """
     size = _sizes(values)
-    eigenvalues, vectors = np.linalg.eigh(values * (size[:, :, None] * size[:, None]))
+    eigenvalues, vectors = np.linalg.eigh(values * unit_diagonals(values))
     root = np.where(eigenvalues[:, -1:] > 0.0, np.sqrt(np.maximum(eigenvalues, 1e-6)), 1.0)
     return np.asarray((vectors / root[:, None]) @ np.swapaxes(vectors, 1, 2) * size[:, None])
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
-from sdp_vs_penalty.solvers.rewrite import KINDS, SDPA_CONES, sizes
+from sdp_vs_penalty.solvers.rewrite import KINDS, sizes
 from sdp_vs_penalty.solvers.solver import ACCURACY, EVERYTHING, SDPA_CLAIMS, Solver, flat
 
 
@@ -132,7 +132,7 @@ class Sdpa(Solver):
     name = "sdpa"
     extra = "solvers"
     requires = "package", "sdpap"
-    cones = SDPA_CONES
+    cones = frozenset({"nonnegative", "psd"})
     order, full_matrices = KINDS, True
     told = {"epsilonStar": ACCURACY, "epsilonDash": ACCURACY, "maxIteration": 200}
     claims = SDPA_CLAIMS

@@ -13,14 +13,13 @@ import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, sdpa_text, svec, svec_entries
-from sdp_vs_penalty.solvers.rewrite import SDPA_CONES
 from sdp_vs_penalty.solvers.solver import ACCURACY, SDPA_CLAIMS, Solver
 
 
 class Program(Solver):
     """Runs in a fresh folder that holds problem.dat-s; parameters : the text of a file of its own."""
 
-    cones = SDPA_CONES
+    cones = frozenset({"nonnegative", "psd"})
     # All inequalities in one block at the end: of several, DSDP's saved solution holds none.
     order = "psd", "nonnegative"
     parameters = ""
@@ -77,7 +76,6 @@ class Csdp(Program):
     """CSDP (Borchers 1999), the command-line program, through the sparse SDPA format."""
 
     name = "csdp"
-    extra = "a system package: coinor-csdp"
     requires = "program", "csdp"
     system_package = "coinor-csdp"
     finest = 1e-8
@@ -116,7 +114,6 @@ class Dsdp(Program):
     """DSDP (Benson, Ye 2008), a dual-scaling method, the command-line program dsdp5."""
 
     name = "dsdp"
-    extra = "a system package: dsdp"
     requires = "program", "dsdp5"
     system_package = "dsdp"
     finest = 1e-6
@@ -143,7 +140,6 @@ class SdpaProgram(Program):
     """SDPA (Yamashita et al. 2010), the command-line program."""
 
     name = "sdpa-program"
-    extra = "a system package: sdpa"
     requires = "program", "sdpa"
     finest = 1e-7
     told = {

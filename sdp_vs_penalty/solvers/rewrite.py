@@ -22,8 +22,6 @@ from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle, unsvec
 
 #: Kinds of cones in the order of SCS and CVXOPT.
 KINDS = ("zero", "nonnegative", "soc", "psd", "exp")
-#: What SDPA's format holds, of a linear objective.
-SDPA_CONES = frozenset({"nonnegative", "psd"})
 
 
 class NotApplicableError(ValueError):

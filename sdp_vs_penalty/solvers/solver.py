@@ -98,7 +98,10 @@ class Solver(ABC):
 
     @property
     def source(self) -> str:
-        """The extra, or the words, that say where it comes from."""
+        """The extra, the system's package, or the words, that say where it comes from."""
+        kind, what = self.requires
+        if kind == "program":
+            return f"a system package: {self.system_package or what}"
         if self.extra is None:
             return "the core installation"
         return self.extra if " " in self.extra else f"the extra [{self.extra}]"

@@ -245,7 +245,7 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
     cases = []
     for which, (problem, world, links) in worlds().items():
         robot, width = problem.robot, _width(name)
-        sharp = replace(world, dry=DryFriction("tanh", np.full(robot.n, width)))
+        sharp = replace(world, dry=DryFriction(np.full(robot.n, width)))
         trajectory = random_trajectory(robot, 5, 17.0, frequency=2.0 * np.pi / 13.3)
         if name == "transmission_friction" and which == "slide_arm":
             continue  # worlds hide it where neighbours turn

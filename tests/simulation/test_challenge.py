@@ -10,11 +10,12 @@ import pytest
 from challenge import judge
 from challenge import worlds as challenged
 from challenge.cases import CLASSES, Case, run_case
+from challenge.worlds.conditions import FrictionLaw
 from committed import RESULTS
 from recorded import differences
 
 from sdp_vs_penalty.simulation import worlds
-from sdp_vs_penalty.simulation.worlds.world import DryFriction, bristles
+from sdp_vs_penalty.simulation.worlds.world import bristles
 
 
 @pytest.mark.slow
@@ -130,7 +131,7 @@ def test_bristles_follow_dahls_curve_over_travel_however_stiff(travel):
 def test_lugre_slides_at_the_stribeck_level():
     t = np.arange(0.0, 3.0, 1e-3)
     one = np.ones(1)
-    law = DryFriction("lugre", 0.01 * one, 0.002 * one, 0.3 * one, 0.05 * one)
+    law = FrictionLaw(0.01 * one, "lugre", 0.002 * one, 0.3 * one, 0.05 * one)
     for speed in (0.01, 0.05, -0.4):
         level = np.sign(speed) * (1.0 + 0.3 * np.exp(-((speed / 0.05) ** 2)))
         assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(level, rel=1e-4)

@@ -134,7 +134,7 @@ def test_data_without_any_scale_end_in_a_claim_not_in_a_panic():
     [
         rewrite.linear_objective,
         lambda p: rewrite.linear_objective(p, 3),
-        lambda p: rewrite.suited(p, rewrite.SDPA_CONES),
+        lambda p: rewrite.suited(p, {"nonnegative", "psd"}),
         rewrite.arrows,
         lambda p: rewrite.reorder(p, ("zero", "psd", "soc", "nonnegative")),
     ],

@@ -6,6 +6,7 @@ nuisance makes fair to name is stated here, before any case is run.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -13,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from sdp_vs_penalty.simulation.worlds.hidden import first_order, log_uniform
-from sdp_vs_penalty.simulation.worlds.world import Array, World
+from sdp_vs_penalty.simulation.worlds.world import Array, DryFriction, TrueMotion, World, bristles
 
 ARMS = ("panda", "elbow", "desk", "scara")
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
@@ -100,10 +101,59 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Site(World):
-    """A world, and the conditions under which it is measured."""
+class FrictionLaw(DryFriction):
+    """law : sign, tanh, dahl or lugre; travel (n,) : of the bristles [rad or m]; rise, speed (n,) : by
+    how much LuGre's friction is larger at rest, and up to which speed."""
 
-    conditions: Conditions = field(default_factory=Conditions)
+    law: str
+    travel: Array
+    rise: Array
+    speed: Array
+
+    def share(self, t: Array, dq: Array) -> Array:
+        """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at >= 1 kHz."""
+        if self.law == "sign":
+            return np.sign(dq)
+        if self.law == "tanh":
+            return super().share(t, dq)
+        if self.law == "dahl":
+            return bristles(t, dq, self.travel, np.ones_like)
+
+        def level(v: Array) -> Array:
+            return 1.0 + self.rise * np.exp(-((v / self.speed) ** 2))
+
+        return bristles(t, dq, self.travel, level, damping=0.02)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        own = {"tanh": ("width",), "dahl": ("travel",), "lugre": ("travel", "rise", "speed")}
+        return {"law": self.law} | {x: getattr(self, x).tolist() for x in own.get(self.law, ())}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Site(World):
+    """A world, and the conditions under which it is measured. lopsided, lopsided_viscous (n,) : the part
+    of its friction that has the same sign in both directions; rotor (n,) : inertia [kg m^2 or kg] that a
+    motor turns besides its link; warming : share of the viscous friction that goes as gears warm up."""
+
+    dry: FrictionLaw
+    lopsided: Array
+    lopsided_viscous: Array
+    rotor: Array
+    warming: float
+    conditions: Conditions
+
+    def torque(self, m: TrueMotion) -> Array:
+        """(N, n) of the motors, or of sensors that friction also loads."""
+        return self.rigid(m) + self.rotor * m.ddq + self.friction(m)
+
+    def friction(self, m: TrueMotion) -> Array:
+        """(N, n) dry, viscous, and what stays the same in both directions."""
+        share = self.share(m)
+        cold = 1.0 - self.warming * (1.0 - np.exp(-m.t / self.warm_up))
+        viscous = self.viscous * m.dq + self.lopsided_viscous * np.abs(m.dq)
+        dry = self.coulomb * share + self.lopsided * np.abs(share)
+        return np.asarray(dry + cold[:, None] * viscous + self.offset)
 
 
 def _channel(c: Conditions, **changes: float | None) -> Conditions:

@@ -16,7 +16,7 @@ import numpy as np
 
 from challenge.worlds.conditions import Site
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.world import Arm, Array, TrueMotion, World, inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.world import Arm, Array, TrueMotion, inverse_dynamics
 
 States = tuple[Array, Array, Array]
 
@@ -168,7 +168,7 @@ def _mass_matrix(model: Any, data: Any, q: Array) -> Array:
     return np.asarray(np.triu(M) + np.triu(M, 1).T)
 
 
-def _next(A: Array, push: Array, dry: Array, z: Array, h: float, world: World) -> tuple[Array, Array]:
+def _next(A: Array, push: Array, dry: Array, z: Array, h: float, world: Site) -> tuple[Array, Array]:
     """(n,) velocity and share of dry friction that solve A v + dry share(v) = push, joint by joint in
     turn (Gauss and Seidel), from where nothing changes its share."""
     out, share = np.linalg.solve(A, push - dry * z).tolist(), z.tolist()

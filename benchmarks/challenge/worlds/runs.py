@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from challenge.worlds.conditions import Conditions, Site
+from challenge.worlds.conditions import Conditions, FrictionLaw, Site
 from challenge.worlds.motion import driven, plan
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot._pinocchio import pin
@@ -18,7 +18,6 @@ from sdp_vs_penalty.simulation.worlds.world import (
     PAUSE,
     Arm,
     Array,
-    DryFriction,
     TrueMotion,
     misplaced,
 )
@@ -58,16 +57,17 @@ def draw_world(
     offset = 0.2 * arm.coulomb * rng.uniform(-1.0, 1.0, n) * ("torque_offset" not in without)
     unit = arm.unit_speed
     width = spread(*c.width) * (1.0 if c.width[0] == c.width[1] else unit)
-    dry = DryFriction(
-        c.law, width, unit * spread(0.001, 0.01), rng.uniform(0.0, 0.4, n), unit * spread(0.02, 0.1)
-    )
+    travel, rise, speed = unit * spread(0.001, 0.01), rng.uniform(0.0, 0.4, n), unit * spread(0.02, 0.1)
+    dry = FrictionLaw(width, c.law, travel, rise, speed)
     sides = rng.choice([-1.0, 1.0], (2, n)) * c.asymmetry
     built = misplaced(arm.model, *c.misplacement, rng)
     warm_up = float(rng.uniform(30.0, 120.0))
     middle = 0.5 * (arm.lower + arm.upper)
     rotor = c.rotor * np.diag(pin.crba(arm.model, arm.model.createData(), middle))
-    rubs = coulomb, viscous, offset, sides[0] * coulomb, sides[1] * viscous
-    return Site(arm, built, dry, *rubs, rotor, c.noise.level * arm.noise, warm_up, c.warming, c)
+    own = {"dry": dry, "rotor": rotor, "warm_up": warm_up, "warming": c.warming, "conditions": c}
+    own |= {"lopsided": sides[0] * coulomb, "lopsided_viscous": sides[1] * viscous}
+    noise = c.noise.level * arm.noise
+    return Site(arm, built, coulomb=coulomb, viscous=viscous, offset=offset, noise=noise, **own)
 
 
 #: Rate of the simulation [Hz]; of the log's rates each divides it.

@@ -11,7 +11,6 @@ def verb(
     """Compare models with runs: each joint's error beside the noise, and where the last model fails.
 
     Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
-
     """
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.cli.runs import next_diagnosis, runs_for

@@ -17,6 +17,7 @@ from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.solvers.certificate import Fit
+from sdp_vs_penalty.solvers.identification import unit_diagonals
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
@@ -174,9 +175,8 @@ def relative_violation(
     for c in constraints:
         value = c.value(theta)
         if c.cone == "psd":
-            diagonal = np.abs(np.diagonal(c.value(inside)))
-            scale = 1.0 / np.sqrt(or_one(diagonal))
-            margin = float(np.linalg.eigvalsh(value * np.outer(scale, scale))[0])
+            (scale,) = unit_diagonals(c.value(inside)[None])
+            margin = float(np.linalg.eigvalsh(value * scale)[0])
         else:
             terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
             size = or_one(np.maximum(terms, np.abs(c.constant)))

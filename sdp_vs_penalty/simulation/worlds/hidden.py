@@ -58,12 +58,6 @@ class Hidden:
             out = replace(out, size=out.size * factor / ratio)
         return out
 
-    def deviation(self, world: World, m: TrueMotion) -> float:
-        """Root mean square of the shift [rad or m]."""
-        if self.shift is None:
-            return 0.0
-        return float(np.sqrt(np.mean(self.shift(world, m, self.size) ** 2)))
-
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; joints count from 1."""
         size = None if self.number is None else self.number * self.size

@@ -4,7 +4,7 @@ Sources: Dahl, AIAA Journal 1976; Canudas de Wit, Olsson, Astrom, Lischinsky, IE
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -89,34 +89,13 @@ class TrueMotion:
 
 @dataclass(frozen=True)
 class DryFriction:
-    """law : sign, tanh, dahl or lugre; width (n,) : of tanh [rad/s or m/s]; travel (n,) : of the
-    bristles [rad or m]; rise, speed (n,) : by how much LuGre's friction is larger at rest, and up to
-    which speed."""
+    """tanh(dq / width), width (n,) [rad/s or m/s]; other laws are the challenge's."""
 
-    law: str
     width: Array
-    travel: Array = field(default_factory=lambda: np.ones(0))
-    rise: Array = field(default_factory=lambda: np.zeros(0))
-    speed: Array = field(default_factory=lambda: np.ones(0))
 
     def share(self, t: Array, dq: Array) -> Array:
         """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at >= 1 kHz."""
-        if self.law == "sign":
-            return np.sign(dq)
-        if self.law == "tanh":
-            return np.tanh(dq / self.width)
-        if self.law == "dahl":
-            return bristles(t, dq, self.travel, np.ones_like)
-
-        def level(v: Array) -> Array:
-            return 1.0 + self.rise * np.exp(-((v / self.speed) ** 2))
-
-        return bristles(t, dq, self.travel, level, damping=0.02)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
-        own = {"tanh": ("width",), "dahl": ("travel",), "lugre": ("travel", "rise", "speed")}
-        return {"law": self.law} | {x: getattr(self, x).tolist() for x in own.get(self.law, ())}
+        return np.tanh(dq / self.width)
 
 
 def bristles(
@@ -149,10 +128,9 @@ def bristles(
 
 @dataclass(frozen=True)
 class World:
-    """arm : as the URDF says; built : Pinocchio's model as it is; coulomb, viscous, offset, lopsided,
-    lopsided_viscous (n,) : friction and its part that has the same sign in both directions; rotor (n,) :
-    inertia [kg m^2 or kg] that a motor turns besides its link; noise (n,) : standard deviation of what a
-    log adds; warm_up : of the gears [s], warming : share of the viscous friction that goes with it."""
+    """arm : as the URDF says; built : Pinocchio's model as it is; coulomb, viscous, offset (n,) :
+    friction and what stays the same in both directions; noise (n,) : standard deviation of what a log
+    adds; warm_up : of the gears [s]."""
 
     arm: Arm
     built: Any
@@ -160,16 +138,12 @@ class World:
     coulomb: Array
     viscous: Array
     offset: Array
-    lopsided: Array
-    lopsided_viscous: Array
-    rotor: Array
     noise: Array
     warm_up: float = 120.0
-    warming: float = 0.0
 
     def torque(self, m: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
-        return self.rigid(m) + self.rotor * m.ddq + self.friction(m)
+        return self.rigid(m) + self.friction(m)
 
     def rigid(self, m: TrueMotion, model: Any = None) -> Array:
         """(N, n) of the links, as built or of another model of Pinocchio's."""
@@ -177,11 +151,7 @@ class World:
 
     def friction(self, m: TrueMotion) -> Array:
         """(N, n) dry, viscous, and what stays the same in both directions."""
-        share = self.share(m)
-        cold = 1.0 - self.warming * (1.0 - np.exp(-m.t / self.warm_up))
-        viscous = self.viscous * m.dq + self.lopsided_viscous * np.abs(m.dq)
-        dry = self.coulomb * share + self.lopsided * np.abs(share)
-        return np.asarray(dry + cold[:, None] * viscous + self.offset)
+        return np.asarray(self.coulomb * self.share(m) + self.viscous * m.dq + self.offset)
 
     def share(self, m: TrueMotion) -> Array:
         """(N, n) dry friction over the Coulomb torque: as the servo met it, or by its law."""
