@@ -21,7 +21,7 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 import numpy as np
 from challenge.cases import USUAL
 from challenge.judge import share
-from challenge.worlds.conditions import Channel, Conditions, SensorNoise, Site
+from challenge.worlds.conditions import Channel, Conditions, RatedArm, SensorNoise, Site
 from challenge.worlds.motion import driven
 from challenge.worlds.runs import arm_of, draw_motion, draw_world, log_run
 from corruptions.arms import believed, drawn, true_model
@@ -32,7 +32,6 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.regression.base_parameters import base_rows
-from sdp_vs_penalty.simulation.worlds.world import Arm
 
 TURN = 0.04, 0.06  # rad/s over which dry friction turns round, of slides half of that in m/s
 QUANTUM, JITTER = 2.0 * np.pi / 2**17, 2e-5  # rad, of the encoder
@@ -40,7 +39,7 @@ QUANTUM, JITTER = 2.0 * np.pi / 2**17, 2e-5  # rad, of the encoder
 WHITE, SLOW = SensorNoise(colour=0.0), SensorNoise(colour=0.996)
 
 
-def measured(arm: Arm, closed: bool, rng: np.random.Generator) -> tuple[Site, Measurements]:
+def measured(arm: RatedArm, closed: bool, rng: np.random.Generator) -> tuple[Site, Measurements]:
     """The true robot, and its run as planned or in a closed loop."""
     noise, kind = WHITE if rng.random() < 0.5 else SLOW, str(rng.choice(["periodic", "aperiodic"]))
     usual = Conditions(width=TURN, channel=Channel(step=QUANTUM), duration=14.0)

@@ -96,11 +96,10 @@ class Shelf:
             known = {f.name: self.put(getattr(value, f.name)) for f in fields(value) if f.init}
             kind = type(value)
             return lambda: kind(**{name: read() for name, read in known.items()})
-        return self._put_array(value) if isinstance(value, np.ndarray) else lambda: value
-
-    def _put_array(self, array: NDArray[Any]) -> Callable[[], NDArray[Any]]:
-        turned = array.flags.f_contiguous and not array.flags.c_contiguous
-        rows = np.ascontiguousarray(array.T if turned else array)
+        if not isinstance(value, np.ndarray):
+            return lambda: value
+        turned = value.flags.f_contiguous and not value.flags.c_contiguous
+        rows = np.ascontiguousarray(value.T if turned else value)
         with _room():
             start = self._file.seek(0, os.SEEK_END)
             self._file.write(rows.data)

@@ -23,7 +23,6 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.robot import joint_limits
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.experiments import simulate as measured
@@ -123,10 +122,9 @@ def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence
     model, chain = robot._with_inertias(setup.links), robot.mechanism
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
     follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
-    noise, last, ends = setup.sensor.torque_std, robot.link_joints[-1] + 1, joint_limits(robot)
-    arm = Arm(model, *ends, size, size, rotary, noise, last, *follows)
+    arm = Arm(model, rotary, robot.link_joints[-1] + 1, *follows)
     dry = DryFriction(np.full(robot.n, min(problem.model().sign_width)))
-    return World(arm, model, dry, coulomb, viscous, offset, noise)
+    return World(arm, model, dry, coulomb, viscous, offset, setup.sensor.torque_std)
 
 
 def hidden_runs(

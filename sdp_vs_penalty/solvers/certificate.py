@@ -118,7 +118,8 @@ def _polished(
         return np.asarray(u[:, told] @ ((vt[told] @ slope) / (2.0 * strength[told])))
 
     # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near depends on units.
-    sizes = [_sizes(*x) for x in zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)]
+    terms = zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)
+    sizes = [unit_diagonals(x) if g.cone == "psd" else np.ones_like(g.constant) for g, x in terms]
     dual, kept, best = entries.split(e.multipliers), e.multipliers, -np.inf
     for _ in range(_DUAL_ROUNDS):
         dual = [t * project(g.cone, s / t) for g, s, t in zip(entries.groups, dual, sizes, strict=True)]
@@ -141,12 +142,6 @@ def _polished(
             for g, s, t in zip(entries.groups, dual, sizes, strict=True)
         ]
     return replace(e, multipliers=kept, push=push)
-
-
-def _sizes(group: Alike, terms: Array) -> Array:
-    """(g, d, d) t t^T of the diagonals t of T, from the terms that bounds make; ones for cones that are
-    no matrices."""
-    return unit_diagonals(terms) if group.cone == "psd" else np.ones_like(group.constant)
 
 
 def _inverse(group: Alike, t: Array) -> Array:

@@ -86,7 +86,10 @@ def stated(
     parameters: Sequence[str] = (),
 ) -> Proof:
     """The problem as a proof states it: every field but multipliers, interval and hashes."""
-    data = objective.least_squares
+    data, entropy = objective.least_squares, objective.entropy
+    weight, held = 0.0, list[tuple[Constraint, Array, float]]()
+    if entropy is not None:
+        weight, held = entropy.weight, [*zip(entropy.links, *entropy.nominal_terms, strict=True)]
     return {
         "parameters": list(parameters) or [f"x{k}" for k in range(len(bound))],
         "R": _texts(data.R),
@@ -101,22 +104,15 @@ def stated(
                 "indices": c.indices.tolist(),
                 "constant": _texts(c.constant.ravel()),
                 "coefficients": _texts(c.coefficients.reshape(len(c.indices), -1)),
-                "entropy": _entropies(objective.entropy, c),
+                "entropy": [
+                    {"weight": _text(weight), "inverse": _texts(P.ravel()), "log_det": _text(x)}
+                    for link, P, x in held
+                    if link is c
+                ],
             }
             for c in constraints
         ],
     }
-
-
-def _entropies(entropy: Entropy | None, constraint: Constraint) -> list[Proof]:
-    """Those of which a constraint is the link."""
-    if entropy is None:
-        return []
-    return [
-        {"weight": _text(entropy.weight), "inverse": _texts(inverse.ravel()), "log_det": _text(log_det)}
-        for link, inverse, log_det in zip(entropy.links, *entropy.nominal_terms, strict=True)
-        if link is constraint
-    ]
 
 
 def difference(proof: Proof, own: Proof) -> str:

@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from sdp_vs_penalty.simulation.worlds.hidden import first_order, log_uniform
-from sdp_vs_penalty.simulation.worlds.world import Array, DryFriction, TrueMotion, World, bristles
+from sdp_vs_penalty.simulation.worlds.world import Arm, Array, DryFriction, TrueMotion, World, bristles
 
 ARMS = ("panda", "elbow", "desk", "scara")
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
@@ -130,12 +130,26 @@ class FrictionLaw(DryFriction):
         return {"law": self.law} | {x: getattr(self, x).tolist() for x in own.get(self.law, ())}
 
 
+@dataclass(frozen=True)
+class RatedArm(Arm):
+    """lower, upper, speed (n,) : limits of the joints [rad or m, and per s]; coulomb, viscous, noise
+    (n,) : nominal sizes [N m or N]."""
+
+    lower: Array
+    upper: Array
+    speed: Array
+    coulomb: Array
+    viscous: Array
+    noise: Array
+
+
 @dataclass(frozen=True, kw_only=True)
 class Site(World):
     """A world, and the conditions under which it is measured. lopsided, lopsided_viscous (n,) : the part
     of its friction that has the same sign in both directions; rotor (n,) : inertia [kg m^2 or kg] that a
     motor turns besides its link; warming : share of the viscous friction that goes as gears warm up."""
 
+    arm: RatedArm
     dry: FrictionLaw
     lopsided: Array
     lopsided_viscous: Array

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from challenge.worlds.conditions import Site
+from challenge.worlds.conditions import RatedArm, Site
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.world import Arm, Array, TrueMotion, inverse_dynamics
+from sdp_vs_penalty.simulation.worlds.world import Array, TrueMotion, inverse_dynamics
 
 States = tuple[Array, Array, Array]
 
@@ -24,7 +24,9 @@ States = tuple[Array, Array, Array]
 REACH, SPEED, SWING = 0.75, 0.5, 1.6
 
 
-def plan(arm: Arm, kind: str, duration: float, rng: np.random.Generator) -> Callable[[Array], States]:
+def plan(
+    arm: RatedArm, kind: str, duration: float, rng: np.random.Generator
+) -> Callable[[Array], States]:
     """A random motion, periodic, aperiodic or from point to point ("points"), as a function of time [s]
     from its beginning."""
     reach = 0.5 * REACH * (arm.upper - arm.lower)

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from challenge.worlds.conditions import Conditions, FrictionLaw, Site
+from challenge.worlds.conditions import Conditions, FrictionLaw, RatedArm, Site
 from challenge.worlds.motion import driven, plan
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.hidden import log_uniform
 from sdp_vs_penalty.simulation.worlds.world import (
     PAUSE,
-    Arm,
     Array,
     TrueMotion,
     misplaced,
@@ -28,22 +27,23 @@ def urdf_of(name: str) -> Path:
     return Path(__file__).parent / f"{name}.urdf"
 
 
-def load_arm(name: str) -> Arm:
+def load_arm(name: str) -> RatedArm:
     """One of ARMS."""
     return arm_of(pin.buildModelFromUrdf(str(urdf_of(name))))
 
 
-def arm_of(model: Any) -> Arm:
+def arm_of(model: Any) -> RatedArm:
     """The arm of a model of Pinocchio's, with its limits and friction, a tenth of which is noise."""
     rotary = np.array([joint.shortname().startswith("JointModelR") for joint in model.joints[1:]])
     limits = model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit
     lower, upper, speed, coulomb, viscous = map(np.array, (*limits, model.friction, model.damping))
-    sizes, n = (coulomb, viscous, rotary, 0.1 * coulomb), len(rotary)
-    return Arm(model, lower, upper, speed, *sizes, model.njoints - 1, np.eye(n), np.zeros(n))
+    sizes, n = (coulomb, viscous, 0.1 * coulomb), len(rotary)
+    bare = model, rotary, model.njoints - 1, np.eye(n), np.zeros(n)
+    return RatedArm(*bare, lower, upper, speed, *sizes)
 
 
 def draw_world(
-    c: Conditions, rng: np.random.Generator, without: Collection[str] = (), arm: Arm | None = None
+    c: Conditions, rng: np.random.Generator, without: Collection[str] = (), arm: RatedArm | None = None
 ) -> Site:
     """Friction around what the URDF says, links as it says, joints where the conditions put them.
 
@@ -64,10 +64,21 @@ def draw_world(
     warm_up = float(rng.uniform(30.0, 120.0))
     middle = 0.5 * (arm.lower + arm.upper)
     rotor = c.rotor * np.diag(pin.crba(arm.model, arm.model.createData(), middle))
-    own = {"dry": dry, "rotor": rotor, "warm_up": warm_up, "warming": c.warming, "conditions": c}
-    own |= {"lopsided": sides[0] * coulomb, "lopsided_viscous": sides[1] * viscous}
-    noise = c.noise.level * arm.noise
-    return Site(arm, built, coulomb=coulomb, viscous=viscous, offset=offset, noise=noise, **own)
+    return Site(
+        arm=arm,
+        built=built,
+        dry=dry,
+        coulomb=coulomb,
+        viscous=viscous,
+        offset=offset,
+        lopsided=sides[0] * coulomb,
+        lopsided_viscous=sides[1] * viscous,
+        rotor=rotor,
+        noise=c.noise.level * arm.noise,
+        warm_up=warm_up,
+        warming=c.warming,
+        conditions=c,
+    )
 
 
 #: Rate of the simulation [Hz]; of the log's rates each divides it.

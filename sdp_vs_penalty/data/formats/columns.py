@@ -110,7 +110,9 @@ class Header:
             # Accelerations are the one kind of column that people expect to be read.
             known_too = any(re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", name.lower()) for name in count)
             why = ". Accelerations are computed from q, with the same filter as the torque" * known_too
-            warnings.warn(f"{path}: not used: {_listed(list(count))}{why}.", Remark, stacklevel=2)
+            shown = ", ".join(name[:40] or "a column without a name" for name in list(count)[:6])
+            more = f" and {len(count) - 6} more" if len(count) > 6 else ""
+            warnings.warn(f"{path}: not used: {shown}{more}{why}.", Remark, stacklevel=2)
         return cls(path, groups, {rename[ours]: x for ours, x in scale.items()}, what)
 
     def run(self, columns: Mapping[str, Array]) -> Measurements:
@@ -170,9 +172,3 @@ def columns_of(measurements: Measurements) -> dict[str, Array]:
     for name, block in m.groups.items():
         out |= {f"{name}{j + 1}": block[:, j] for j in range(m.n)}
     return out
-
-
-def _listed(names: Sequence[str]) -> str:
-    """At most six columns by name."""
-    shown = ", ".join(name[:40] or "a column without a name" for name in names[:6])
-    return f"{shown} and {len(names) - 6} more" if len(names) > 6 else shown

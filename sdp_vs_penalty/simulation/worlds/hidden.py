@@ -389,13 +389,12 @@ def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
     return Hidden((), change, None)
 
 
+#: Dahl's friction over a travel that hardly shows.
+_stiction = partial(_presliding, low=0.0005, high=0.001)
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
-#: What a diagnosis meets as a nuisance; stiction is Dahl's friction over a travel that hardly shows.
-NUISANCE: Mapping[str, Maker] = {
-    "kinematic_error": _misplaced,
-    "stiction": partial(_presliding, low=0.0005, high=0.001),
-}
+#: What a diagnosis meets as a nuisance.
+NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": _stiction}
 MACHINE: Mapping[str, Maker] = {
     "joint_spring": plain(lambda w, j, m: m.q[:, j]),
     "torque_offset": plain(lambda w, j, m: np.ones(len(m.t)), signed=True),

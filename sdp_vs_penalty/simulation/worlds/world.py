@@ -17,19 +17,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Arm:
-    """lower, upper, speed (n,) : limits of the joints [rad or m, and per s]; coulomb, viscous, noise
-    (n,) : nominal sizes [N m or N]; rotary (n,) : whether a joint turns; model : Pinocchio's; last : its
-    joint that bears the last link; follows (L, n), shift (L,) : the positions of its joints are
-    follows q + shift, of those q that move by themselves."""
+    """model : Pinocchio's; rotary (n,) : whether a joint turns; last : the model's joint that bears the
+    last link; follows (L, n), shift (L,) : the positions of its joints are follows q + shift, of those q
+    that move by themselves."""
 
     model: Any
-    lower: Array
-    upper: Array
-    speed: Array
-    coulomb: Array
-    viscous: Array
     rotary: NDArray[np.bool_]
-    noise: Array
     last: int
     follows: Array
     shift: Array
@@ -37,7 +30,7 @@ class Arm:
     @property
     def n(self) -> int:
         """How many joints."""
-        return len(self.lower)
+        return len(self.rotary)
 
     @property
     def unit_speed(self) -> Array:
