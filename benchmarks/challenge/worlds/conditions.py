@@ -122,7 +122,8 @@ class FrictionLaw(DryFriction):
         def level(v: Array) -> Array:
             return 1.0 + self.rise * np.exp(-((v / self.speed) ** 2))
 
-        return bristles(t, dq, self.travel, level, damping=0.02)
+        z, side = bristles(t, dq, self.travel, level), np.sign(dq)
+        return z + 0.02 * side * (1.0 - side * z / level(dq))  # and what bends the bristles is damped
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
@@ -143,6 +144,13 @@ class RatedArm(Arm):
     noise: Array
 
 
+@dataclass(frozen=True)
+class Driven(TrueMotion):
+    """share (N, n): dry friction over the Coulomb torque, as a servo met it."""
+
+    share: Array
+
+
 @dataclass(frozen=True, kw_only=True)
 class Site(World):
     """A world, and the conditions under which it is measured. lopsided, lopsided_viscous (n,) : the part
@@ -160,6 +168,10 @@ class Site(World):
     def torque(self, m: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
         return self.rigid(m) + self.rotor * m.ddq + self.friction(m)
+
+    def share(self, m: TrueMotion) -> Array:
+        """(N, n) dry friction over the Coulomb torque: as the servo met it, or by its law."""
+        return m.share if isinstance(m, Driven) else super().share(m)
 
     def friction(self, m: TrueMotion) -> Array:
         """(N, n) dry, viscous, and what stays the same in both directions."""

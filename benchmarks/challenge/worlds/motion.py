@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from challenge.worlds.conditions import RatedArm, Site
+from challenge.worlds.conditions import Driven, RatedArm, Site
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation.worlds.world import Array, TrueMotion, inverse_dynamics
 
@@ -161,7 +161,7 @@ def driven(
         mean = 0.5 * (v + after)
         rows.append((q + 0.5 * h * mean, mean, (after - v) / h, share))
         q, v, z = q + h * mean, after, share
-    return TrueMotion(plan.t, *(np.array(x) for x in zip(*rows, strict=True)))
+    return Driven(plan.t, *(np.array(x) for x in zip(*rows, strict=True)))
 
 
 def _mass_matrix(model: Any, data: Any, q: Array) -> Array:

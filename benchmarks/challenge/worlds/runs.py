@@ -3,7 +3,6 @@ what is logged of them."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ from challenge.worlds.conditions import Conditions, FrictionLaw, RatedArm, Site
 from challenge.worlds.motion import driven, plan
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.hidden import log_uniform
 from sdp_vs_penalty.simulation.worlds.world import (
     PAUSE,
     Array,
@@ -51,7 +49,11 @@ def draw_world(
     place of the conditions' one.
     """
     arm = arm or load_arm(c.arm)
-    n, spread = arm.n, partial(log_uniform, rng, size=arm.n)
+    n = arm.n
+
+    def spread(low: float, high: float) -> Array:
+        return np.exp(rng.uniform(np.log(low), np.log(high), n))
+
     coulomb = arm.coulomb * spread(0.5, 1.5) * ("coulomb_friction" not in without)
     viscous = arm.viscous * spread(0.5, 1.5) * ("viscous_friction" not in without)
     offset = 0.2 * arm.coulomb * rng.uniform(-1.0, 1.0, n) * ("torque_offset" not in without)

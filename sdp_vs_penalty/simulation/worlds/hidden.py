@@ -111,10 +111,9 @@ def sign(world: World, joint: int, m: TrueMotion) -> Array:
     return world.share(m)[:, joint]
 
 
-def log_uniform(rng: np.random.Generator, low: float, high: float, size: int | None = None) -> Any:
-    """A number whose logarithm is uniform, or (size,) of them."""
-    drawn = np.exp(rng.uniform(np.log(low), np.log(high), size))
-    return float(drawn) if size is None else drawn
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number whose logarithm is uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def first_order(x: Array, step: float, lag: float) -> Array:

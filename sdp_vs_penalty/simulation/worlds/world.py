@@ -70,14 +70,12 @@ PAUSE = 30.0  # s between runs
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the encoders show;
-    share (N, n): dry friction over the Coulomb torque, where a servo met it."""
+    """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the encoders show."""
 
     t: Array
     q: Array
     dq: Array
     ddq: Array
-    share: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -91,10 +89,8 @@ class DryFriction:
         return np.tanh(dq / self.width)
 
 
-def bristles(
-    t: Array, dq: Array, travel: Array, level: Callable[[Array], Array], damping: float = 0.0
-) -> Array:
-    """(N, n) z + damping times dz/dt (over the steady rate), dz/dt = dq / d - |dq| z / (d g(dq)).
+def bristles(t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]) -> Array:
+    """(N, n) z with dz/dt = dq / d - |dq| z / (d g(dq)), d : travel, g : level.
 
     Between two samples dq is taken as constant, for which the equation is solved exactly: the step is
     stable however stiff d is. At a reversal the step is split at the instant of rest.
@@ -114,8 +110,6 @@ def bristles(
         now = goal[k] + (now - goal[k]) * decay[k]
         now = goal_2[k] + (now - goal_2[k]) * decay_2[k]
         z[k + 1] = now
-    if damping:
-        z = z + damping * np.sign(dq) * (1.0 - np.sign(dq) * z / level(dq))
     return z
 
 
@@ -147,8 +141,8 @@ class World:
         return np.asarray(self.coulomb * self.share(m) + self.viscous * m.dq + self.offset)
 
     def share(self, m: TrueMotion) -> Array:
-        """(N, n) dry friction over the Coulomb torque: as the servo met it, or by its law."""
-        return self.dry.share(m.t, m.dq) if m.share is None else m.share
+        """(N, n) dry friction over the Coulomb torque."""
+        return self.dry.share(m.t, m.dq)
 
     def temperature(self, t: Array) -> Array:
         """(N, n) of the gears [degrees Celsius]: the farther out, the smaller and the warmer."""
