@@ -450,9 +450,10 @@ class Place(Transformation):
             x, turns, back = repair.zero[j], j in log.revolute, partial(_shifted, log, repair, j)
             unit, text = (1.0, _degrees) if turns else (0.25 * length, metres)
             reach, snaps = (0.35, self.quarters) if turns else (0.35 * length, ())
-            number = Number(x, back, unit * c.CALIBRATED, reach, text, snaps)
+            away = lambda v, text=text: text(-v)  # noqa: E731
+            number = Number(x, back, unit * c.CALIBRATED, reach, away, snaps)
             severity = "error" if abs(x) > unit * c.GROSS else "warning"
-            what = f"the zero of joint {j + 1} is {text(-x)} away from the robot's kinematics."
+            what = f"the zero of joint {j + 1} is {away(x)} away from the robot's kinematics."
             remedy = f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}"
             shift = {"shifts": [x]}
             yield Element("encoder offset", severity, (j,), what, remedy, number, cost, figures=shift)
