@@ -114,6 +114,8 @@ class Effect(ABC):
     whole_robot: ClassVar[bool] = False
     #: True where the links absorb the effect, so that it shows only against a model held fixed.
     frozen_only: ClassVar[bool] = False
+    #: False where a search never tries it.
+    sought: ClassVar[bool] = True
     #: True where a joint can have it several times, with other shape constants.
     several: ClassVar[bool] = False
     #: True where its joints belong together: one parameter acts on all of them.
@@ -293,7 +295,8 @@ class Effect(ABC):
         """The shape constants with which a search begins on one joint; none where it cannot act."""
         kind = robot.joints[joint].kind
         grids = {key: shape.on(kind).grid for key, shape in cls.shapes.items() if shape.grid}
-        return [dict(zip(grids, values, strict=True)) for values in product(*grids.values())]
+        every = product(*grids.values()) if cls.sought else ()
+        return [dict(zip(grids, values, strict=True)) for values in every]
 
     @classmethod
     def candidates(

@@ -33,6 +33,7 @@ class RigidBody(Effect):
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     signless = smooth = True
+    sought = False  # a model without it has no torque to begin with
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -47,10 +48,6 @@ class RigidBody(Effect):
     ) -> list[Constraint]:
         """None of its own: the links' bounds are the problem's."""
         return []
-
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        return []  # a model without it has no torque to begin with
 
     def blocks(self, motion: Motion) -> list[Block]:
         regressor = self.robot.regressor(motion.q, motion.dq, motion.ddq)

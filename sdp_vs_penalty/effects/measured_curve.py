@@ -6,7 +6,7 @@ A table can run over a joint's signal, or two joints' in a ratio.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,7 +132,7 @@ class MeasuredCurve(JointEffect):
     symbol = "curve"
     units = ("-", "-")
     several = True
-    searched = ()
+    sought, searched = False, ()  # a table is measured (diagnosis/curves)
     shapes = {
         **_axis("x", 2.0, 1.0, tuple(w for w in WORDS if w != "none")),
         **_axis("y", 1.0, WORDS.index("none") + 1.0, WORDS),
@@ -198,11 +198,6 @@ class MeasuredCurve(JointEffect):
             if not own[f"{axis}i"]:
                 del out[f"{axis}i"], out[f"{axis}c"]
         return out | {v: Shape(own[v], robot.torque_units[joint], signed=True) for v in values}
-
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """None: a table is measured, not searched (diagnosis/curves)."""
-        return ()
 
     def variables(self, joint: int) -> tuple[Variable, ...]:
         """What the curve runs over."""

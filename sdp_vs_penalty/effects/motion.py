@@ -191,8 +191,7 @@ class Motion:
     @cached_property
     def link_torque(self) -> Array:
         """(N, n) what the gears transmit: the current model's rigid-body torque, without friction."""
-        robot, links = self._model.robot, self._model.links
-        return robot.inverse_dynamics(links, self.q, self.dq, self.ddq)
+        return self._model.robot.inverse_dynamics(self.model_links, self.q, self.dq, self.ddq)
 
     def late_torque_rate(self, T: float) -> Array:
         """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque, to third order: its derivative
@@ -230,8 +229,8 @@ class Motion:
     @cached_property
     def derivatives(self) -> tuple[Array, Array, Array]:
         """dID/dq, dID/d dq, dID/d ddq of the current model's links, each (N, n, n)."""
-        robot, links = self._model.robot, self._model.links
-        return robot.inverse_dynamics_derivatives(links, self.q, self.dq, self.ddq)
+        states = self.q, self.dq, self.ddq
+        return self._model.robot.inverse_dynamics_derivatives(self.model_links, *states)
 
 
 def _only(ratios: Array) -> int | None:

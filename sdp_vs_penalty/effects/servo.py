@@ -11,7 +11,6 @@ import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import Shape
-from sdp_vs_penalty.robot.robot import Robot
 
 #: The longest delay of a command [s]: a tenth of a second more makes any loop of use unstable.
 LATEST = 0.1
@@ -28,12 +27,8 @@ class Servo(JointEffect):
     signless = True
     lower = 0.0
     range = 1e8
+    sought = False  # it drives the joint, and is nothing that a search for a missing load may find
     shapes = {"T": Shape(0.0, "s", grid=(0.0,), bounds=(0.0, LATEST), scale="linear", signed=True)}
-
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """None: it drives the joint, and is nothing that a search for a missing load may find."""
-        return ()
 
 
 class ServoGain(Servo):

@@ -88,8 +88,6 @@ _LINEAR = ("viscous", "inertia")
 #: Ratios of the second joint to the first, and of the second and third to the first.
 _PAIRS = (1.0, -1.0, 2.0, -2.0, 0.5, -0.5)
 _TRIPLES = tuple((a, b) for size in (1.0, 0.5) for a, b in product((size, -size), repeat=2))
-#: Travel and velocity at which a search over combinations begins; both are refined.
-_TRAVELS, _VELOCITIES = (0.002, 0.01), (0.06, 0.25)
 
 
 class TransmissionFriction(Remembering):
@@ -113,14 +111,15 @@ class TransmissionFriction(Remembering):
         "d": PreslidingHysteresis.shapes["d"],
         "vs": StribeckFriction.shapes["vs"],
     }
-    _OWN = {"hysteresis": "d", "stribeck": "vs"}
+    #: A law's own constant: travel, velocity; and where a search over combinations begins to refine it.
+    _OWN = {"hysteresis": ("d", (0.002, 0.01)), "stribeck": ("vs", (0.06, 0.25))}
 
     def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
         acting = range(max(0, robot.n - 2), robot.n) if joints is None else sorted(set(joints))
         law = self.shapes["law"]
         chosen = shape.get("law", law.default)
-        own = self._OWN.get(law.written(chosen)) if law.complaint(chosen) is None else None
-        known = {"law": law, **({own: self.shapes[own]} if own else {})}
+        own = self._OWN.get(law.written(chosen), ())[:1] if law.complaint(chosen) is None else ()
+        known = {"law": law, **{key: self.shapes[key] for key in own}}
         # Ratios turn each joint's position into the first one's unit.
         units = [robot.position_units[j] for j in acting if j < robot.n]
         per = ["-" if u == units[0] else f"{units[0]}/{u}" for u in units]
@@ -191,9 +190,8 @@ class TransmissionFriction(Remembering):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        own = {"hysteresis": ("d", _TRAVELS), "stribeck": ("vs", _VELOCITIES)}
         for number, law in enumerate(LAWS, start=1):
-            key, grid = own.get(law, (None, (0.0,)))
+            key, grid = cls._OWN.get(law, ("", (0.0,)))
             for value in grid:
                 yield {"law": float(number)} | ({key: value} if key else {})
 

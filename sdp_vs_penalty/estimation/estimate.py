@@ -373,21 +373,19 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     links, nominal = estimate.links, estimate.nominal[at].reshape(-1, 10)
     robot, thick = estimate.robot, inertia.thickness(links)
     gyration = inertia.gyration(links), inertia.gyration(nominal)
-    rows = []
-    for i, link in enumerate(links):
-        com = link[1:4] / link[0] if link[0] > 0.0 else np.full(3, np.nan)
-        rows.append(
-            (
-                f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
-                number(link[0], 4),
-                number(nominal[i, 0], 4),
-                estimate.sources[at[10 * i]],
-                ", ".join(number(seen(c)) for c in com),
-                *(number(g[i]) for g in gyration),
-                number(1e3 * thick[i]),
-            )
+    com = np.where(links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan)
+    return [
+        (
+            f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
+            number(links[i, 0], 4),
+            number(nominal[i, 0], 4),
+            estimate.sources[at[10 * i]],
+            ", ".join(number(seen(c)) for c in com[i]),
+            *(number(g[i]) for g in gyration),
+            number(1e3 * thick[i]),
         )
-    return rows
+        for i in range(len(links))
+    ]
 
 
 def seen(value: float | None) -> float | None:

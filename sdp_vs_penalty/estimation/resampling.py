@@ -201,11 +201,7 @@ def judged(fold: FoldData, estimator: Estimator) -> Fold:
     start, stop, task, test = fold
     # Without what another method has left in the task.
     theta = task.model.with_known(estimator.fit(replace(task)).theta)
-    # What servos stand for counts as the logged torque does.
-    squares, drives = np.zeros(test.joints), theta * task.model.drives
-    for factor in test.factors:
-        torque = factor.triangle[:, -1] - factor.triangle[:, :-1] @ drives[factor.indices]
-        squares[factor.joint] += float(np.sum(torque**2))
+    squares = test.joint_losses(theta * task.model.drives)  # servos stand for what was not logged
     return Fold(start, stop, theta, test.joint_losses(theta), test.joint_rows(), squares)
 
 

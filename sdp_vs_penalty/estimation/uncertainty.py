@@ -311,19 +311,34 @@ def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> San
     return known
 
 
-def _uncertainty(
+def of_regression(
     task: Task,
     own: Regression,
-    known: Sandwich,
-    value: Array,
     base: BaseParameters,
-    constrained: bool,
-    gain_errors: Array,
+    theta: Array | None = None,
+    *,
+    wide: Regression | None = None,
+    constrained: bool = False,
+    gain_errors: Array | None = None,
+    white: bool = False,
+    known: Sandwich | None = None,
     gains: Array | None = None,
     extra: Array | None = None,
 ) -> Uncertainty:
-    """own : the data in the task's columns; extra (p, e) : factor of the covariance of a known error."""
+    """Intervals from compressed data.
+
+    task, own : what was estimated from which data; wide : these in the columns of the model with
+    :func:`with_sensitivities`. theta (p,) : the estimate; default: least squares next to the nominal
+    robot. constrained : whether it satisfies the problem's constraints, and intervals are to;
+    gain_errors (n, e) : a factor of the covariance of the relative errors of the torque channels' gains;
+    white : take the residual for white noise: what the motion alone would show. known : the sandwich of
+    these data, gains (p, n) : its response to the gains, where they have been worked out already; extra
+    (p, e) : a factor of the covariance of an error that is known beside.
+    """
     parameters, p, data = task.model.parameters, len(task.bound), task.data
+    value = task.ols if theta is None else np.asarray(theta, float)
+    gain_errors = np.zeros((own.joints, 0)) if gain_errors is None else gain_errors
+    known = known or _sandwich_of(task, wide or own, white)
     gains = known.gain_response(value)[:p] if gains is None else gains
     extra = np.zeros((p, 0)) if extra is None else extra
     low, high = np.full(p, -np.inf), np.full(p, np.inf)
@@ -371,32 +386,6 @@ def _uncertainty(
     return Uncertainty(told(each), told(base), spread, gains, noise, gain_errors)
 
 
-def of_regression(
-    task: Task,
-    own: Regression,
-    base: BaseParameters,
-    theta: Array | None = None,
-    *,
-    wide: Regression | None = None,
-    constrained: bool = False,
-    gain_errors: Array | None = None,
-    white: bool = False,
-) -> Uncertainty:
-    """Intervals from compressed data.
-
-    task, own : what was estimated from which data; wide : these in the columns of the model with
-    :func:`with_sensitivities`. theta (p,) : the estimate; default: least squares next to the nominal
-    robot. constrained : whether it satisfies the problem's constraints, and intervals are to;
-    gain_errors (n, e) : a factor of the covariance of the relative errors of the torque channels' gains;
-    white : take the residual for white noise: what the motion alone would show.
-    """
-    value = task.ols if theta is None else np.asarray(theta, float)
-    errors = np.zeros((own.joints, 0)) if gain_errors is None else gain_errors
-    return _uncertainty(
-        task, own, _sandwich_of(task, wide or own, white), value, base, constrained, errors
-    )
-
-
 def beside_held(
     task: Task,
     regression: Regression,
@@ -427,7 +416,8 @@ def beside_held(
     extra, gains = known.response(through)[:k], known.response(through_gains)[:k]
     errors = old.gain_errors if gain_errors is None else gain_errors
     narrow = wide.keeping(np.arange(wide.p) < k)
-    new = _uncertainty(task, narrow, known, theta, base, True, errors, gains, extra)
+    settings: dict[str, Any] = {"known": known, "gains": gains, "extra": extra, "gain_errors": errors}
+    new = of_regression(task, narrow, base, theta, constrained=True, **settings)
     old = old.with_gain_errors(errors, held_base.rows)
     # The last columns of the new spread are what the old one makes of it.
     own_spread, through_old = np.split(new.spread, [new.spread.shape[1] - extra.shape[1]], axis=1)

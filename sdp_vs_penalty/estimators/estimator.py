@@ -21,7 +21,7 @@ from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.partial import smallest, span
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers.certificate import Fit as Fit
 
@@ -85,15 +85,11 @@ class Task:
     @cached_property
     def base(self) -> Array:
         """(b, p) map to base parameters: the links' own symbols, then all other parameters."""
-        p = len(self.bound)
-        others = np.setdiff1d(np.arange(p), self.model.rigid_indices)
-        if not len(self.links):
-            return np.eye(p)
+        rigid, unit = self.model.rigid_indices, np.eye(len(self.bound))
+        if not len(rigid):
+            return unit
         matrix, _ = base_parameters(self.model, self.independent)
-        out = np.zeros((len(matrix) + len(others), p))
-        out[: len(matrix), self.model.rigid_indices] = matrix
-        out[len(matrix) + np.arange(len(others)), others] = 1.0
-        return out
+        return np.vstack([matrix @ unit[rigid], np.delete(unit, rigid, axis=0)])
 
     @cached_property
     def ols(self) -> Array:
@@ -205,8 +201,7 @@ def _scaled_prior(
     stated = R[:, places[~guessed].ravel()] @ links[~guessed].ravel()
     guess = R[:, places[guessed].ravel()] @ links[guessed].ravel()
     columns = np.column_stack([guess, R[:, own]])
-    size = or_one(np.linalg.norm(columns, axis=0))
-    factor = np.linalg.lstsq(columns / size, data.rho - stated, rcond=1e-9)[0][0] / size[0]
+    factor = smallest(columns, data.rho - stated)[0]
     out = links.copy()
     out[guessed] *= factor if factor > 1.0 or 0.0 < factor < 1.0 / FAR_MASS else 1.0
     return out

@@ -73,10 +73,8 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
         places, kept = rigid, [int(rigid[k]) for k in lead]
     else:
         matrix, places, kept = np.zeros((0, 0)), rigid, []
-    others = np.setdiff1d(np.arange(p), places)
-    rows = np.zeros((len(matrix) + len(others), p))
-    rows[: len(matrix), places] = matrix
-    rows[np.arange(len(matrix), len(rows)), others] = 1.0
+    others, unit = np.setdiff1d(np.arange(p), places), np.eye(p)
+    rows = np.vstack([matrix @ unit[places], unit[others]])
     leading = [*kept, *others.tolist()]
     names = [
         model.parameters[k].name + (" + ..." if np.count_nonzero(row) > 1 else "")

@@ -250,24 +250,23 @@ def compress(
     spans = [(float(run.t[0]), float(run.t[-1])) for run in runs.measurements.runs()]
     counts = [max(1, min(blocks_per_run, int((b - a) / 0.5))) for a, b in spans]
     edges = tuple(np.linspace(a, b, n + 1) for (a, b), n in zip(spans, counts, strict=True))
-    blocks = _TimeBlocks(edges, tuple(np.cumsum([0, *counts[:-1]]).tolist()))
-    found = compress_cells(runs, model, blocks, workers)
+    found = compress_cells(runs, model, _TimeBlocks(edges), workers)
     return found.select(sorted({f.block for f in found.factors}))
 
 
 @dataclass(frozen=True)
 class _TimeBlocks:
-    """Cells of time: ``edges`` [s] of each run's blocks, and the number of its first one."""
+    """Cells of time: ``edges`` [s] of each run's blocks."""
 
     edges: tuple[Array, ...]
-    first: tuple[int, ...]
 
     @property
     def places(self) -> list[TimeBlock]:
         return [(k, a, b) for k, own in enumerate(self.edges) for a, b in pairwise(own.tolist())]
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
-        return self.first[run] + np.searchsorted(self.edges[run][1:-1], t, side="right")
+        first = sum(len(edges) - 1 for edges in self.edges[:run])
+        return first + np.searchsorted(self.edges[run][1:-1], t, side="right")
 
 
 class Cells(Protocol):
