@@ -200,6 +200,7 @@ class LinkDeviation(Effect):
     """Joint j's link is elsewhere than its encoder says: torque on every joint that depends on it."""
 
     needs_links = True
+    signless = True
 
     def deviated(self, motion: Motion, joint: int) -> Array:
         """(N, n) torque on all joints from one unit of the deviation of ``joint``."""
@@ -217,7 +218,6 @@ class JointZeroError(LinkDeviation):
         "same; on some joints the links' parameters absorb it.)"
     )
     reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
-    signless = True
     symbol = "e_0"
     units = ("rad", "m")
     usual = (0.05, 0.01)  # an arm that was homed by eye
@@ -248,7 +248,6 @@ class Backlash(LinkDeviation):
     units = ("rad", "m")
     usual = (0.02, 0.002)  # a worn gear; a new one has a tenth
     lower = 0.0
-    signless = True
     forward = "left out"  # a link that moves by itself within the play
     has_memory = True  # time derivatives of the side
     shapes = {
@@ -282,7 +281,6 @@ class JointElasticity(LinkDeviation):
     symbol = "c_e"
     units = ("rad/(N*m)", "m/N")
     lower = 0.0
-    signless = True
     forward = "left out"  # a link that moves by itself
     has_memory = True  # time derivatives of the torque
     shapes = {"c": Shape(0.0, units, signed=True), "band": Shape(_BENDS, "Hz")}

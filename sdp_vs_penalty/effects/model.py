@@ -158,21 +158,15 @@ class Model:
 
     def joined(self, blocks: Mapping[int, list[Block]], count: int) -> list[JointColumns]:
         """Columns of ``count`` instants, joint by joint (n entries), of the effects' blocks."""
-        indices: list[list[NDArray[np.intp]]] = [[] for _ in range(self.robot.n)]
-        columns: list[list[Array]] = [[] for _ in range(self.robot.n)]
+        parts = [[(np.arange(0), np.zeros((count, 0)))] for _ in range(self.robot.n)]
         for k, own in enumerate(self.indices):
             for block in blocks.get(k, ()):
-                indices[block.joint].append(own[block.parameters])
-                columns[block.joint].append(block.columns)
-        empty = np.zeros((count, 0))
-        gains = self.gains or (1.0,) * self.robot.n
-        return [
-            JointColumns(
-                np.concatenate([np.zeros(0, np.intp), *i]).astype(np.intp),
-                np.hstack([empty, *c]) if g == 1.0 else g * np.hstack([empty, *c]),
-            )
-            for i, c, g in zip(indices, columns, gains, strict=True)
-        ]
+                parts[block.joint].append((own[block.parameters], block.columns))
+        each = (zip(*own, strict=True) for own in parts)
+        joints = [JointColumns(np.concatenate(i), np.hstack(c)) for i, c in each]
+        if self.gains is None:
+            return joints
+        return [replace(c, columns=g * c.columns) for c, g in zip(joints, self.gains, strict=True)]
 
     def explaining(
         self, columns: Sequence[JointColumns], torque: Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from sdp_vs_penalty.robot.robot import Robot
 
 #: Velocity [rad/s, m/s] over which the sign of a velocity is smoothed.
 SIGN_WIDTH = 0.01
-Logged = TypeVar("Logged")
 
 
 @dataclass(frozen=True)
@@ -93,6 +92,17 @@ class Legs:
         return cls(corners, direction, leg, q[1:] - corners[leg])
 
 
+def _logged(field: str, what: str, columns: str) -> Any:
+    """A field of a motion, read as what has been logged."""
+
+    def read(motion: Motion) -> Any:
+        if (value := getattr(motion, field)) is None:
+            raise InputError(f"these measurements hold no {what}", f"add columns {columns} to the log")
+        return value
+
+    return property(read)
+
+
 @dataclass(frozen=True)
 class Motion:
     """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
@@ -121,25 +131,11 @@ class Motion:
     #: (N, n) accelerations of the motors on their joints' side of the gear, where the log holds both.
     motors: Array | None = None
 
-    @property
-    def told(self) -> Command:
-        """``command``; InputError where the measurements hold none."""
-        return _logged(self.command, "commands", "qcmd1..qcmdn")
-
-    @property
-    def integral(self) -> Array:
-        """``sum``; InputError where the measurements hold no commands."""
-        return _logged(self.sum, "commands", "qcmd1..qcmdn")
-
-    @property
-    def joint_temperature(self) -> Array:
-        """``temperature``; InputError where the measurements hold none."""
-        return _logged(self.temperature, "temperatures", "temp1..tempn")
-
-    @property
-    def motor_acceleration(self) -> Array:
-        """``motors``; InputError where the measurements hold none."""
-        return _logged(self.motors, "positions of motors", "qmot1..qmotn")
+    #: ``command``, ``sum``, ``temperature``, ``motors``; InputError where the measurements hold none.
+    told: ClassVar[Command] = _logged("command", "commands", "qcmd1..qcmdn")
+    integral: ClassVar[Array] = _logged("sum", "commands", "qcmd1..qcmdn")
+    joint_temperature: ClassVar[Array] = _logged("temperature", "temperatures", "temp1..tempn")
+    motor_acceleration: ClassVar[Array] = _logged("motors", "positions of motors", "qmot1..qmotn")
 
     def part(self, which: slice) -> Motion:
         """Consecutive ones of these instants."""
@@ -237,12 +233,6 @@ def _only(ratios: Array) -> int | None:
     """The joint that a combination (n,) of joints is, None for one of several."""
     turning = np.flatnonzero(ratios).tolist()
     return turning[0] if len(turning) == 1 and ratios[turning[0]] == 1.0 else None
-
-
-def _logged(value: Logged | None, what: str, columns: str) -> Logged:
-    if value is None:
-        raise InputError(f"these measurements hold no {what}", f"add columns {columns} to the log")
-    return value
 
 
 def _time_derivative(values: Array, t: Array) -> Array:

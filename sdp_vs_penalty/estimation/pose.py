@@ -230,13 +230,11 @@ def with_reference(
     columns of a model."""
     if not model.needs_reference:
         return model
-    reference = np.zeros(len(model.parameters))
+    part, free = model.reference_free, model.reference_free_indices
     for k in range(2):
         progress(f"the current model, pass {k + 1} of 2")
-        part = model.reference_free if k == 0 else replace(model, reference=reference)
-        regression = compressed(part)
-        theta = make_task(problem, part, regression, weighting).ols
-        free = theta if k == 0 else theta[model.reference_free_indices]
+        theta = make_task(problem, part, compressed(part), weighting).ols
         reference = np.zeros(len(model.parameters))
-        reference[model.reference_free_indices] = free
-    return replace(model, reference=reference)
+        reference[free] = theta[free] if k else theta
+        part = replace(model, reference=reference)
+    return part

@@ -29,6 +29,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.excitation import RATE, Limits, independent_rate, noise_of_model, shrunk
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.regression.partial import partialled
+from sdp_vs_penalty.regression.regression import triangular
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
 
@@ -126,7 +127,8 @@ class Hypotheses:
 def _apart(X: Array, A: Array, B: Array) -> float:
     """delta^2 of A against everything that X and B make, in the direction of A that B makes best; A's
     directions have unit parameters."""
-    left = partialled(np.hstack([X, B]), A)
+    few, k = triangular([np.hstack([X, B, A])]), A.shape[1]  # as many rows as columns tell as much
+    left = partialled(few[:, :-k], few[:, -k:])
     return float(max(np.linalg.eigvalsh(left.T @ left)[0], 0.0))
 
 

@@ -209,7 +209,7 @@ class Problem(Shown):
         for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
             convex += self._link_constraints(link, indices)
             nonconvex += [
-                BarycentricBound(f"link {link + 1}", link, indices, entry, lower, upper)
+                BarycentricBound(f"link {link + 1}", indices, entry, lower, upper)
                 for entry, (lower, upper) in enumerate(self.box[link, 4:].tolist())
                 if np.isfinite(lower) or np.isfinite(upper)
             ]

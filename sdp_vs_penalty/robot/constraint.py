@@ -171,7 +171,6 @@ class BarycentricBound:
     """
 
     name: str
-    link: int  # from 0
     indices: NDArray[np.intp]  # (10,) of the link in theta
     entry: int  # 0..5 in our order
     lower: float

@@ -252,9 +252,8 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
     """Filter all runs; ``settings`` must be resolved. No segment where no run is long enough."""
     assert settings.torque_cutoff is not None
     segments: list[Segment] = []
-    rate, names = 0.0, []
+    rate = 0.0
     for index, run in enumerate(measurements.runs()):
-        names.append(run.names[0])
         filters = RunFilter(run, settings)
         for part in stretches(run):
             segment = _segment(index, part, filters)
@@ -263,9 +262,8 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
                 rate = 1.0 / (filters.dt * filters.step(0.5 * OVERSAMPLING))
     columns = Columns([(s.low_pass, s.motion) for s in segments])
     repeats = cache(partial(find_repeats, segments))  # a report whose noise is known never asks
-    return SegmentedRuns(
-        tuple(segments), measurements.n, settings.torque_cutoff, rate, tuple(names), columns, repeats
-    )
+    who = measurements.n, settings.torque_cutoff, rate, measurements.names
+    return SegmentedRuns(tuple(segments), *who, columns, repeats)
 
 
 def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:

@@ -102,8 +102,7 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
 
 def _gain(kernel: Kernel, length: int) -> Array:
     """(length // 2 + 1,) of a low-pass, at multiples of 1 / (length dt)."""
-    padded = np.zeros(length)
-    padded[: len(kernel.value)] = kernel.value
+    padded = np.pad(kernel.value, (0, length - len(kernel.value)))
     return np.asarray(np.fft.rfft(np.roll(padded, -kernel.half)).real)
 
 

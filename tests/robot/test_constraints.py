@@ -89,7 +89,7 @@ def test_worst_violation_of_each_family_in_its_own_units():
             build.linear("mass", "link 1", [0], [[1.0, -1.0]], [-0.5, 3.0]),
             build.linear("mass", "link 1", [0], [[-1.0]], [4.5]),
         ),
-        (build.BarycentricBound("link 1", 0, np.arange(10), 0, 0.1, 0.2),),
+        (build.BarycentricBound("link 1", np.arange(10), 0, 0.1, 0.2),),
     )
     assert demands.worst(theta) == {
         "pseudo-inertia": 0.0,
