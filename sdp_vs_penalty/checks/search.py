@@ -148,15 +148,13 @@ class Search:
         return repair
 
     def rounded(self, repair: Repair) -> Repair:
-        """A number that is believed becomes the round one from which arms, with its interval, may differ
-        as much, unless the round one is by the odds of any repair less likely."""
+        """A number that is believed becomes the round one from which it is not told as it is from none: by
+        more than arms differ, and its standard errors."""
         for name in self.numbers(repair):
             number = self.numbers(repair)[name]
-            usual = number.tolerance + 2.0 * self.step(number)[1]
-            near = [number.at(x) for x in number.snaps if abs(x - number.value) < usual]
-            here, *there = (self.likelihood(self.log.score(r), r) for r in (repair, *near))
-            if near and max(there) > here - c.ODDS:
-                repair = near[int(np.argmax(there))]
+            away = {abs(x - number.value): x for x in number.snaps}
+            if min(away, default=np.inf) < number.tolerance + c.SIGMAS * self.step(number)[1]:
+                repair = number.at(away[min(away)])
         return repair
 
     def told(self, net: Repair) -> tuple[list[Issue], Repair]:

@@ -449,7 +449,7 @@ class Place(Transformation):
         for j in np.flatnonzero(repair.zero).tolist():
             x, turns, back = repair.zero[j], j in log.revolute, partial(_shifted, log, repair, j)
             unit, text = (1.0, _degrees) if turns else (0.25 * length, metres)
-            reach, snaps = (0.35, self.quarters) if turns else (0.35 * length, ())
+            reach, snaps = (0.35, (*self.quarters, -np.pi)) if turns else (0.35 * length, ())
             away = lambda v, text=text: text(-v)  # noqa: E731
             number = Number(x, back, unit * c.CALIBRATED, reach, away, snaps)
             severity = "error" if abs(x) > unit * c.GROSS else "warning"
