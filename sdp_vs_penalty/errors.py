@@ -38,21 +38,16 @@ class Remark(UserWarning):
 
 
 class Infeasible(InputError):  # noqa: N818 (the field's word)
-    """The constraints admit no parameters.
+    """The constraints admit no parameters. told : as of InputError.
 
     families : those that exclude each other; proof : the constraints and multipliers that prove it
     (Farkas), where they do: then nothing satisfies all constraints; without, they leave no room at best.
     """
 
     def __init__(
-        self,
-        what: str,
-        remedy: str = "",
-        where: Any = None,
-        families: Sequence[str] = (),
-        proof: tuple[Any, Any] | None = None,
+        self, *told: Any, families: Sequence[str] = (), proof: tuple[Any, Any] | None = None
     ) -> None:
-        super().__init__(what, remedy, where)
+        super().__init__(*told)
         self.families, self.proof = tuple(families), proof
 
 

@@ -63,11 +63,8 @@ class SdpProblem:
         """The dual matrix or vector of each constraint, in the units of loss per F."""
         out = {}
         for item in self.placed:
-            c, part = item.constraint, solution.z[item.rows] * self.loss_scale**2
-            psd = c.cone == "psd"
-            out[c] = (
-                item.scale.T @ unsvec(part, len(c.constant)) @ item.scale if psd else item.scale * part
-            )
+            c, T, part = item.constraint, item.scale, solution.z[item.rows] * self.loss_scale**2
+            out[c] = T.T @ unsvec(part, len(c.constant)) @ T if c.cone == "psd" else T * part
         return out
 
     def shares(self, solution: Solution) -> Array:

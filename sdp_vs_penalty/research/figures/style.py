@@ -33,8 +33,7 @@ def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[
 
     plt.style.use(Path(__file__).with_name("paper.mplstyle"))
     # Full width of a two-column page [inch].
-    figure, axes = plt.subplots(rows, columns, figsize=(7.16, height), squeeze=False, **options)
-    return figure, axes
+    return plt.subplots(rows, columns, figsize=(7.16, height), squeeze=False, **options)
 
 
 def draw_torques(

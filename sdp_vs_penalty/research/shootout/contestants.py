@@ -1,7 +1,7 @@
 """Who takes part: our default method, every conic solver of the library, what users do without one."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
@@ -94,13 +94,13 @@ class Contestant:
     entropy: bool = True
     warm_up: Callable[[], None] = lambda: None
 
-    @property
-    def tunable(self) -> bool:
-        return self.options is not None
+    def asked(self, accuracies: Iterable[float]) -> list[float]:
+        """These from loose to tight; what it promises where it cannot be asked."""
+        return [self.promise] if self.options is None else sorted(set(accuracies), reverse=True)
 
     def settings(self, accuracy: float) -> str:
         """How a run is set up, in one word: the key in runs.csv."""
-        return f"{accuracy:.0e}" if self.tunable else "default"
+        return "default" if self.options is None else f"{accuracy:.0e}"
 
     def told(self, accuracy: float) -> str:
         """What it is told, in its documentation's names."""

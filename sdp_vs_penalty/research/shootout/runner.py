@@ -277,10 +277,7 @@ def _pending(
         if reason := contestant.refuses(instance(entry.name)):
             left_out.append((entry.name, contestant.name, reason))
             continue
-        # From loose to tight; one for a contestant that cannot be asked.
-        asked = (
-            sorted(set(setup.accuracies), reverse=True) if contestant.tunable else [contestant.promise]
-        )
+        asked = contestant.asked(setup.accuracies)
         what = entry.name, found["hash"], contestant.name
         if new := tuple(a for a in asked if (*what, contestant.settings(a)) not in done):
             limits, known = (setup.time_limit, setup.memory), Reference(**found["reference"])

@@ -224,7 +224,7 @@ def write_summary(
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
     asked = accuracies(runs)
     ran = [c for name, c in contestants().items() if name in runs["solver"].unique()]
-    told = [[c.name, c.told(a)] for c in ran if c.tunable for a in dict.fromkeys((asked[0], asked[-1]))]
+    told = [[c.name, c.told(a)] for c in ran if c.options for a in c.asked((asked[0], asked[-1]))]
     forms = {name: column.map(_SHOWN.get(name, ("", str))[1]) for name, column in table.items()}
     shown = pandas.DataFrame(forms).rename(columns={name: head for name, (head, _) in _SHOWN.items()})
     text = Path(__file__).with_suffix(".md").read_text()  # a file beside this one

@@ -25,13 +25,8 @@ def base_parameter_table(study: Study) -> Table:
     Rows: base parameters, all other parameters, then condition number and relative error.
     """
     base = tuple(base_parameter_symbols(study.problem))
-    others = (
-        p.name
-        for data in study.whole
-        for k, p in enumerate(data.model.parameters)
-        if k not in data.model.rigid_indices
-    )
-    keys = [*base, *dict.fromkeys(others), _CONDITION, _ERROR]
+    others = dict.fromkeys(name for data in study.whole for name in _others(data))
+    keys = [*base, *others, _CONDITION, _ERROR]
     rows = _published(study, keys) or _own_rows(study, keys)
     truth, found = study.base @ study.experiment.links.ravel(), study.reverse_engineered
     ours = {
@@ -53,6 +48,12 @@ def base_parameter_table(study: Study) -> Table:
         notes("III", where=where, priors=study.about_priors),
         f"Relative error on the training data: {', '.join(errors)}.",
     )
+
+
+def _others(data: Data) -> list[str]:
+    """Names of the parameters that are no link's."""
+    names = (p.name for p in data.model.parameters)
+    return np.delete(list(names), data.model.rigid_indices).tolist()
 
 
 def _published(study: Study, keys: list[str]) -> list[Row]:
@@ -89,12 +90,11 @@ def _own_rows(study: Study, keys: list[str]) -> list[Row]:
 def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> dict[str, dict[str, float]]:
     """Every method; after OLS its percent standard deviations."""
     task, rigid = study.task(data), data.model.rigid_indices
-    others = np.delete(np.arange(len(data.model.parameters)), rigid)
-    keys = [*base, *(data.model.parameters[k].name for k in others)]
+    keys = [*base, *_others(data)]
     out = {}
     for name, method in study.methods.items():
         theta = study.theta(method, data)
-        values = dict(zip(keys, [*(study.base @ theta[rigid]), *theta[others]], strict=True))
+        values = dict(zip(keys, [*(study.base @ theta[rigid]), *np.delete(theta, rigid)], strict=True))
         values[_ERROR] = torque_errors(data.regression, theta)[1]
         out[f"{name}_{data.label}"] = values
         if name == "ols":

@@ -120,7 +120,11 @@ class Ode(Engine):
         self.motors, self.feedback = [], [_Feedback() for _ in range(self.robot.n)]
         placed = zip(self.robot.joints, self.robot.poses(start[None])[0], strict=True)
         for k, (joint, frame) in enumerate(placed):
-            self.bodies.append(body := self._body(world, k, frame))
+            self.bodies.append(body := c_void_p(ode.dBodyCreate(world)))
+            rows = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
+            ode.dBodySetRotation(body, (c_double * 12)(*rows.ravel()))
+            ode.dBodySetPosition(body, *(frame[:3, :3] @ self.centres[k] + frame[:3, 3]))
+            ode.dBodySetMass(body, byref(self.masses[k]))
             kind = "Hinge" if joint.kind == "revolute" else "Slider"
             made, parent = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None)), joint.parent
             ode.dJointAttach(made, body, None if parent < 0 else self.bodies[parent])
@@ -142,15 +146,6 @@ class Ode(Engine):
         torque = np.array([self._torque(k, *x) for k, x in wrenches])
         last = self._frame(self.robot.n - 1, self.bodies[-1])
         return torque, last[:3, :3], last[:3, 3]
-
-    def _body(self, world: c_void_p, k: int, frame: Array) -> c_void_p:
-        """Link k at rest, its joint's frame (4, 4) there."""
-        body = c_void_p(self.ode.dBodyCreate(world))
-        rows = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
-        self.ode.dBodySetRotation(body, (c_double * 12)(*rows.ravel()))
-        self.ode.dBodySetPosition(body, *(frame[:3, :3] @ self.centres[k] + frame[:3, 3]))
-        self.ode.dBodySetMass(body, byref(self.masses[k]))
-        return body
 
     def _frame(self, k: int, body: c_void_p) -> Array:
         """(4, 4) of a joint's frame from its body's pose."""
