@@ -148,8 +148,8 @@ class Search:
         return repair
 
     def rounded(self, repair: Repair) -> Repair:
-        """A number that is believed becomes the round one from which it is not told as it is from none: by
-        more than arms differ, and its standard errors."""
+        """A number that is believed becomes the round one from which it is not told as it is from none:
+        by more than arms differ, and its standard errors."""
         for name in self.numbers(repair):
             number = self.numbers(repair)[name]
             away = {abs(x - number.value): x for x in number.snaps}
