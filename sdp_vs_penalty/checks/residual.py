@@ -26,7 +26,7 @@ from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, or_least
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: A one-off event lasts at most so long [s].
@@ -149,9 +149,9 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     yield Issue.of(kind, severity, range(log.n), what, sure, remedy, mend, where, times_nominal=ratio)
 
 
-def _size(x: Array) -> float:
-    """Norm of torques, none of them 0."""
-    return max(float(np.linalg.norm(x)), 1e-300)
+def _size(torques: Array) -> float:
+    """Their norm, by which others may be divided."""
+    return float(or_least(np.linalg.norm(torques)))
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:

@@ -127,13 +127,15 @@ class Search:
         return {e.name: e.number for e in self.elements(repair) if e.number}
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
-        """With the best values of its numbers, of those first that ``now`` does not have: looked for on
-        few rows, then one step to first order on all; round ones where arms differ as much."""
+        """With the best values of its numbers, of those first that ``now`` does not have, and itself
+        where these are none: looked for on few rows, then one step to first order on all; round ones
+        where arms differ as much."""
         from scipy.optimize import minimize_scalar
 
         known, found = self.numbers(now), self.numbers(repair)
-        order = sorted(found, key=lambda name: name in known)
-        for name in order if set(found) - set(known) else ():
+        if found.keys() <= known.keys():
+            return repair
+        for name in sorted(found, key=lambda name: name in known):
             number = self.numbers(repair)[name]
             ends = number.value - number.reach, number.value + number.reach
             few = lambda x, at=number.at: self.log.screen.score(at(float(x))).score  # noqa: E731
@@ -142,7 +144,7 @@ class Search:
             best = float(least.x) if least.fun < few(number.value) else number.value
             change, far = self.step(replace(number, value=best))[0], 0.9 * number.tolerance
             better = best + float(np.clip(change, -far, far))
-            near = [x for x in number.snaps if abs(x - better) < number.tolerance]
+            near = replace(number, value=better).round_within(number.tolerance)
             tried = [number.at(x) for x in near or (best, better)]
             repair = max(tried, key=lambda r: self.likelihood(self.log.score(r), r))
         return repair
@@ -150,11 +152,10 @@ class Search:
     def rounded(self, repair: Repair) -> Repair:
         """A number that is believed becomes the round one from which it is not told as it is from none:
         by more than arms differ, and its standard errors."""
-        for name in self.numbers(repair):
+        for name in [name for name, number in self.numbers(repair).items() if number.snaps]:
             number = self.numbers(repair)[name]
-            away = {abs(x - number.value): x for x in number.snaps}
-            if min(away, default=np.inf) < number.tolerance + c.SIGMAS * self.step(number)[1]:
-                repair = number.at(away[min(away)])
+            for x in number.round_within(number.tolerance + c.SIGMAS * self.step(number)[1]):
+                repair = number.at(x)
         return repair
 
     def told(self, net: Repair) -> tuple[list[Issue], Repair]:

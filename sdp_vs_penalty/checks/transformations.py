@@ -50,6 +50,11 @@ class Number:
     text: Callable[[float], str]
     snaps: tuple[float, ...] = ()
 
+    def round_within(self, reach: float) -> list[float]:
+        """The nearest round value, where it is nearer than that."""
+        by_distance = sorted(self.snaps, key=lambda x: abs(x - self.value))
+        return [x for x in by_distance[:1] if abs(x - self.value) < reach]
+
     @classmethod
     def factor(cls, x: float, at: At, snaps: tuple[float, ...]) -> "Number":
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
