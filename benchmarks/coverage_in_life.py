@@ -50,7 +50,7 @@ def measured(arm: RatedArm, closed: bool, rng: np.random.Generator) -> tuple[Sit
     if closed:
         pull = SLOW.draw(len(motion.t), rng.uniform(0.005, 0.02) * size, rng)
         motion = driven(world, motion, pull, jitter)
-    world = replace(world, arm=replace(arm, noise=rng.uniform(0.005, 0.05) * size))
+    world = replace(world, noise=rng.uniform(0.005, 0.05) * size)
     return world, log_run(world, motion, rng, [pull], jitter).run
 
 

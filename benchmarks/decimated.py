@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
+from scipy import signal
 
 Array = NDArray[np.float64]
 
@@ -21,9 +23,8 @@ SIGN_WIDTH = 0.01
 
 def read(folder: Path, joints: int) -> tuple[Array, Array, Array]:
     """t (N,), q (N, n), tau (N, n) from the authors' text files, resampled to 1 kHz."""
-    t, *channels = (
-        np.loadtxt(folder / f"exciting_traj_{name}.txt") for name in ("time", "positions", "torques")
-    )
+    files = (folder / f"exciting_traj_{name}.txt" for name in ("time", "positions", "torques"))
+    t, *channels = map(np.loadtxt, files)
     grid, columns = np.arange(t[0], t[-1], 0.001), (x.reshape(-1, joints).T for x in channels)
     q, tau = (np.column_stack([np.interp(grid, t, x) for x in channel]) for channel in columns)
     return grid, q, tau
@@ -36,8 +37,6 @@ def kept(samples: int) -> slice:
 
 def columns(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
     """Y (M, n, 13 n): rigid body, viscous, Coulomb, offset."""
-    import pinocchio as pin
-
     data, n, stack = model.createData(), q.shape[1], []
     for x, dx, ddx in zip(q, dq, ddq, strict=True):
         rigid = pin.computeJointTorqueRegressor(model, data, x, dx, ddx).copy()
@@ -48,8 +47,6 @@ def columns(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
 
 def rows(model: Any, q: Array, tau: Array) -> tuple[Array, Array]:
     """Y (M, n, 13 n) and tau (M, n) of every kept sample."""
-    from scipy import signal
-
     pairs = (q, 5.0), (tau, 8.0)  # Hz
     q, tau = (signal.filtfilt(*signal.butter(4, f / 500.0), x, axis=0) for x, f in pairs)
     dq = np.gradient(q, 0.001, axis=0)

@@ -221,11 +221,9 @@ def main() -> None:
     parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000])
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "results")
     given = parser.parse_args()
-    tables = []
-    for part in given.only:
-        with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-            tables.append(alone.submit(measure, part, Path(given.data), given.rows).result())
-    write(given.out, tables)
+    work = partial(measure, data=Path(given.data), counts=given.rows)
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool:
+        write(given.out, list(pool.map(work, given.only)))
 
 
 def write(out: Path, tables: list[pandas.DataFrame]) -> None:

@@ -13,7 +13,6 @@ sys.path[0] = str(Path(__file__).parents[1])  # for this process and its workers
 
 from challenge.cases import CLASSES, run_challenge, wanted  # noqa: E402
 from challenge.worlds.conditions import NUISANCES  # noqa: E402
-from sdp_vs_penalty.parallel import Workers  # noqa: E402
 
 
 def main() -> None:
@@ -26,8 +25,7 @@ def main() -> None:
         parser.add_argument(word, nargs="+", choices=known, default=known)
     told = parser.parse_args()
     every = wanted(told.cases, told.seed, told.classes, told.nuisance)
-    show = lambda text: print(text, end="\r")  # noqa: E731
-    print(*run_challenge(every, told.seed, told.out, Workers(told.jobs), show), sep="\n")
+    print(*run_challenge(every, told.seed, told.out, told.jobs), sep="\n")
 
 
 if __name__ == "__main__":

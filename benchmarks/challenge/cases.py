@@ -7,7 +7,7 @@ it. Cases are kept one by one, so that an interrupted challenge goes on where it
 import json
 import time
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -18,7 +18,6 @@ from challenge.judge import Record, report_text
 from challenge.truth import energies, judged_curve, true_floor
 from challenge.worlds.conditions import NUISANCES, Conditions, Site, draw_conditions, fair
 from challenge.worlds.hidden_unknown import disturbance, nameless, unknown
-from challenge.worlds.motion import thinned
 from challenge.worlds.runs import Logged, draw_motion, draw_world, log_run, urdf_of
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
@@ -26,7 +25,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
-from sdp_vs_penalty.parallel import Workers, spread
+from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.simulation.worlds.hidden import FRICTION, FROZEN, LEVELS, MACHINE, Hidden, Maker
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion
@@ -35,69 +34,6 @@ from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 #: What can be hidden from a model that is refitted.
 EFFECTS: Mapping[str, Maker] = {**FRICTION, **MACHINE}
-
-
-@dataclass(frozen=True)
-class CaseClass:
-    """what : none, effects, unknown, curves, disturbance or payload; level : of LEVELS; count : effects;
-    frozen : the model was identified before, without them."""
-
-    name: str
-    what: str
-    level: str = "strong"
-    count: int = 1
-    one_run: bool = False
-
-    @property
-    def frozen(self) -> bool:
-        return self.what == "payload"
-
-    def conditions(self, drawn: Conditions) -> Conditions:
-        return replace(drawn, runs=1, duration=max(drawn.duration, 20.0)) if self.one_run else drawn
-
-    def names(self, seed: int, index: int, rng: np.random.Generator) -> list[str]:
-        """Effects of the library to hide: a single one in turn, in an order of the seed's, so that each
-        is met equally often; of several none that the model usually has."""
-        if self.what != "effects":
-            return []
-        if self.count == 1:
-            every = tuple(EFFECTS)
-            order = np.random.default_rng([seed, zlib.crc32(self.name.encode())]).permutation(len(every))
-            return [every[order[index % len(every)]]]
-        others = [name for name in EFFECTS if name not in USUAL]
-        return [str(x) for x in rng.choice(others, self.count, replace=False)]
-
-    def hidden(
-        self, names: Sequence[str], world: Site, motions: Sequence[TrueMotion], rng: np.random.Generator
-    ) -> list[Hidden]:
-        """The hidden effects, sized on the motions that are identified from."""
-        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN, **EFFECTS}
-        coarse, wanted = [thinned(m, 10) for m in motions], names or {self.what} & set(kinds)
-        made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
-        called = [replace(one, effect=one.effect or x) for x, one in made]
-        return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
-
-
-CLASSES: Mapping[str, CaseClass] = {
-    c.name: c
-    for c in (
-        CaseClass("clean", "none"),
-        CaseClass("strong", "effects", "strong"),
-        CaseClass("medium", "effects", "medium"),
-        CaseClass("weak", "effects", "weak"),
-        CaseClass("one_run", "effects", "strong", one_run=True),
-        CaseClass("pairs", "effects", "medium", 2),
-        CaseClass("triples", "effects", "medium", 3),
-        CaseClass("unknown_strong", "unknown", "strong"),
-        CaseClass("unknown_medium", "unknown", "medium"),
-        CaseClass("unknown", "curves", "strong"),
-        CaseClass("disturbance", "disturbance", "strong"),
-        CaseClass("payload", "payload", "strong"),
-    )
-}
-
-
-_KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from")
 
 
 @dataclass(frozen=True)
@@ -113,17 +49,73 @@ class Case:
     def key(self) -> str:
         return f"{self.kind}/{self.nuisance}/{self.seed}/{self.index}"
 
-    def generator(self) -> np.random.Generator:
-        """Its own stream, whatever other cases there are."""
-        return np.random.default_rng([self.seed, self.index, zlib.crc32(self.key.encode())])
+
+@dataclass(frozen=True)
+class CaseClass:
+    """what : none, effects, unknown, curves, disturbance or payload; level : of LEVELS; count : effects;
+    frozen : the model was identified before, without them."""
+
+    what: str
+    level: str = "strong"
+    count: int = 1
+    one_run: bool = False
+
+    @property
+    def frozen(self) -> bool:
+        return self.what == "payload"
+
+    def conditions(self, drawn: Conditions) -> Conditions:
+        return replace(drawn, runs=1, duration=max(drawn.duration, 20.0)) if self.one_run else drawn
+
+    def names(self, case: Case, rng: np.random.Generator) -> list[str]:
+        """Effects of the library to hide: a single one in turn, in an order of the seed's, so that each
+        is met equally often; of several none that the model usually has."""
+        if self.what != "effects":
+            return []
+        if self.count == 1:
+            turns = np.random.default_rng([case.seed, zlib.crc32(case.kind.encode())])
+            return [str(turns.permutation([*EFFECTS])[case.index % len(EFFECTS)])]
+        others = [name for name in EFFECTS if name not in USUAL]
+        return [str(x) for x in rng.choice(others, self.count, replace=False)]
+
+    def hidden(
+        self, names: Sequence[str], world: Site, motions: Sequence[TrueMotion], rng: np.random.Generator
+    ) -> list[Hidden]:
+        """The hidden effects, sized on the motions that are identified from."""
+        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN, **EFFECTS}
+        coarse = [replace(m, **{x: v[::10] for x, v in vars(m).items()}) for m in motions]
+        wanted = names or {self.what} & set(kinds)
+        made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
+        called = [replace(one, effect=one.effect or x) for x, one in made]
+        return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
+
+
+CLASSES: Mapping[str, CaseClass] = {
+    "clean": CaseClass("none"),
+    "strong": CaseClass("effects", "strong"),
+    "medium": CaseClass("effects", "medium"),
+    "weak": CaseClass("effects", "weak"),
+    "one_run": CaseClass("effects", "strong", one_run=True),
+    "pairs": CaseClass("effects", "medium", 2),
+    "triples": CaseClass("effects", "medium", 3),
+    "unknown_strong": CaseClass("unknown", "strong"),
+    "unknown_medium": CaseClass("unknown", "medium"),
+    "unknown": CaseClass("curves", "strong"),
+    "disturbance": CaseClass("disturbance", "strong"),
+    "payload": CaseClass("payload", "strong"),
+}
+
+_KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from")
 
 
 def run_case(case: Case) -> tuple[str, Record]:
     """The case's key and its record, which is plain JSON: its world and runs, the last of which is the
     test run, what the diagnosis says of them, in how many seconds of the processor, and the truth."""
-    kind, rng = CLASSES[case.kind], case.generator()
+    # A stream of its own, whatever other cases there are.
+    rng = np.random.default_rng([case.seed, case.index, zlib.crc32(case.key.encode())])
+    kind = CLASSES[case.kind]
     conditions = kind.conditions(draw_conditions(case.nuisance, rng))
-    names = kind.names(case.seed, case.index, rng)
+    names = kind.names(case, rng)
     if "warming_friction" in names:
         conditions = replace(conditions, thermometer=True)
     world = draw_world(conditions, rng, without=names)
@@ -196,9 +188,7 @@ def rounded(record: Record) -> Record:
 VERSION = 3
 
 
-def run_challenge(
-    todo: Sequence[Case], seed: int, out: Path, workers: Workers, progress: Callable[[str], None]
-) -> list[Path]:
+def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list[Path]:
     """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.md."""
     store, report = out / "challenge.json", out / "challenge.md"
     records: dict[str, Record] = {}
@@ -207,10 +197,9 @@ def run_challenge(
             kept = json.loads(store.read_text())
             records = kept["cases"] if kept.get("version") == VERSION else {}
         todo = [c for c in todo if c.key not in records]
-        found = spread(run_case, todo, workers.scheduler, workers.jobs)
-        for done, (_, (key, record)) in enumerate(found, start=1):
+        for done, (_, (key, record)) in enumerate(spread(run_case, todo, jobs=jobs), start=1):
             records = dict(sorted({**records, key: record}.items(), key=lambda pair: _order(pair[0])))
-            progress(f"case {done} of {len(todo)}")
+            print(f"case {done} of {len(todo)}", end="\r")
             write_text(store, json.dumps({"version": VERSION, "cases": records}) + "\n")
         mine = {key: r for key, r in records.items() if key.split("/")[2] == str(seed)}
         write_text(report, report_text(mine, seed))

@@ -12,7 +12,6 @@ from challenge.worlds.conditions import NUISANCES
 from sdp_vs_penalty.formatting import markdown_table
 
 Record = dict[str, Any]
-Item = Mapping[str, Any]
 
 #: Energy, white and with the model partialled out, from which a hidden effect counts as identifiable.
 IDENTIFIABLE = 30.0
@@ -30,33 +29,26 @@ def counted(record: Record) -> bool:
     return visible and all(d <= FARTHEST for d in record["deviation"])
 
 
-def same(found: Item, truth: Item) -> bool:
+def same(found: Record, truth: Record) -> bool:
     """The effect on its joint; on several joints, with their ratios."""
-    ratios = [k for k in truth["shape"] if re.fullmatch(r"c\d+", k)] if "shape" in truth else []
-    return bool(
-        found["effect"] == truth["effect"]
-        and found["joints"] == truth["joints"]
-        and all(found["shape"].get(k) == truth["shape"][k] for k in ratios)
-    )
+    ratios = {k: v for k, v in truth["shape"].items() if re.fullmatch(r"c\d+", k)}
+    alike = all(found[x] == truth[x] for x in ("effect", "joints"))
+    return alike and ratios.items() <= found["shape"].items()
 
 
-def is_true(found: Item, record: Record) -> bool:
+def is_true(found: Record, record: Record) -> bool:
     return any(same(found, t) for t in record["truth"])
 
 
-def claims(record: Record) -> list[Item]:
+def claims(record: Record) -> list[Record]:
     """Findings but those that are only fair to name under these conditions."""
     return [f for f in record["found"] if f["effect"] not in record["fair"] or is_true(f, record)]
 
 
-def extras(record: Record) -> list[Item]:
-    """Claims that are not hidden."""
-    return [f for f in claims(record) if not is_true(f, record)]
-
-
-def first(record: Record) -> Item | None:
-    """The first claim."""
-    return next(iter(claims(record)), None)
+def extras(record: Record, *, sure: bool = False) -> list[Record]:
+    """Claims that are not hidden; sure : those with confidence only."""
+    wrong = (f for f in claims(record) if not is_true(f, record))
+    return [f for f in wrong if not sure or f["confidence"] == "confident"]
 
 
 def first_right(record: Record) -> bool:
@@ -65,8 +57,7 @@ def first_right(record: Record) -> bool:
 
 def in_set(record: Record) -> bool:
     """A hidden effect is the first named one, or among those that it cannot be told apart from."""
-    named = first(record)
-    rivals = {r.split(":")[0] for r in named["indistinguishable_from"]} if named else set()
+    rivals = {r.split(":")[0] for f in claims(record)[:1] for r in f["indistinguishable_from"]}
     return first_right(record) or any(t["effect"] in rivals for t in record["truth"])
 
 
@@ -87,10 +78,8 @@ def found_in_time(record: Record) -> bool:
     truth = record["truth"][0]
     if truth["kind"] == "hum":
         return flagged(record)
-    return any(
-        e["t_start"] < truth["t_end"] + 1.0 and e["t_end"] > truth["t_start"] - 1.0
-        for e in record["events"]
-    )
+    begin, end = truth["t_start"] - 1.0, truth["t_end"] + 1.0
+    return any(e["t_start"] < end and e["t_end"] > begin for e in record["events"])
 
 
 def outcome(record: Record) -> str:
@@ -120,7 +109,6 @@ def sizes(record: Record) -> list[tuple[str, float, float]]:
 
 
 SINGLE = ("strong", "medium", "weak")
-HEADINGS = ("class", "counted", "cases", "share", "interval", "to reach")
 
 
 def curve(record: Record) -> Mapping[str, Any]:
@@ -128,31 +116,26 @@ def curve(record: Record) -> Mapping[str, Any]:
     return record.get("curve", {"variables": False, "removed": 0.0})
 
 
-def nothing_else_confident(record: Record) -> bool:
-    """Nothing that is not hidden is named with confidence."""
-    return not any(f["confidence"] == "confident" for f in extras(record))
-
-
-#: What is counted in which class: (class, what is counted, how, figure to reach).
-MEASURES: Sequence[tuple[str, str, Callable[[Record], bool], str]] = (
-    ("clean", "false claims, all nuisances", lambda r: outcome(r) == "false", "<= 1 %"),
-    ("clean", "false events", lambda record: bool(record["events"]), ""),
-    ("clean", "false curves", lambda r: bool(r.get("curves")), "<= 1 %"),
-    *((name, "first named effect right", first_right, ">= 99 %") for name in SINGLE[:2]),
-    ("weak", "first named effect right", first_right, ">= 95 %"),
-    *((name, "truth in the equivalence set", in_set, ">= 99 %") for name in SINGLE),
-    *((name, "nothing named besides", lambda r: not extras(r), "") for name in SINGLE),
-    *((name, "nothing confident besides", nothing_else_confident, ">= 98 %") for name in SINGLE),
-    *((name, "no curve", lambda r: not r.get("curves"), ">= 98 %") for name in SINGLE),
-    ("one_run", "first named effect right", first_right, ">= 95 %"),
-    ("pairs", "both named", all_named, ">= 95 %"),
-    ("triples", "all three named", all_named, ">= 90 %"),
-    *((f"unknown_{level}", "abstained", abstained, ">= 97 %") for level in SINGLE[:2]),
-    ("disturbance", "flagged as event or unknown", flagged, ""),
-    ("disturbance", "an event at the right time", found_in_time, ">= 90 %"),
-    ("payload", "payload named first", first_right, ""),
-    ("unknown", "right variables", lambda r: curve(r)["variables"], ">= 90 %"),
-    ("unknown", ">= 80 % of the missing energy removed", lambda r: curve(r)["removed"] >= 0.8, ""),
+#: What is counted in which classes: (classes, what is counted, how, figure to reach).
+MEASURES: Sequence[tuple[Sequence[str], str, Callable[[Record], bool], str]] = (
+    (("clean",), "false claims, all nuisances", lambda r: outcome(r) == "false", "<= 1 %"),
+    (("clean",), "false events", lambda record: bool(record["events"]), ""),
+    (("clean",), "false curves", lambda r: bool(r.get("curves")), "<= 1 %"),
+    (SINGLE[:2], "first named effect right", first_right, ">= 99 %"),
+    (("weak",), "first named effect right", first_right, ">= 95 %"),
+    (SINGLE, "truth in the equivalence set", in_set, ">= 99 %"),
+    (SINGLE, "nothing named besides", lambda r: not extras(r), ""),
+    (SINGLE, "nothing confident besides", lambda r: not extras(r, sure=True), ">= 98 %"),
+    (SINGLE, "no curve", lambda r: not r.get("curves"), ">= 98 %"),
+    (("one_run",), "first named effect right", first_right, ">= 95 %"),
+    (("pairs",), "both named", all_named, ">= 95 %"),
+    (("triples",), "all three named", all_named, ">= 90 %"),
+    (("unknown_strong", "unknown_medium"), "abstained", abstained, ">= 97 %"),
+    (("disturbance",), "flagged as event or unknown", flagged, ""),
+    (("disturbance",), "an event at the right time", found_in_time, ">= 90 %"),
+    (("payload",), "payload named first", first_right, ""),
+    (("unknown",), "right variables", lambda r: curve(r)["variables"], ">= 90 %"),
+    (("unknown",), ">= 80 % of the missing energy removed", lambda r: curve(r)["removed"] >= 0.8, ""),
 )
 
 
@@ -162,14 +145,14 @@ def share(hits: float, count: int) -> list[str]:
     return [str(count), f"{100 * hits / count:.1f} %", f"{100 * low:.1f} to {100 * high:.1f} %"]
 
 
-def shares(records: Sequence[Record]) -> list[list[str]]:
-    """Rows under HEADINGS; of hidden effects only those that these data show."""
+def _shares(records: Sequence[Record]) -> list[str]:
+    """Of hidden effects only those that these data show."""
     rows = []
-    for name, what, test, goal in MEASURES:
-        mine = [r for r in records if r["class"] == name and counted(r)]
-        if mine:
-            rows.append([name, what, *share(sum(map(test, mine)), len(mine)), goal])
-    return rows
+    for names, what, test, goal in MEASURES:
+        for name in names:
+            if mine := [r for r in records if r["class"] == name and counted(r)]:
+                rows.append([name, what, *share(sum(map(test, mine)), len(mine)), goal])
+    return markdown_table(("class", "counted", "cases", "share", "interval", "to reach"), rows)
 
 
 def report_text(records: Mapping[str, Record], seed: int) -> str:
@@ -188,7 +171,7 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
             "Hidden effects count where these data show them: energy above 30, white and with the model "
             "partialled out, and no link moved by more than 0.3 rad.",
             "",
-            *markdown_table(HEADINGS, shares(every)),
+            *_shares(every),
             *(line for part in parts if len(part) > 1 for line in ("", f"## {part[0]}", "", *part[1:])),
             "",
         ]
@@ -259,11 +242,10 @@ def _held(named: Sequence[tuple[str, float, float]]) -> int:
 
 
 def _instead(record: Record) -> str:
-    named = first(record)
-    if named is None:
+    if not (named := claims(record)):
         return "nothing" if record["verdict"] == "nothing_missing" else str(record["verdict"])
-    right = any(named["effect"] == t["effect"] for t in record["truth"])
-    return "another joint" if right else str(named["effect"])
+    effect = str(named[0]["effect"])
+    return "another joint" if any(effect == t["effect"] for t in record["truth"]) else effect
 
 
 def _false_claims(records: Mapping[str, Record]) -> list[str]:

@@ -7,7 +7,7 @@ behind gears and ripple.
 """
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 from challenge.worlds.motion import waves
 from scipy import ndimage
 
-from corruptions.kinds import Corruption, corruptions
+from corruptions.kinds import Corruption, Spoil, corruptions
 from sdp_vs_penalty import compare, identify, load_measurements, load_problem
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
@@ -37,7 +37,6 @@ class Arm:
     others : clean runs that the check must be silent about, beside the one that is spoiled.
     """
 
-    name: str
     problem: Problem
     train: Measurements
     test: Measurements
@@ -69,31 +68,33 @@ class Arm:
         one = [((j,), np.eye(self.train.n)[j]) for j in joints]
         for share in (1.0, 0.9):
             for which, mask in (*one, ((), np.ones(self.train.n))):
-                how = f"{100 * share:g} %", ("gravity removed",), self._less(share * weight * mask)
+                how = f"{100 * share:g} %", ("gravity removed",), _less(share * weight * mask)
                 yield Corruption("gravity removed", which, *how)
         both = ("load step", "two arms")
-        yield Corruption("load picked up", (), "2 kg", both, self._less(-late * load))
-        yield Corruption("two arms in one file", (), "", both, self._less(-late * exchange))
+        yield Corruption("load picked up", (), "2 kg", both, _less(-late * load))
+        yield Corruption("two arms in one file", (), "", both, _less(-late * exchange))
         apart = ("another load", "another arm")
-        yield Corruption("tool in one of two runs", (), "2 kg", apart, self._less(-load), beside=True)
-
-    def _less(self, torque: Array) -> Callable[[Measurements], Measurements]:
-        return lambda run: replace(run, tau=run.tau - torque)
+        yield Corruption("tool in one of two runs", (), "2 kg", apart, _less(-load), beside=True)
 
     def _torque(self, theta: Array, still: bool = False) -> Array:
         """A model's torque (N, n) at the training run's samples."""
         t, q = self.train.t, self.train.q
-        smooth = _smoothed(q, 9)
-        dq = np.zeros_like(q) if still else np.gradient(smooth, t, axis=0)
-        ddq = np.zeros_like(q) if still else np.gradient(_smoothed(dq, 9), t, axis=0)
+        dq = np.zeros_like(q) if still else _rate(q, t)
+        ddq = np.zeros_like(q) if still else _rate(dq, t)
         model = self.clean.model
         rigid = np.isin(np.arange(len(theta)), model.rigid_indices)
         return model.torque(np.where(rigid, theta, 0.0), Motion(t, q, dq, ddq))
 
 
-def _smoothed(x: Array, width: int) -> Array:
-    window = np.hanning(width + 2)[1:-1]
-    return ndimage.convolve1d(x, window / window.sum(), axis=0, mode="nearest")
+def _less(torque: Array) -> Spoil:
+    return lambda run: replace(run, tau=run.tau - torque)
+
+
+def _rate(x: Array, t: Array) -> Array:
+    """(N, n) slopes of a smoothed signal."""
+    window = np.hanning(11)[1:-1]
+    smooth = ndimage.convolve1d(x, window / window.sum(), axis=0, mode="nearest")
+    return np.asarray(np.gradient(smooth, t, axis=0))
 
 
 def arm(name: str, data: Path) -> Arm:
@@ -102,53 +103,35 @@ def arm(name: str, data: Path) -> Arm:
         return simulated(name, FIVE, 2)
     if name.startswith("drawn"):
         return simulated(name, drawn(seed := int(name.removeprefix("drawn"))), seed)
-    return {"panda": panda, "ur10e": ur10e, "tx40": tx40, "ur10": ur10, "emps": emps}[name](data)
+    return real(name, data)
 
 
-def _parted(name: str, problem: Problem, run: Measurements, middle: float) -> Arm:
+def _parted(problem: Problem, run: Measurements, middle: float) -> Arm:
     """One run, which is spoiled up to the middle [s]."""
     train, test = (run.window(*span).runs()[0] for span in ((0.0, middle), (middle, np.inf)))
-    return Arm(name, problem, train, test, (run,))
+    return Arm(problem, train, test, (run,))
 
 
-def panda(data: Path) -> Arm:
-    """Every fifth row, without its velocities."""
-    run = load_measurements(data / "panda", joints=7)
-    run = replace(run.rows(np.arange(0, len(run.t), 5)), dq=None)
-    return _parted("panda", load_problem("panda"), run, 14.0)
-
-
-def _kept(name: str, data: Path) -> dict[str, Measurements]:
-    """The runs of a data set by name, positions and torques alone."""
-    runs = converted(name, data / name).items()
-    return {k: replace(run, dq=None, commanded={}) for k, run in runs}
-
-
-def ur10e(data: Path) -> Arm:
-    runs = _kept("ur10e", data)
-    names = ("02_12-50sec_12harm", "02_19_14harm50sec", "02_19_15harm50sec", "02_19_14harm50secLoad")
-    train, test, *others = (runs[f"ur-20_{x}"] for x in (*names, "01_17-ptp_10_points"))
-    return Arm("ur10e", load_problem("ur10e"), train, test.window(0.0, 20.0).runs()[0], (test, *others))
-
-
-def ur10(data: Path) -> Arm:
-    """UR10 of Salerno: the first 12 of 17.6 s are spoiled."""
-    folder = data / "ur10_salerno"
-    problem = load_problem(folder / "robot.urdf")
-    run = load_measurements(folder / "train.csv", joints=6, names=problem.robot.joint_names)
-    return _parted("ur10", problem, run, 12.0)
-
-
-def emps(data: Path) -> Arm:
-    """One prismatic axis; the force is the control voltage times the drive's gain."""
-    tracking, pulses = _kept("emps", data).values()
-    return Arm("emps", load_problem("emps"), tracking, pulses, (pulses,))
-
-
-def tx40(data: Path) -> Arm:
-    """Every tenth row of the first 9 s."""
-    run = _kept("tx40", data)["exciting"].rows(np.arange(0, 45_000, 10))
-    return _parted("tx40", load_problem("tx40"), run, 6.0)
+def real(name: str, data: Path) -> Arm:
+    """Positions and torques alone, of one long run or of several. emps : a prismatic axis, whose force
+    is the control voltage times the drive's gain; ur10 : of Salerno, 17.6 s."""
+    if name == "ur10":
+        problem, path = load_problem(data / "ur10_salerno/robot.urdf"), data / "ur10_salerno/train.csv"
+        run = load_measurements(path, joints=6, names=problem.robot.joint_names)
+        return _parted(problem, run, 12.0)
+    problem, found = load_problem(name), converted(name, data / name)
+    runs = {k: replace(run, dq=None, commanded={}) for k, run in found.items()}
+    if name == "panda":  # every fifth row
+        run = runs["exciting"]
+        return _parted(problem, run.rows(np.arange(0, len(run.t), 5)), 14.0)
+    if name == "tx40":  # every tenth row of the first 9 s
+        return _parted(problem, runs["exciting"].rows(np.arange(0, 45_000, 10)), 6.0)
+    if name == "ur10e":
+        names = ("02_12-50sec_12harm", "02_19_14harm50sec", "02_19_15harm50sec", "02_19_14harm50secLoad")
+        train, test, *others = (runs[f"ur-20_{x}"] for x in (*names, "01_17-ptp_10_points"))
+        return Arm(problem, train, test.window(0.0, 20.0).runs()[0], (test, *others))
+    train, test = runs.values()
+    return Arm(problem, train, test, (test,))
 
 
 # mass, centre of mass, axis, origin and kind of each joint's link; metres and kilograms.
@@ -211,7 +194,7 @@ def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
     """Two runs of the true model, one held out; 200 Hz, 20 s, position steps of 1e-5."""
     real = name.startswith("drawn")
     train, test = (_simulate(axes, np.random.default_rng([seed, k]), seed, real) for k in (0, 1))
-    return Arm(name, believed(name, axes), train, test, (test,))
+    return Arm(believed(name, axes), train, test, (test,))
 
 
 def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real: bool) -> Measurements:

@@ -24,6 +24,7 @@ from functools import partial
 from itertools import combinations, product
 from pathlib import Path
 
+import numpy as np
 import pandas
 from challenge.judge import share
 
@@ -67,9 +68,9 @@ class Case:
     joints: str
     size: str
     outcome: str
-    harm: float | None
+    harm: float  # NaN: not measured
     said: str
-    contradicts: bool = False
+    contradicts: bool
 
 
 def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
@@ -85,21 +86,19 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
     problem, run = given(arm, corruption)
     reports = check(problem, run)
     problems = [f for report in reports for f in report.problems]
-    outcome, harm = _outcome(corruption, problems), None
+    outcome, harm = _outcome(corruption, problems), np.nan
     if outcome == "silent":
         try:
             harm = arm.harm(identify(problem, run))
         except InputError:
             outcome = "refused"
     joints = "+".join(str(j + 1) for j in corruption.joints)
-    return _case((arm.name, corruption.kind, joints, corruption.size), outcome, harm, reports)
+    return _case((arm.problem.name, corruption.kind, joints, corruption.size), outcome, harm, reports)
 
 
-def _case(
-    of: tuple[str, str, str, str], outcome: str, harm: float | None, reports: Sequence[Report]
-) -> Case:
+def _case(of: tuple[str, str, str, str], outcome: str, harm: float, reports: Sequence[Report]) -> Case:
     said = "; ".join(f"{f.kind} ({f.where})" for report in reports for f in report.problems)
-    return Case(*of, outcome, harm, said, any(contradicts(report) for report in reports))
+    return Case(*of, outcome, harm, said, any(map(contradicts, reports)))
 
 
 def contradicts(report: Report) -> bool:
@@ -131,14 +130,14 @@ def clean(arm: Arm) -> list[Case]:
     for run in (arm.train, *arm.others):
         span = run.t[-1] - run.t[0]
         for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
-            part, harm = run.window(a, b).runs()[0], None
+            part, harm = run.window(a, b).runs()[0], np.nan
             (report,) = check(arm.problem, part)
             outcome = "false warning" if report.problems else "silent"
             outcome = "false error" if report.meaningless else outcome
             if {f.kind for f in report.problems} == {"poor excitation"}:
                 harm = arm.harm(identify(arm.problem, part))
                 outcome = "true warning" if harm > HARMFUL else outcome
-            what = arm.name, "(clean)", run.names[0], f"{a:.3g}-{b:.3g} s"
+            what = arm.problem.name, "(clean)", run.names[0], f"{a:.3g}-{b:.3g} s"
             cases.append(_case(what, outcome, harm, [report]))
     return cases
 
@@ -154,8 +153,8 @@ def summary(title: str, cases: Sequence[Case]) -> list[str]:
     """One row of the Markdown table: shares of what was spoiled; clean logs apart."""
     spoiled = [c for c in cases if c.kind != "(clean)"]
     count = {word: sum(c.outcome == word for c in spoiled) for word in _WORDS}
-    bad = [c for c in spoiled if c.outcome == "silent" and (c.harm or 0.0) > HARMFUL]
-    seen = [c for c in spoiled if c.harm is None or c.harm > 1.1 or c.outcome != "silent"]
+    bad = [c for c in spoiled if c.outcome == "silent" and c.harm > HARMFUL]
+    seen = [c for c in spoiled if c.outcome != "silent" or c.harm > 1.1]
     alarms = [c.outcome for c in cases if c.outcome.startswith("false")]
     shares = (len(bad), len(spoiled)), (count["named"], len(spoiled)), (count["named"], len(seen))
     cells = [title, str(len(spoiled)), *(str(count[w]) for w in _WORDS)]
@@ -169,7 +168,7 @@ def markdown(cases: Sequence[Case], command: str) -> str:
     head = ["log", "cases", *_WORDS, "silent and harmful", "cause named"]
     head += ["cause named, of those that do harm or are mentioned", "false alarms", "contradictions"]
     kinds = {kind: [c for c in cases if c.kind == kind] for kind in dict.fromkeys(c.kind for c in cases)}
-    silent = [c for c in cases if c.outcome == "silent" and (c.harm or 0.0) > HARMFUL]
+    silent = [c for c in cases if c.outcome == "silent" and c.harm > HARMFUL]
     text = ["# Corrupted logs: what the data check says", ""]
     text += [f"Made by `{command}`. Harm: error on clean held-out data over that of the model from the"]
     text += ["clean run. In brackets Wilson's 95 % interval.", ""]
@@ -201,4 +200,4 @@ def main() -> None:
             table = pandas.DataFrame(cases).to_csv(index=False, lineterminator="\n", float_format="%.3g")
             write_text(given.out / "corruptions.csv", table)
             write_text(given.out / "corruptions.md", markdown(cases, f"{command} --part {given.part}"))
-            print("\n".join(" | ".join(summary(n, found)) for n in {c.arm for c in found}), flush=True)
+            print(" | ".join(summary(found[0].arm, found)), flush=True)

@@ -63,7 +63,7 @@ def corruptions(n: int) -> list[Corruption]:
     for kind, size, causes, spoil in _runs():
         add(kind, (), size, causes, spoil)
     for g, word in (((0.0, 0.0, 9.81), "ceiling"), ((9.81, 0.0, 0.0), "wall"), (_TILTED, "30 deg")):
-        mounted = lambda problem, g=g: problem.with_gravity(g)  # noqa: E731
+        mounted = partial(Problem.with_gravity, gravity=g)
         add("gravity assumed", (), word, "gravity direction", problem=mounted)
     for longer in (0.1, 0.3):
         long = partial(_longer, longer, n // 2)
@@ -81,13 +81,12 @@ def corruptions(n: int) -> list[Corruption]:
 
 def _longer(metres: float, j: int, problem: Problem) -> Problem:
     """The kinematics with joint j so much farther from the one before, along the line to it."""
-    joint = problem.robot.joints[j]
-    placement = joint.placement.copy()
+    joints = list(problem.robot.joints)
+    placement = joints[j].placement.copy()
     away = placement[:3, 3]
     size = float(np.linalg.norm(away))
     placement[:3, 3] = away + metres * (away / size if size > 1e-6 else np.eye(3)[2])
-    joints = list(problem.robot.joints)
-    joints[j] = replace(joint, placement=placement)
+    joints[j] = replace(joints[j], placement=placement)
     return replace(problem, robot=replace(problem.robot, joints=tuple(joints)))
 
 
@@ -152,8 +151,8 @@ def _runs() -> Iterator[tuple[str, str, str, Spoil]]:
     doubled = lambda r: _remade(r, np.sort(np.r_[: len(r.t), 100 : len(r.t) : 10]))  # noqa: E731
     yield "doubled rows, clock re-made", "every tenth", "doubled rows", doubled
     for block in (10, 50):
-        word, lose = "lost rows, clock re-made", partial(_lost, block)
-        yield word, f"8 x {block} rows", "lost rows|one-off event", lose
+        lose = partial(_lost, block)
+        yield "lost rows, clock re-made", f"8 x {block} rows", "lost rows|one-off event", lose
     yield "rows interpolated", "1.5 s", "interpolated rows", _interpolated
     yield "run repeated", "", "repeated run", lambda r: _remade(r, np.tile(np.arange(len(r.t)), 2))
     back = lambda r: replace(r, q=r.q[::-1].copy(), tau=r.tau[::-1].copy(), dq=None)  # noqa: E731

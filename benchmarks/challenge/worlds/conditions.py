@@ -24,14 +24,14 @@ RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
 class Channel:
     """smooth : length of a moving average that looks both ways; lag : time constant of a causal
     low-pass; delay : of the torque log behind the positions [s]; rate : of the log [Hz];
-    step : of the encoder [rad], None: continuous; speed_noise : of a logged velocity [rad/s], None:
+    step : of the encoder [rad]; speed_noise : of a logged velocity [rad/s], None:
     no velocity in the log."""
 
     rate: float = 500.0
     smooth: float = 0.0
     lag: float = 0.0
     delay: float = 0.0
-    step: float | None = 1e-5
+    step: float = 1e-5
     speed_noise: float | None = None
 
     def torque(self, t: Array, tau: Array) -> Array:
@@ -43,15 +43,13 @@ class Channel:
             half = round(self.smooth / step) // 2
             tau = uniform_filter1d(tau, 2 * half + 1, axis=0, mode="nearest")
         if self.delay:
-            late = t - self.delay
-            tau = np.column_stack([np.interp(late, t, column) for column in tau.T])
+            tau = np.column_stack([np.interp(t - self.delay, t, column) for column in tau.T])
         return tau
 
     def position(self, q: Array, unit: Array) -> Array:
         """(N, n) as the encoder counts; unit (n,) : metres of a prismatic joint for a radian."""
-        if self.step is None:
-            return q
-        return np.asarray(np.round(q / (self.step * unit)) * (self.step * unit))
+        step = self.step * unit
+        return np.asarray(np.round(q / step) * step)
 
 
 @dataclass(frozen=True)
@@ -64,14 +62,14 @@ class SensorNoise:
     tails: float | None = None
 
     def draw(self, samples: int, std: Array, rng: np.random.Generator) -> Array:
-        """(samples, n) of standard deviation ``level * std``."""
+        """(samples, n) of standard deviation ``std`` (n,)."""
         size = (samples + 200, len(std))
         if self.tails is None:
             fresh = rng.normal(size=size)
         else:
             fresh = rng.standard_t(self.tails, size) * np.sqrt((self.tails - 2.0) / self.tails)
         coloured = lfilter([np.sqrt(1.0 - self.colour**2)], [1.0, -self.colour], fresh, axis=0)
-        return np.asarray(self.level * std * coloured[200:])
+        return np.asarray(std * coloured[200:])
 
 
 @dataclass(frozen=True)
@@ -153,16 +151,14 @@ class Driven(TrueMotion):
 
 @dataclass(frozen=True, kw_only=True)
 class Site(World):
-    """A world, and the conditions under which it is measured. lopsided, lopsided_viscous (n,) : the part
-    of its friction that has the same sign in both directions; rotor (n,) : inertia [kg m^2 or kg] that a
-    motor turns besides its link; warming : share of the viscous friction that goes as gears warm up."""
+    """A world, and the conditions under which it is measured. sides (2, n) : the shares of Coulomb and
+    of viscous friction that have the same sign in both directions; rotor (n,) : inertia [kg m^2 or kg]
+    that a motor turns besides its link."""
 
     arm: RatedArm
     dry: FrictionLaw
-    lopsided: Array
-    lopsided_viscous: Array
+    sides: Array
     rotor: Array
-    warming: float
     conditions: Conditions
 
     def torque(self, m: TrueMotion) -> Array:
@@ -175,10 +171,10 @@ class Site(World):
 
     def friction(self, m: TrueMotion) -> Array:
         """(N, n) dry, viscous, and what stays the same in both directions."""
-        share = self.share(m)
-        cold = 1.0 - self.warming * (1.0 - np.exp(-m.t / self.warm_up))
-        viscous = self.viscous * m.dq + self.lopsided_viscous * np.abs(m.dq)
-        dry = self.coulomb * share + self.lopsided * np.abs(share)
+        share, (dry_side, wet_side) = self.share(m), self.sides
+        cold = 1.0 - self.conditions.warming * (1.0 - np.exp(-m.t / self.warm_up))
+        viscous = self.viscous * m.dq + wet_side * self.viscous * np.abs(m.dq)
+        dry = self.coulomb * share + dry_side * self.coulomb * np.abs(share)
         return np.asarray(dry + cold[:, None] * viscous + self.offset)
 
 

@@ -45,7 +45,7 @@ def unknown(w: World, j: int, rng: Generator) -> Hidden:
     return replace(at_joint(j, lambda _, m: laws[name][0](m)), effect=f"unknown: {name}")
 
 
-def nameless(w: World, j: int, rng: Generator) -> Hidden:
+def nameless(w: Site, j: int, rng: Generator) -> Hidden:
     """A torque that no effect of the library is, over what a curve can show: position, load, velocity,
     acceleration, a combination of joints, or a pair of them, periodic or not.
 
@@ -80,15 +80,10 @@ def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
     ratio, k = float(rng.choice([-2.0, -1.0, 1.0, 2.0])), float(rng.integers(5, 13))
     c, wide = float(rng.uniform(-3.0, 3.0)), 0.2 * float(w.arm.unit_speed[a : a + 2].sum())
     sign, size = "-" if ratio < 0.0 else "+", "" if abs(ratio) == 1.0 else f"{abs(ratio):g}"
+    both = f"q{a + 1}{sign}{size}q{a + 2}"
     return {
-        "tanh of q_i + c q_j": (
-            lambda m: np.tanh((m.q[:, a] + ratio * m.q[:, a + 1]) / wide),
-            (f"q{a + 1}{sign}{size}q{a + 2}",),
-        ),
-        "teeth": (
-            lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)),
-            (f"q{j + 1}",),
-        ),
+        "tanh of q_i + c q_j": (lambda m: np.tanh((m.q[:, a] + ratio * m.q[:, a + 1]) / wide), (both,)),
+        "teeth": (lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (f"q{j + 1}",)),
     }
 
 

@@ -6,11 +6,9 @@ law in the same form: its travel of 1e-7 is the set-valued sign.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from math import sqrt, tanh
 from operator import mul
-from typing import Any
 
 import numpy as np
 
@@ -30,36 +28,27 @@ def plan(
     """A random motion, periodic, aperiodic or from point to point ("points"), as a function of time [s]
     from its beginning."""
     reach = 0.5 * REACH * (arm.upper - arm.lower)
-    half = np.minimum(reach, SWING)
-    room = 0.5 * (arm.lower + arm.upper), reach - half, half
+    half, fastest = np.minimum(reach, SWING), SPEED * arm.speed
+
+    def centre() -> Array:
+        """Somewhere in the room that the half range leaves, drawn."""
+        return 0.5 * (arm.lower + arm.upper) + (reach - half) * rng.uniform(-1.0, 1.0, arm.n)
+
     if kind == "points":
-        return _points(room, SPEED * arm.speed, duration, rng)
+        return _points(centre(), half, fastest, duration, rng)
     if kind == "periodic":
         period = min(float(rng.uniform(8.0, 13.3)), duration / 1.5)
         frequencies = np.tile(np.arange(1, 6)[:, None] / period, (1, arm.n))
     else:
         frequencies = rng.uniform(0.05, 0.5, (8, arm.n))
-    return _waves(room, SPEED * arm.speed, frequencies, duration, rng)
-
-
-def _placed(room: States, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(n,), (n,) centre and half range of a motion somewhere in its room: middle, slack, half range."""
-    middle, slack, half = room
-    return middle + slack * rng.uniform(-1.0, 1.0, len(half)), half
-
-
-def _waves(
-    room: States, fastest: Array, frequencies: Array, duration: float, rng: np.random.Generator
-) -> Callable[[Array], States]:
-    """Waves about a centre, as large as position and velocity limits let them be."""
     w = 2.0 * np.pi * frequencies
     phase = rng.uniform(0.0, 2.0 * np.pi, w.shape)
-    size = rng.uniform(0.3, 1.0, w.shape) / np.sqrt(w)
-    centre, half = _placed(room, rng)
+    size, about = rng.uniform(0.3, 1.0, w.shape) / np.sqrt(w), centre()
     q, dq, _ = waves(size, w, phase)(np.arange(0.0, duration, 0.02))
     middle = 0.5 * (q.max(axis=0) + q.min(axis=0))
+    # As large as position and velocity limits let them be.
     fit = np.minimum(half / np.abs(q - middle).max(axis=0), fastest / np.abs(dq).max(axis=0))
-    return waves(fit * size, w, phase, centre - fit * middle)
+    return waves(fit * size, w, phase, about - fit * middle)
 
 
 def waves(size: Array, w: Array, phase: Array, centre: Array | float = 0.0) -> Callable[[Array], States]:
@@ -76,11 +65,10 @@ def waves(size: Array, w: Array, phase: Array, centre: Array | float = 0.0) -> C
 
 
 def _points(
-    room: States, fastest: Array, duration: float, rng: np.random.Generator
+    centre: Array, half: Array, fastest: Array, duration: float, rng: np.random.Generator
 ) -> Callable[[Array], States]:
     """Stop at random points; in half of the cases the same ones again. Between them the smooth step
     35 s^4 - 84 s^5 + 70 s^6 - 20 s^7, whose first three derivatives vanish at both ends."""
-    centre, half = _placed(room, rng)
     again = int(rng.integers(4, 7)) if rng.random() < 0.5 else 10_000
     targets, times = [centre], [0.0]  # where it pauses, and until when
     arrivals: list[float] = []
@@ -97,9 +85,7 @@ def _points(
     def states(t: Array) -> States:
         q = np.tile(targets[0], (len(t), 1))
         dq, ddq = np.zeros_like(q), np.zeros_like(q)
-        for (start, end), (a, b) in zip(
-            zip(times[:-1], arrivals, strict=True), pairwise(targets), strict=True
-        ):
+        for start, end, (a, b) in zip(times[:-1], arrivals, pairwise(targets), strict=True):
             s = np.clip((t - start) / (end - start), 0.0, 1.0)[:, None]
             q += (b - a) * (35 * s**4 - 84 * s**5 + 70 * s**6 - 20 * s**7)
             dq += (b - a) * 140 * s**3 * (1 - s) ** 3 / (end - start)
@@ -107,11 +93,6 @@ def _points(
         return q, dq, ddq
 
     return states
-
-
-def thinned(m: TrueMotion, every: int) -> TrueMotion:
-    """One in so many rows of a motion."""
-    return replace(m, **{name: x[::every] for name, x in vars(m).items() if x is not None})
 
 
 #: Travel of a friction that has none [rad or m].
@@ -145,7 +126,7 @@ def driven(
     forward += KNOWN * coulomb * np.tanh(plan.dq / (TURNS * arm.unit_speed))
     data = world.built.createData()
     q, v, z, wound = plan.q[0].copy(), np.zeros(n), np.zeros(n), np.zeros(n)
-    alone = _mass_matrix(arm.model, arm.model.createData(), q) + np.diag(world.rotor)
+    alone = pin.crba(arm.model, arm.model.createData(), q) + np.diag(world.rotor)
     inertia = 1.0 / np.diag(np.linalg.inv(alone))  # of a joint whose neighbours are free
     gain = np.maximum((2.0 * np.pi * BANDWIDTH) ** 2 * inertia, coulomb / (YIELDS * arm.unit_speed))
     damp, wind = 2.0 * np.sqrt(gain * inertia), 2.0 * gain
@@ -155,19 +136,13 @@ def driven(
         wound += h * (plan.q[k] - seen)
         tau = forward[k] + gain * (plan.q[k] - seen) + damp * (plan.dq[k] - v) + wind * wound
         bias = pin.nonLinearEffects(world.built, data, q, v)
-        A = _mass_matrix(world.built, data, q) + np.diag(world.rotor + 0.5 * h * world.viscous)
+        A = pin.crba(world.built, data, q) + np.diag(world.rotor + 0.5 * h * world.viscous)
         push = A @ v + h * (tau - bias - world.offset - pull[k] - world.viscous * v)
         after, share = _next(A, push, h * coulomb, z, h, world)
         mean = 0.5 * (v + after)
         rows.append((q + 0.5 * h * mean, mean, (after - v) / h, share))
         q, v, z = q + h * mean, after, share
     return Driven(plan.t, *(np.array(x) for x in zip(*rows, strict=True)))
-
-
-def _mass_matrix(model: Any, data: Any, q: Array) -> Array:
-    """(n, n) whole: Pinocchio fills the upper triangle only."""
-    M = pin.crba(model, data, q)
-    return np.asarray(np.triu(M) + np.triu(M, 1).T)
 
 
 def _next(A: Array, push: Array, dry: Array, z: Array, h: float, world: Site) -> tuple[Array, Array]:

@@ -12,12 +12,7 @@ from challenge.worlds.conditions import Conditions, FrictionLaw, RatedArm, Site
 from challenge.worlds.motion import driven, plan
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.world import (
-    PAUSE,
-    Array,
-    TrueMotion,
-    misplaced,
-)
+from sdp_vs_penalty.simulation.worlds.world import PAUSE, Array, TrueMotion, misplaced
 
 
 def urdf_of(name: str) -> Path:
@@ -33,11 +28,10 @@ def load_arm(name: str) -> RatedArm:
 def arm_of(model: Any) -> RatedArm:
     """The arm of a model of Pinocchio's, with its limits and friction, a tenth of which is noise."""
     rotary = np.array([joint.shortname().startswith("JointModelR") for joint in model.joints[1:]])
+    bare = model, rotary, model.njoints - 1, np.eye(len(rotary)), np.zeros(len(rotary))
     limits = model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit
-    lower, upper, speed, coulomb, viscous = map(np.array, (*limits, model.friction, model.damping))
-    sizes, n = (coulomb, viscous, 0.1 * coulomb), len(rotary)
-    bare = model, rotary, model.njoints - 1, np.eye(n), np.zeros(n)
-    return RatedArm(*bare, lower, upper, speed, *sizes)
+    sizes = model.friction, model.damping, 0.1 * model.friction
+    return RatedArm(*bare, *map(np.array, (*limits, *sizes)))
 
 
 def draw_world(
@@ -62,23 +56,18 @@ def draw_world(
     travel, rise, speed = unit * spread(0.001, 0.01), rng.uniform(0.0, 0.4, n), unit * spread(0.02, 0.1)
     dry = FrictionLaw(width, c.law, travel, rise, speed)
     sides = rng.choice([-1.0, 1.0], (2, n)) * c.asymmetry
-    built = misplaced(arm.model, *c.misplacement, rng)
-    warm_up = float(rng.uniform(30.0, 120.0))
     middle = 0.5 * (arm.lower + arm.upper)
-    rotor = c.rotor * np.diag(pin.crba(arm.model, arm.model.createData(), middle))
     return Site(
         arm=arm,
-        built=built,
+        built=misplaced(arm.model, *c.misplacement, rng),
         dry=dry,
         coulomb=coulomb,
         viscous=viscous,
         offset=offset,
-        lopsided=sides[0] * coulomb,
-        lopsided_viscous=sides[1] * viscous,
-        rotor=rotor,
+        sides=sides,
+        rotor=c.rotor * np.diag(pin.crba(arm.model, arm.model.createData(), middle)),
         noise=c.noise.level * arm.noise,
-        warm_up=warm_up,
-        warming=c.warming,
+        warm_up=float(rng.uniform(30.0, 120.0)),
         conditions=c,
     )
 
@@ -128,7 +117,7 @@ def log_run(
     tau, *shares = (c.channel.torque(motion.t, x)[inside] for x in (world.torque(motion), *added))
     t, q, dq = motion.t[inside], motion.q[inside], motion.dq[inside]
     tau = tau + sum(shares)
-    noisy = tau + c.noise.draw(len(t), world.arm.noise, rng)
+    noisy = tau + c.noise.draw(len(t), world.noise, rng)
     speed = None
     if c.channel.speed_noise is not None:
         speed = dq + c.channel.speed_noise * world.arm.unit_speed * rng.normal(size=dq.shape)
