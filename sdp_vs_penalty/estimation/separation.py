@@ -197,8 +197,7 @@ def separate(
     for k in range(iterations if best[0] >= 0.0 else 0):
         better = improves(_changed(rng, best[2], low, high, reach))
         reach = min(0.5, reach * 1.3) if better else max(0.02, reach * 0.93)
-        if k % 20 == 19:
-            progress(f"separating: {k + 1} of {iterations} changes, delta {best[0] ** 0.5:.2f}")
+        progress(f"separating: {k + 1} of {iterations} changes, delta {best[0] ** 0.5:.2f}")
     value, trajectory, _ = best
     if trajectory is None:
         remedy = "widen the limits of position or torque, or lengthen the motion with --duration"

@@ -14,13 +14,7 @@ from recorded import refusal
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty import (
-    InputError,
-    Measurements,
-    convert,
-    load_estimate,
-    load_measurements,
-)
+from sdp_vs_penalty import InputError, Measurements, convert, load_estimate, load_measurements
 from sdp_vs_penalty.data import concatenate, read_run, save
 from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.data.formats.recognition import recognised
@@ -276,7 +270,7 @@ def test_runs_stay_apart_and_in_order(tmp_path):
     assert concatenate([first, some_run(velocity=False)]).dq is None
 
 
-def test_windows_count_from_the_start_of_each_run():
+def test_windows_count_from_the_start_of_each_run(tmp_path):
     t = np.arange(0.0, 10.0, 0.1)
     late = Measurements(t + 100.0, t[:, None], t[:, None], None, None, ("late",))
     early = Measurements(t, t[:, None], t[:, None], None, None, ("early",))
@@ -287,6 +281,11 @@ def test_windows_count_from_the_start_of_each_run():
     left, right = early.window(0.0, 5.0), early.window(5.0, np.inf)
     joined = concatenate([left, right])
     same(early, Measurements(joined.t, joined.q, joined.tau))
+    save(early, tmp_path / "early.csv")
+    assert load_measurements(tmp_path / "early.csv", stop=0.15).samples == 2
+    refusal(
+        lambda: load_measurements(tmp_path / "early.csv", stop=0.05), "no samples between 0 s and 0.05 s"
+    )
 
 
 def test_the_hash_is_of_the_numbers_and_of_nothing_else():

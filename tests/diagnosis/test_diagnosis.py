@@ -8,21 +8,15 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import (
-    Estimate,
-    InputError,
-    Problem,
-    add,
-    compare,
-    diagnose,
-    identify,
-    load_problem,
-)
+from sdp_vs_penalty import Estimate, InputError, Problem, add, compare, diagnose, identify, load_problem
 from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
+from sdp_vs_penalty.diagnosis.library import library
+from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -45,6 +39,20 @@ def stribeck(panda: Problem) -> HiddenRuns:
 @pytest.fixture(scope="module")
 def found(stribeck: HiddenRuns) -> Diagnosis:
     return diagnosed(stribeck)
+
+
+def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
+    made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "medium", seed=1)
+    data = made.runs[0]
+    estimate = identify(two_link, data, "ols", effects=made.truth["model_effects"], check=False)
+    white = prepare(diagnosis_rows(data, estimate, estimate.preprocessing.resolve(data)), estimate)
+    search = Search(white, library(white))
+    (truth,) = search.run()
+    assert truth.form.effect.name == "presliding_hysteresis"
+    other = Search(white, library(white))
+    nothing = other.score.fit(other.with_misfits([]), None)
+    (other.terms,) = ([t] for t in other.top_candidates(nothing, []) if t.key[0] == "maxwell_slip")
+    assert [t.key for t in other.run()] == [truth.key]
 
 
 def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
@@ -188,8 +196,8 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
     estimate = identify(two_link, data, effects=made.truth["model_effects"])
     bigger = add(estimate, "torque_gain:2", data)
     assert abs(bigger.theta[-1]) == pytest.approx(made.hidden[0].size, rel=0.2)
-    held = add(bigger, "stribeck_friction:1", data, frozen=True)
-    np.testing.assert_array_equal(held.theta[:-1], bigger.theta)
+    held = add(bigger, "stribeck_friction:1,sigmoid_friction:2", data, frozen=True)
+    np.testing.assert_array_equal(held.theta[:-2], bigger.theta)
     assert np.isfinite(held.uncertainty.standard[-1].std)
 
 

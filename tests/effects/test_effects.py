@@ -38,6 +38,13 @@ def test_without_links_what_depends_on_them_makes_no_torque():
     np.testing.assert_allclose(columns[0].columns[:, 4], 0.4 * motion.dq[:, 0])
 
 
+def test_a_model_knows_the_gain_of_each_joints_position_error():
+    robot = robots()["tree"]
+    model = Model(robot, parse_effects("servo_integral:2,servo_position:2+3+5,torque_offset", robot))
+    named = [model.parameters[k].name if k >= 0 else "" for k in model.error_gains]
+    assert named == ["", "kp2", "kp3", "", "kp5"]
+
+
 def test_a_curve_reads_a_combination_of_joints():
     robot, motion = robots()["arm"], steady_motion(robots()["arm"])
     ends = "@xlow=-9@xhigh=9@v1=-9@v2=9"

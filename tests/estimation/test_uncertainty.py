@@ -10,13 +10,7 @@ from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.pose import pose
-from sdp_vs_penalty.estimation.uncertainty import (
-    NOT_SEEN,
-    Sandwich,
-    Uncertainty,
-    counts,
-    of_regression,
-)
+from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, Sandwich, Uncertainty, counts, of_regression
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows

@@ -76,8 +76,8 @@ def effects_of(which: str) -> dict[str, Any]:
 
 
 def identified(folder: Path) -> dict[str, Any]:
-    two, run = load_problem("two_link"), two_link_with(lambda r: 0.0)
-    plain = identify(two, run)
+    two, run, heard = load_problem("two_link"), two_link_with(lambda r: 0.0), list[str]()
+    plain, told = identify(two, run), {"effects": "rigid_body", "progress": heard.append}
     problem = load_problem(scara(folder))
     widths = run_of_widths(problem, (0.02, 0.003, 0.001, 0.08), 12.0)
     return {
@@ -85,20 +85,19 @@ def identified(folder: Path) -> dict[str, Any]:
         "gains": model(identify(two, run, "ols", gain_uncertainty=0.02)),
         "widths": model(identify(problem, widths, "ols", check=False)),
         "drawn": bootstrap(two, run, 2).to_numpy(),
-        "folds": cross_validate(two, run, "ols", folds=3).to_dict(),
-        "simulated": model(
-            identify(two, run.window(0.0, 4.0), "output-error", effects="rigid_body", check=False)
-        ),
+        "folds": cross_validate(two, run, "ols", folds=3, progress=heard.append).to_dict(),
+        "simulated": model(identify(two, run.window(0.0, 4.0), "output-error", **told, check=False)),
+        "heard": heard,
     }
 
 
 def of_servos(folder: Path) -> dict[str, Any]:
-    arm, run = write_slide(folder), log(1e-4, ki=700.0, delay=0.02, torque=True)
+    arm, run, heard = write_slide(folder), log(1e-4, ki=700.0, delay=0.02, torque=True), list[str]()
     noise = 20.0 * np.random.default_rng(3).normal(size=run.tau.shape)  # a part that no loop makes
     noisy = replace(run, tau=run.tau + noise)
     beside = identify(arm, noisy, effects=f"{LOOP},servo_position,servo_integral", check=False)
     silent = Measurements.of(run.t, {"q": run.q, "qcmd": run.commanded["qcmd"]}, ("run",))
-    found = identify(arm, silent, effects=LOOP, known={"m1": 3.0})
+    found = identify(arm, silent, effects=LOOP, known={"m1": 3.0}, progress=heard.append)
     loads = [(log(1e-4, seed=5, load=1.5), 1.5)]
     loaded = identify(arm, log(1e-4), effects=LOOP, known_loads=loads, instruments="none")
     open_ = identify(arm, log(1e-4, kh=50.0, ki=500.0))
@@ -109,6 +108,7 @@ def of_servos(folder: Path) -> dict[str, Any]:
         "open": model(open_),
         "followed": follow(found, log(seed=3).window(0.0, 2.0), drive="servo").free[0].rms,
         "compared": compare(found, silent)[0].to_dict(),
+        "heard": heard,
     }
 
 
@@ -131,19 +131,17 @@ def of_loads(folder: Path) -> dict[str, Any]:
 
 
 def motions() -> dict[str, Any]:
-    two = load_problem("two_link")
+    two, heard = load_problem("two_link"), list[str]()
     estimate = identify(two, two_link_with(lambda r: 0.0), "ols")
-    found = [
-        excitation.excite(two, duration=6.0, iterations=3, objective=x) for x in excitation.OBJECTIVES
-    ]
-    told = separation.separate(
-        estimate, "torque_ripple:2@k=2,joint_spring:2", duration=6.0, iterations=10
-    )
+    known: dict[str, Any] = {"duration": 6.0, "progress": heard.append}
+    found = [excitation.excite(two, iterations=3, objective=x, **known) for x in excitation.OBJECTIVES]
+    told = separation.separate(estimate, "torque_ripple:2@k=2,joint_spring:2", iterations=10, **known)
     alone = separation.separate(estimate, "stribeck_friction:1", duration=6.0, level=0.3, iterations=5)
     kept = "delta2", "default_delta2", "right", "default_right", "seconds", "default_seconds", "sizes"
     return {
         "excited": [[e.history, e.trajectory.a, e.trajectory.b, e.trajectory.q_0] for e in found],
         "separated": [{k: getattr(x, k) for k in kept} for x in (told, alone)],
+        "heard": heard,
     }
 
 
@@ -177,11 +175,12 @@ def hidden(*named: tuple[str, list[int]], test: bool, **told: Any) -> dict[str, 
     tau[:, 0] += told.get("hum", 0.0) * np.sin(2.0 * np.pi * 3.3 * data.t + (data.t > 30.0))
     data = replace(data, tau=tau)
     estimate = identify(made.problem, data, "ols", effects=made.truth["model_effects"], check=False)
-    found = diagnose(estimate, data, made.runs[3] if test else None, check=False)
+    heard = list[str]()
+    found = diagnose(estimate, data, made.runs[3] if test else None, check=False, progress=heard.append)
     out = {"found": found.to_dict(), "said": [found.headline, found.advice, found.unknown]}
     if found.effects or found.retuned:
-        out["added"] = model(add(estimate, found, data))
-    return out
+        out["added"] = model(add(estimate, found, data, progress=heard.append))
+    return out | {"heard": heard}
 
 
 def in_a_curve() -> dict[str, Any]:

@@ -68,6 +68,22 @@ def test_merging_blocks_equals_one_pass(seed):
     assert a.tau_squared == pytest.approx(b.tau_squared, rel=1e-12)
 
 
+def test_columns_kept_from_one_model_are_those_that_the_next_would_make():
+    """Signs of another width, other joints, other constants, an effect with a memory, and back again."""
+    model, _, run = driven(0, 12.0, 4e-3, "rigid_body", 0.1)
+    kept = FilteredRun(run, FILTERS)
+    for text in (
+        "coulomb_friction@v_s=0.01,stribeck_friction",
+        "coulomb_friction@v_s=0.2,stribeck_friction",
+        "coulomb_friction:1@v_s=0.2,stribeck_friction@vs=0.3,presliding_hysteresis",
+        "rigid_body,coulomb_friction@v_s=0.01,stribeck_friction",
+    ):
+        other = Model(model.robot, parse_effects(text, model.robot))
+        pair = (filtered.all_rows(other).columns for filtered in (kept, FilteredRun(run, FILTERS)))
+        for old, new in zip(*pair, strict=True):
+            np.testing.assert_allclose(old.columns, new.columns, rtol=1e-9, atol=1e-12)
+
+
 @given(seeds)
 def test_base_parameters_make_the_same_torque(seed):
     """pi = B theta determines every torque: Y theta = Y B^+ B theta; and nothing less does."""

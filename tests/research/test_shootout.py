@@ -69,6 +69,11 @@ def test_instances_are_what_they_were():
     assert len({line.split()[1] for line in said}) == len(said)
 
 
+def test_a_short_part_is_of_so_many_seconds_of_rows_however_far_the_filters_reach():
+    one, three = (instance(f"panda simulated {s} s one-step plain").data.rows for s in (1, 3))
+    assert 3 * one == pytest.approx(three, rel=0.03)
+
+
 @pytest.mark.parametrize("name", ["panda infeasible 1e-3", "panda infeasible 1e-6"])
 def test_infeasible_instances_are_proved_infeasible(name):
     made = instance(name)
@@ -266,6 +271,7 @@ def setup(out: Path, **changes: object) -> runner.Shootout:
         "problems": [SMALL[0]],
         "accuracies": (1e-4, 1e-6),
         "jobs": 1,
+        "memory": 0.9,
     }
     return runner.Shootout(out, **{**chosen, **changes})
 

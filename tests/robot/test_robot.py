@@ -1,6 +1,7 @@
 """Rigid-body dynamics that agree with each other and with their slopes; the exciting trajectory."""
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from random_robots import link_parameters, seeds, tree
+from recorded import refusal
 
 from sdp_vs_penalty import InputError, load_problem
 from sdp_vs_penalty.robot import Robot, joint_limits, load_urdf, random_trajectory
@@ -114,6 +116,17 @@ def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
     first, again = (random_trajectory(panda.robot, 3).states([4.0])[0] for _ in range(2))
     np.testing.assert_array_equal(first, again)
     assert not np.allclose(first, random_trajectory(panda.robot, 4).states([4.0])[0])
+
+
+@pytest.mark.parametrize("parents", [*product((-1,), (-1, 0), (-1, 0, 1), (-1, 0, 1, 2))])
+def test_joints_come_depth_first(two_link, parents):
+    """Which they do where all that stands between a joint and its parent is below the parent."""
+    joint = two_link.robot.joints[0]
+    joints = tuple(replace(joint, name=f"{k}", parent=p) for k, p in enumerate(parents))
+    if all(between >= p for k, p in enumerate(parents) for between in parents[p + 1 : k]):
+        assert Robot("r", joints).n == 4
+    else:
+        refusal(lambda: Robot("r", joints), "order the joints depth first")
 
 
 @pytest.mark.parametrize(

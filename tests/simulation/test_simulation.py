@@ -11,8 +11,11 @@ from scipy import signal
 from sdp_vs_penalty import Estimate, Measurements, Problem, compare, follow, load_problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.robot import random_trajectory
+from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
+from sdp_vs_penalty.simulation.hidden_runs import true_world
+from sdp_vs_penalty.simulation.worlds.world import misplaced
 
 
 def test_an_ideal_sensor_shows_the_truth(panda):
@@ -67,6 +70,19 @@ def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda):
     assert np.diff(np.unique(np.round(m.q[:, 0], 7))).min() == pytest.approx(1e-5)
 
 
+def test_misplaced_joints_are_off_by_errors_of_the_size_told(panda):
+    """About and along every axis, normal and independent of each other."""
+    model, rng = true_world(panda, experiment(panda), 0).arm.model, np.random.default_rng(0)
+    metres, degrees, off = 2e-4, 0.03, []
+    for _ in range(300):
+        built = misplaced(model, metres, degrees, rng)
+        pairs = zip(model.jointPlacements[1:], built.jointPlacements[1:], strict=True)
+        off += [pin.log(a.inverse() * b).vector for a, b in pairs]
+    expected = np.diag([metres] * 3 + [np.deg2rad(degrees)] * 3) ** 2
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(np.cov(np.transpose(off)) / np.outer(scale, scale), np.eye(6), atol=0.1)
+
+
 def test_any_robot_has_an_experiment(tmp_path):
     urdf = write_urdf(tmp_path / "arm.urdf", "arm", SCARA[1:3])
     problem = load_problem(urdf)
@@ -112,9 +128,26 @@ def test_the_band_of_a_free_run_is_that_of_the_covariance(known):
     u = estimate.uncertainty
     turned = np.linalg.qr(np.random.default_rng(0).normal(size=(u.spread.shape[1],) * 2))[0]
     same = replace(estimate, uncertainty=replace(u, spread=u.spread @ turned))
-    bands = [follow(e, run, steps=400, windows=1).free[0].spread for e in (estimate, same)]
+    made = [follow(e, run, steps=400, windows=9) for e in (estimate, same)]
+    bands = [x.free[0].spread for x in made]
     assert np.all(bands[0] > 0.0)
     np.testing.assert_allclose(*bands, rtol=1e-6)
+    # The truth is right a step and a window ahead.
+    for x in (made[0].one_step, made[0].ahead):
+        assert np.all(x.rms < 0.01 * x.naive)
+
+
+def test_a_loop_adds_the_torque_that_a_model_lacks(known):
+    """Nothing to the truth; to links that weigh a tenth more than they do a tenth of what moves them."""
+    estimate, run = known
+    links, theta = estimate.model.rigid_indices, estimate.theta.copy()
+    theta[links] *= 1.1
+    heavy = replace(estimate, theta=theta)
+    true, more = (follow(e, run, drive="pd", steps=800, windows=1).free[0] for e in (estimate, heavy))
+    states = random_trajectory(estimate.robot, 1, 6.0).states(more.simulated.t)
+    lacks = estimate.robot.inverse_dynamics(0.1 * estimate.theta[links], *states)
+    np.testing.assert_allclose(more.loop, np.sqrt(np.mean(lacks**2, axis=0)), rtol=0.04)
+    assert np.all(true.loop < 0.03 * more.loop)
 
 
 def test_what_cannot_move_is_refused(known):

@@ -62,11 +62,13 @@ def test_the_checker_stands_alone(proofs, tmp_path):
     assert len(source.read_text().splitlines()) <= 160
     alone = tmp_path / "verify_proof.py"
     alone.write_text(source.read_text())
+    interval = verify_proof.check(proofs["lmi-sdp"])
     for name, edit, code in (("good", {}, 0), ("bad", {"lower": "1e9"}, 1)):
         path = tmp_path / f"{name}.json"
         proof.write_proof({**proofs["lmi-sdp"], **edit}, path)
         done = subprocess.run([sys.executable, "-I", "-S", alone, path], capture_output=True, text=True)
         assert done.returncode == code, done.stderr
+        assert done.stdout == (f"optimum in {[float(x) for x in interval]}\n" if code == 0 else "")
     (tmp_path / "text.json").write_text(json.dumps({"format": 1}))
     done = subprocess.run([sys.executable, "-I", alone, tmp_path / "text.json"], capture_output=True)
     assert done.returncode == 1

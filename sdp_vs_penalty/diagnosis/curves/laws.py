@@ -291,9 +291,7 @@ def _refined(start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]])
     def left(constants: Array) -> float:
         return -float(_amplitudes(*normal(law, constants[:, None]))[1][0])
 
-    step = np.minimum(0.1 * np.abs(start.constants) + 1e-3, 0.3 * (high - low))
-    corners = np.clip(start.constants + np.vstack([0.0 * step, np.diag(step)]), low, high)
-    options = {"initial_simplex": corners, "xatol": 1e-4, "fatol": 1e-4 * start.chi2}
+    options = {"xatol": 1e-4, "fatol": 1e-4 * start.chi2}
     bounds = list(zip(low, high, strict=True))
     found = minimize(left, start.constants, method="Nelder-Mead", bounds=bounds, options=options).x
     a, chi2 = _amplitudes(*normal(law, found[:, None]))

@@ -252,7 +252,6 @@ def _tables(view: View) -> None:
         draw.table(LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links")
     if about["friction"]:
         draw.tag("h4", "Friction by velocity")
-        view.joint = min(view.joint or 0, robot["n"] - 1)
 
         def options() -> dict[str, Any]:
             j = view.joint or 0

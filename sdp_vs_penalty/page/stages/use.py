@@ -93,7 +93,7 @@ def _replay(view: View, made: dict[str, Any]) -> None:
     def follow() -> None:
         read = session.arrays(made["arrays"][shown["run"]])
         run = Curves(read["t"], read["measured"], {"simulated": read["simulated"]})
-        drawn.update_figure(torque_chart(run, min(view.joint or 0, len(units) - 1), units))
+        drawn.update_figure(torque_chart(run, view.joint or 0, units))
         move(str(shown["run"]), read)
 
     def look(run: str) -> None:
@@ -102,7 +102,7 @@ def _replay(view: View, made: dict[str, Any]) -> None:
 
     with draw.tag("div", style="fields pick"):
         joints = [(str(j), f"{j + 1}") for j in range(len(units))]
-        joint = str(min(view.joint or 0, len(units) - 1))
+        joint = str(view.joint or 0)
         draw.choice("Joint", joints, joint, lambda j: view.look(joint=int(j)), "forward-joint")
         if len(made["runs"]) > 1:
             runs = [(str(k), name) for k, name in enumerate(made["runs"])]

@@ -369,7 +369,7 @@ def _payload(w: World, j: int, rng: Generator) -> Hidden:
 
     def change(w: World, m: TrueMotion, mass: float) -> Array:
         loaded = pin.Model(w.built)
-        ball = pin.Inertia(mass, centre, 0.4 * mass * 0.05**2 * np.eye(3))
+        ball = pin.Inertia(mass, centre, pin.Inertia.FromSphere(mass, 0.05).inertia)
         loaded.inertias[w.arm.last] = w.built.inertias[w.arm.last] + ball
         return w.rigid(m, loaded) - w.rigid(m)
 
