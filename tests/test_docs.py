@@ -220,9 +220,6 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
     np.testing.assert_array_equal(again, names["fit"].theta)
 
 
-# --- the README -------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that the README's examples name."""

@@ -187,13 +187,6 @@ def test_thousands_of_files(tmp_path, capsys):
     assert len(seen) > 10
 
 
-@pytest.mark.long
-def test_a_second_of_the_same_files_each_time(tmp_path):
-    sources = sound_files(tmp_path)
-    for seed in range(500):
-        read_mutated(seed, sources, tmp_path)
-
-
 @pytest.mark.parametrize("path", sorted(CORPUS.iterdir()), ids=lambda path: path.name)
 def test_what_the_reader_takes_the_check_can_judge(path, two_link):
     """Files that broke a reader once."""

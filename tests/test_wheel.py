@@ -1,5 +1,6 @@
 """The wheel works from any directory; without any extra a verb names the one that it needs."""
 
+import json
 import subprocess
 import sys
 import textwrap
@@ -64,22 +65,7 @@ for words in {lines!r}:
 def test_each_verb_works_or_names_its_extra(two_link, tmp_path):
     write_run(tmp_path / "run.csv", two_link)
     (tmp_path / "run.mcap").write_bytes(b"\\x89MCAP0\\r\\n")
-    asked = {
-        "check run.csv --problem two_link": "",
-        "identify two_link --data run.csv --out model.json": "",
-        "compare model.json --data run.csv": "",
-        "export model.json --out model.urdf": "",
-        "check-urdf model.urdf": "",
-        "list solvers": "",
-        "convert run.csv --out run.mat": "",
-        "convert run.csv --out run.parquet": "",
-        "convert run.mcap --out other.csv": "formats",
-        "report model.json --data run.csv --out report.html": "report",
-        "demo": "report",
-        "page": "page",
-        "figures 2 --out figures": "plot",
-        "shootout --solvers scs --problems two_link --out out": "solvers",
-    }
+    asked = json.loads((ROOT / "tests/data/commands_and_extras.json").read_text())
     program = textwrap.dedent(WITHOUT).format(extras=EXTRAS, lines=[words.split() for words in asked])
     done = python("-c", program, cwd=tmp_path)
     *said, _ = done.stderr.split("CODE")

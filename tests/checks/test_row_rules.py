@@ -1,7 +1,9 @@
 """Copies, freezes and skips: told where they were made, and not where a coarse sensor looks like one."""
 
+import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,28 +48,8 @@ def told(run: Measurements) -> tuple[list[Issue], Measurements]:
 
 #: Corruptions of rows and clocks of the bench: the kind that names them, how many rows go, and by how
 #: many steps the time of those that stay is off.
-ROWS: dict[str, tuple[str, int, float]] = {
-    "wrapped angle joint 2": ("wrapped angle", 0, 0),
-    "stale position joint 2 1 s": ("frozen position", 250, 0),
-    "stale torque joint 2 3 s": ("frozen torque", 750, 0),
-    "spikes joint 2 tau 500": ("spikes", 5, 0),
-    "spikes joint 2 q 1 rad": ("spikes", 5, 0),
-    "zeros joint 2 q": ("zeros", 4, 0),
-    "zeros joint 2 tau": ("zeros", 4, 0),
-    "zeros joint 2 tau 0.05 s": ("zeros", 13, 0),
-    "zeros joint 2 tau 0.5 s": ("zeros", 125, 0),
-    "doubled rows, clock re-made every tenth": ("doubled rows", 0, 0),
-    "lost rows, clock re-made 8 x 10 rows": ("lost rows", 80, 4),
-    "rows interpolated 1.5 s": ("interpolated rows", 375, 0),
-    "run repeated": ("repeated run", 0, 0),
-    "burst stamps 10 rows in 9 us": ("jittered time stamps", 0, 9),
-    "time unit ms": ("time unit", 0, 0),
-    "clock set +1.5 s": ("clock step", 0, 0),
-    "clock set -1.5 s": ("time runs backwards", 0, 0),
-    "packets repeated 3 %": ("doubled rows", 188, 0),
-    "packets held 3 x 0.1 s": ("frozen packets", 69, 0),
-    "packets held 3 x 0.5 s": ("frozen packets", 369, 0),
-}
+DATA = Path(__file__).parents[1] / "data"
+ROWS: dict[str, tuple[str, int, float]] = json.loads((DATA / "spoiled_rows.json").read_text())
 
 
 @pytest.mark.parametrize("name", ROWS)

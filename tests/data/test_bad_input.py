@@ -35,8 +35,6 @@ from sdp_vs_penalty.data.files import as_measurements
 from sdp_vs_penalty.errors import Remark
 from sdp_vs_penalty.regression import load_answers
 
-# --- measurements ---------------------------------------------------------------------------------
-
 HEADER = "t,q1,q2,dq1,dq2,tau1,tau2"
 ROWS = [f"{0.01 * k:.2f},0.{k},0.2,0,0,1,2" for k in range(9)]
 GOOD = "\n".join([HEADER, *ROWS]) + "\n"
@@ -118,9 +116,6 @@ def test_a_panda_log_of_unequal_files(tmp_path):
     refusal(lambda: load_measurements(tmp_path), "exciting_traj_torques.txt: row 3", "'three'")
 
 
-# --- this robot, in these units -------------------------------------------------------------------
-
-
 def test_degrees_are_refused_by_the_joints_ranges_and_one_turn_outside_is_not(panda):
     centre = 0.5 * (np.array([j.lower + j.upper for j in panda.robot.joints]))
     run = replace(small_run(panda), names=("run.csv",), dq=None)
@@ -153,8 +148,6 @@ def test_wrong_number_of_joints(two_link, panda, tmp_path):
         lambda: compare(identify(two_link, run, "ols"), small_run(panda)), "the robot has 2", "7 joints"
     )
 
-
-# --- problems -------------------------------------------------------------------------------------
 
 TOML = Path(__file__).with_name("two_joints.toml").read_text()
 BOUNDS = "parameter,lower,upper\nm1,0.1,20\nc1x,-0.5,0.5\nI2xx,0,1\n"
@@ -211,9 +204,6 @@ def test_a_bad_table_of_bounds_is_refused(case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = problem_folder(Path("arm"), bounds=refusals("bounds")[case][0])
     assert same_refusal("bounds", case, refusal(lambda: load_problem(folder)))
-
-
-# --- models ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -282,9 +272,6 @@ def test_files_that_are_no_models(content, words, tmp_path):
     path = tmp_path / "model.json"
     path.write_bytes(content)
     refusal(lambda: load_estimate(path), str(path), *words)
-
-
-# --- archives and words ---------------------------------------------------------------------------
 
 
 def test_an_archive_of_a_later_version_is_refused(tmp_path):

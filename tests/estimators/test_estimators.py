@@ -115,9 +115,6 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
     assert error < (1e-6 if method.startswith(("ols", "lmi")) else 1e-4)
 
 
-# --- joint weights and task -------------------------------------------------------------------------
-
-
 def test_weights_make_the_residuals_of_all_joints_equal():
     """Each measures 3 theta with residuals of another size."""
     sigmas, factors, rows = [0.1, 1.0, 5.0], [], 50
