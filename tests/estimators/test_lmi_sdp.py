@@ -52,8 +52,6 @@ def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
     assert abs(carried.certificate.loss / plain.certificate.loss - 1.0) < 0.01
 
 
-# --- against CVXPY ----------------------------------------------------------------------------------
-
 #: solver -> its settings; the optimum agrees to 1e-7 of the loss, violations stay below 1e-7.
 CVXPY_SOLVERS = {"CLARABEL": {}, "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 100_000}}
 
@@ -97,9 +95,6 @@ def test_the_default_objective_is_the_torque_and_three_priors(toy_task):
     assert sum(c.family == "body" for c in constraints.convex) == 2
 
 
-# --- against known robots ---------------------------------------------------------------------------
-
-
 def relative_torque_error(problem: Problem, theta: np.ndarray, truth: np.ndarray) -> float:
     model = problem.model()
     motion = sines(np.random.default_rng(99), problem.robot.n, np.arange(0.0, 10.0, 0.01), 0.13, 5)
@@ -137,9 +132,6 @@ def test_a_solver_without_the_cone_of_the_prior_is_named(toy_task):
     with pytest.raises(InputError, match=r"cvxopt.*no exp cone.*clarabel.*lmi-sdp-thickness"):
         LmiSdp(solver="cvxopt").fit(toy_task)
     assert certify(toy_task, LmiSdpThickness(solver="cvxopt").fit(toy_task))[1].worst == 0.0
-
-
-# --- laws -------------------------------------------------------------------------------------------
 
 
 def test_the_two_step_chain_is_what_it_says(toy_task):
@@ -220,9 +212,6 @@ def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, mon
     assert not isinstance(error.value, Infeasible)
 
 
-# --- the real arm -----------------------------------------------------------------------------------
-
-
 @pytest.mark.real_data
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize(
@@ -231,9 +220,9 @@ def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, mon
 def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker, known):
     """Within 1.5 times, though the makers' figures hold the base; torque alone says it of no arm. Also
     where nothing but joints, their limits and the log are known."""
-    from corruptions import arms
+    from corruptions.arms import real
 
-    one = getattr(arms, name)(data_folder)
+    one = real(name, data_folder)
     own = one.problem
     blank = replace(bare(own.robot), torque_side=own.torque_side, preprocessing=own.preprocessing)
     posed = pose(own if known else replace(blank, effects=own.effects), one.train)
