@@ -1,6 +1,8 @@
 """The score against plain least squares, and what it promises."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +21,7 @@ from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.signals import coloured_noise
 
+CASES = Path(__file__).parents[1] / "data" / "verdicts.json"
 n, M, p = 2, 300, 5
 
 
@@ -301,18 +304,7 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
 
 @pytest.mark.parametrize(
     ("k", "constants", "joints", "form_of", "lead", "rival"),
-    [
-        (1, 0, (0,), "", -0.9, True),  # as simple: it need not do as well
-        (1, 0, (0,), "", -1.1, False),
-        (1, 0, (1,), "", -0.9, True),
-        (1, 0, (0,), "mine", 0.9, False),  # of the same cause, or with more to it: only where better
-        (1, 0, (0,), "mine", 1.1, True),
-        (2, 0, (0,), "", 0.9, False),
-        (2, 0, (0,), "", 1.1, True),
-        (1, 1, (0,), "", 0.9, False),
-        (1, 0, (0, 1), "", 0.9, False),
-        (1, 0, (0, 1), "", 1.1, True),
-    ],
+    [case[:6] for case in json.loads(CASES.read_text())["rivals"]],
 )
 def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, form_of, lead, rival):
     def term(name: str, k: int, constants: int, joints: tuple[int, ...], J: float) -> Any:

@@ -1,5 +1,7 @@
 """What is left is told from noise, on the rows that are evidence."""
 
+import json
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +14,8 @@ from sdp_vs_penalty.diagnosis.remaining import remainder
 from sdp_vs_penalty.signals.noise import REPETITION
 
 FLOOR = np.array([0.2, 3.0])
+#: What is given, what is concluded, and why.
+CASES = json.loads((Path(__file__).parents[1] / "data" / "verdicts.json").read_text())
 
 
 def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
@@ -33,16 +37,7 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("size", "change", "matters"),
-    [
-        (0.0, {}, ()),
-        (0.4, {}, ()),
-        (1.4, {}, (0,)),
-        (2.0, {}, (0,)),
-        (1.4, {"degrees": 20.0}, ()),  # few repetitions show the noise: it may be larger
-        (2.0, {"still": 1.0}, ()),  # what friction holds at rest
-        (3.0, {"slow": 1.0}, ()),  # what it makes where it turns round
-        (2.0, {"known": False}, ()),
-    ],
+    [(size, change, (*matters,)) for size, change, matters, *_ in CASES["beyond the noise"]],
 )
 def test_what_is_beyond_the_noise_matters(size, change, matters):
     data, fit, residual, none = left(size)
@@ -102,24 +97,7 @@ def test_what_raises_errors_beside_all_others_is_not_offered(rule, needed, kept)
 
 
 #: What is changed of a finding that nothing speaks against, and what then does.
-DOUBTS = [
-    ({}, set()),
-    ({"rivals": ("another",)}, {"rivals"}),
-    ({"std": 0.21}, {"uncertain"}),
-    ({"J": 19.9}, {"small"}),
-    ({"after": 0.995}, {"not_held_out", "more_left"}),
-    ({"beyond": 0.9}, {"more_left"}),
-    ({"beyond": 0.9, "known": False}, set()),
-    ({"beyond": 0.9, "elsewhere": 0.95}, set()),  # what it explains on other joints counts
-    ({"elsewhere": 1.1}, set()),
-    ({"beside": 1.9}, {"shared"}),
-    ({"beside": 2.1}, set()),
-    ({"beta": 2.1}, {"implausible"}),  # more torque than there is
-    ({"plausible": 0.32}, {"implausible"}),  # three times as large as machines have it
-    ({"plausible": 0.35}, set()),
-    ({"looks_like": "a step"}, {"looks_like"}),
-    ({"replaced": True}, {"curve"}),
-]
+DOUBTS = [(change, set(doubts)) for change, doubts, *_ in CASES["doubts"]]
 
 
 @pytest.mark.parametrize(("change", "doubts"), DOUBTS)

@@ -103,6 +103,31 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     np.testing.assert_allclose(found.half_widths(rows), expected, rtol=1e-5)
 
 
+def test_intervals_end_where_what_is_possible_does(two_link):
+    """Of torque that is noise: masses within their bounds, no moment of inertia below zero, no brake
+    that drives; whichever way a combination of them goes."""
+    model = two_link.model(EFFECTS)
+    run = measured(two_link, truth_of(two_link, model), model, 0, 20.0)
+    run = replace(run, tau=run.tau + 60.0 * np.random.default_rng(9).normal(size=run.tau.shape))
+    data, base = (
+        compress(FilteredRuns.of(run, two_link.preprocessing), model),
+        base_rows(two_link, model),
+    )
+    task = make_task(two_link, model, data)
+    theta = LmiSdp().fit(task).theta
+    task.box[:, 0, 0] = 0.3
+    known = of_regression(task, data, base, theta, constrained=True)
+    low, high, names = -task.bound, task.bound, [p.name for p in model.parameters]
+    positive = [k for k, n in enumerate(names) if n[:3] in ("Ixx", "Iyy", "Izz", "f_v", "f_c")]
+    low[positive], low[task.links[:, 0]] = 0.0, 0.3
+    with np.errstate(invalid="ignore"):
+        corners = np.nansum(np.sort([base.rows * low, base.rows * high], axis=0), axis=2)
+    for i, row, *ends in zip(known.base, base.rows, *corners, strict=True):
+        least, half, value = row @ task.ols, NORMAL_95 * i.std, row @ theta
+        assert i.lower == pytest.approx(min(max(least - half, ends[0]), value), abs=1e-9)
+        assert i.upper == pytest.approx(max(min(least + half, ends[1]), value), abs=1e-9)
+
+
 def test_what_cannot_be_seen_is_said(two_link):
     """Link 1 of the 2R turns about a vertical axis: of its ten parameters one makes torque."""
     model = two_link.model(EFFECTS)

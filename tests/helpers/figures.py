@@ -28,6 +28,8 @@ from sdp_vs_penalty import (
     where_it_fails,
 )
 from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.diagnosis.library import library
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.effects import Seen, effect_types
 from sdp_vs_penalty.estimation import bootstrap, excitation, separation
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -178,6 +180,10 @@ def hidden(*named: tuple[str, list[int]], test: bool, **told: Any) -> dict[str, 
     heard = list[str]()
     found = diagnose(estimate, data, made.runs[3] if test else None, check=False, progress=heard.append)
     out = {"found": found.to_dict(), "said": [found.headline, found.advice, found.unknown]}
+    rows = diagnosis_rows(data, estimate, estimate.preprocessing.resolve(data))
+    every = library(prepare(rows, estimate)).batches
+    out["searched"] = [[f.effect.text, f.own] for b in every for f in b.forms]
+    out["white"] = [np.linalg.norm(b.white) for b in every]
     if found.effects or found.retuned:
         out["added"] = model(add(estimate, found, data, progress=heard.append))
     return out | {"heard": heard}

@@ -14,7 +14,7 @@ from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
-from sdp_vs_penalty.simulation.hidden_runs import true_world
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, true_world
 from sdp_vs_penalty.simulation.worlds.world import misplaced
 
 
@@ -83,6 +83,12 @@ def test_misplaced_joints_are_off_by_errors_of_the_size_told(panda):
     np.testing.assert_allclose(np.cov(np.transpose(off)) / np.outer(scale, scale), np.eye(6), atol=0.1)
 
 
+def test_a_temperature_is_logged_where_friction_follows_it(two_link):
+    for name, logged in (("warming_friction", True), ("joint_spring", False)):
+        (run,) = hidden_runs(two_link, [(name, [0])], "weak", seed=0, count=1).runs
+        assert (run.temperature is not None) is logged
+
+
 def test_any_robot_has_an_experiment(tmp_path):
     urdf = write_urdf(tmp_path / "arm.urdf", "arm", SCARA[1:3])
     problem = load_problem(urdf)
@@ -138,16 +144,20 @@ def test_the_band_of_a_free_run_is_that_of_the_covariance(known):
 
 
 def test_a_loop_adds_the_torque_that_a_model_lacks(known):
-    """Nothing to the truth; to links that weigh a tenth more than they do a tenth of what moves them."""
-    estimate, run = known
+    """Nothing to the truth; to links that weigh a tenth more than they do a tenth of what moves them.
+    From where the robot begins to move."""
+    estimate, moved = known
+    rows = np.r_[np.zeros(250, int), 0 : len(moved.t)]
+    run = Measurements(np.arange(len(rows)) / 250.0, moved.q[rows], moved.tau[rows])
     links, theta = estimate.model.rigid_indices, estimate.theta.copy()
     theta[links] *= 1.1
     heavy = replace(estimate, theta=theta)
     true, more = (follow(e, run, drive="pd", steps=800, windows=1).free[0] for e in (estimate, heavy))
-    states = random_trajectory(estimate.robot, 1, 6.0).states(more.simulated.t)
+    assert more.simulated.t[0] == pytest.approx(1.0, abs=0.25)
+    states = random_trajectory(estimate.robot, 1, 6.0).states(more.simulated.t - 1.0)
     lacks = estimate.robot.inverse_dynamics(0.1 * estimate.theta[links], *states)
     np.testing.assert_allclose(more.loop, np.sqrt(np.mean(lacks**2, axis=0)), rtol=0.04)
-    assert np.all(true.loop < 0.03 * more.loop)
+    assert np.all(true.loop < 0.05 * more.loop)
 
 
 def test_what_cannot_move_is_refused(known):
