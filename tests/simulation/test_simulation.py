@@ -158,6 +158,9 @@ def test_a_loop_adds_the_torque_that_a_model_lacks(known):
     lacks = estimate.robot.inverse_dynamics(0.1 * estimate.theta[links], *states)
     np.testing.assert_allclose(more.loop, np.sqrt(np.mean(lacks**2, axis=0)), rtol=0.04)
     assert np.all(true.loop < 0.05 * more.loop)
+    still = follow(estimate, run.window(0.0, 0.7), steps=50, windows=3)  # in which nothing moves
+    assert still.free[0].simulated.t[0] < 0.5
+    assert np.all(still.ahead.rms < 1e-3)
 
 
 def test_what_cannot_move_is_refused(known):
