@@ -1,12 +1,11 @@
-"""How results show themselves: five lines in a terminal, a table in a notebook, matplotlib if asked; and
-how what a user writes in a word becomes values: numbers, pairs, windows of time."""
+"""How results show themselves: five lines in a terminal, a table in a notebook, matplotlib if asked."""
 
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
-from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.errors import missing_extra
 
 #: A title, and names with their texts.
 Summary = tuple[str, Sequence[tuple[str, str]]]
@@ -134,47 +133,3 @@ def error_table(
         known = number(None if floor is None else floor[j])
         rows.append([f"{j + 1} [{plain_unit(unit)}]", *map(number, own), change, known])
     return ["joint", *names, "change" if len(errors) > 1 else "R2", "noise floor"], rows
-
-
-def numbers(option: str, text: str, count: int | None = None) -> list[float]:
-    """Numbers separated by commas, ``count`` of them where that is given; InputError naming the option
-    otherwise."""
-    try:
-        values = [float(word) for word in text.split(",")]
-    except ValueError:
-        values = []
-    if not values or len(values) != (count or len(values)):
-        many = f"{count} numbers" if count else "numbers"
-        raise InputError(f"{option} {text!r} is not {many}", f"write {many} separated by commas")
-    return values
-
-
-def pairs(option: str, text: str | None) -> dict[str, str] | None:
-    """OURS=THEIRS separated by commas; InputError naming the option otherwise."""
-    if text is None:
-        return None
-    words = [word.partition("=") for word in text.split(",")]
-    if not all(key and equals and value for key, equals, value in words):
-        raise InputError(f"{option} {text!r}", "write OURS=THEIRS separated by commas, like t=time,q=qm")
-    return {key.strip(): value.strip() for key, _, value in words}
-
-
-def time_windows(text: str | None, option: str = "--window") -> list[tuple[float, float]]:
-    """START:STOP in seconds, several separated by commas; either may be left out of each.
-
-    Raises InputError naming the option otherwise.
-    """
-    if text is None:
-        return [(0.0, float("inf"))]
-    out: list[tuple[float, float]] = []
-    for part in text.split(","):
-        first, colon, last = part.partition(":")
-        try:
-            start, stop = float(first or 0.0), float(last or "inf")
-        except ValueError:
-            start, stop = 0.0, -1.0
-        if not (colon and 0.0 <= start < stop and (not out or start >= out[-1][1])):
-            remedy = "write START:STOP in seconds from a run's start, like 0:14 or 14.2:"
-            raise InputError(f"{option} {text!r}", f"{remedy} (several in order, separated by commas)")
-        out.append((start, stop))
-    return out

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import InputError, errors, formatting, plugins
+from sdp_vs_penalty.data import parsing
 from sdp_vs_penalty.files import Plain
 
 finite = st.floats(-1e6, 1e6)
@@ -21,11 +22,10 @@ finite = st.floats(-1e6, 1e6)
 @given(st.lists(finite, min_size=1, max_size=4))
 def test_numbers_are_read_as_they_are_written(values):
     text = ",".join(map(repr, values))
-    assert formatting.numbers("--x", text) == values
-    assert formatting.numbers("--x", text, len(values)) == values
+    assert parsing.numbers("--x", text) == parsing.numbers("--x", text, len(values)) == values
     for wrong, count in ((text, len(values) + 1), (f"{text},", None), ("", None), ("a", None)):
         with pytest.raises(InputError, match=f"--x .*{count or ''}.*numbers separated by commas"):
-            formatting.numbers("--x", wrong, count)
+            parsing.numbers("--x", wrong, count)
 
 
 @pytest.mark.parametrize(
@@ -39,17 +39,17 @@ def test_numbers_are_read_as_they_are_written(values):
 def test_windows_of_time_are_in_order(text, windows):
     if windows is None:
         with pytest.raises(InputError, match="START:STOP"):
-            formatting.time_windows(text)
+            parsing.time_windows(text)
     else:
-        assert formatting.time_windows(text) == windows
+        assert parsing.time_windows(text) == windows
 
 
 def test_pairs_are_ours_and_theirs():
-    assert formatting.pairs("--rename", None) is None
-    assert formatting.pairs("--rename", " t = time,q=q m") == {"t": "time", "q": "q m"}
+    assert parsing.pairs("--rename", None) is None
+    assert parsing.pairs("--rename", " t = time,q=q m") == {"t": "time", "q": "q m"}
     for wrong in ("t", "t=", "=x", "t=x,"):
         with pytest.raises(InputError, match="OURS=THEIRS"):
-            formatting.pairs("--rename", wrong)
+            parsing.pairs("--rename", wrong)
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from pathlib import Path
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.files import load_measurements, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
+from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.formatting import numbers, pairs, time_windows
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, load_answers

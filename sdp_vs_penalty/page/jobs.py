@@ -18,6 +18,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
+from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
@@ -35,7 +36,6 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters.export import export
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes, write_text, writing
-from sdp_vs_penalty.formatting import numbers, pairs, time_windows
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem

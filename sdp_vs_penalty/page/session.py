@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.files import for_testing
+from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.formatting import numbers
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
 

@@ -20,9 +20,9 @@ from sdp_vs_penalty.data.files import read_run, save
 from sdp_vs_penalty.data.formats.csv import read_headerless
 from sdp_vs_penalty.data.formats.recognition import scaled
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.parsing import numbers, pairs
 from sdp_vs_penalty.errors import InputError, given
 from sdp_vs_penalty.files import problems_folder, read_table, read_toml
-from sdp_vs_penalty.formatting import numbers, pairs
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box

@@ -66,8 +66,8 @@ def verb(
 
 def _effects(effect: str | None, findings: Path | None, confident: bool, only: str | None) -> Any:
     """What to add: the text, or the Diagnosis of a findings.json, all or some of it."""
+    from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.diagnosis.findings import load_diagnosis
-    from sdp_vs_penalty.formatting import numbers
 
     if (effect is None) == (findings is None):
         raise InputError("Nothing to add", "name either EFFECT or --from findings.json")

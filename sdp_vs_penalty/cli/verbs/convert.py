@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.formatting import pairs
+from sdp_vs_penalty.data.parsing import pairs
 
 
 def verb(

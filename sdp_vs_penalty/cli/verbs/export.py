@@ -15,10 +15,10 @@ def verb(
     --force: Links whose mass lies outside of their bodies, too.
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
     from sdp_vs_penalty.exporters.export import export
-    from sdp_vs_penalty.formatting import numbers
 
     estimate = load_estimate(model)
     said = estimate.verdict
