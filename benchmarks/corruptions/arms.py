@@ -108,7 +108,7 @@ def arm(name: str, data: Path) -> Arm:
 
 def _parted(problem: Problem, run: Measurements, middle: float) -> Arm:
     """One run, which is spoiled up to the middle [s]."""
-    train, test = (run.window(*span).runs()[0] for span in ((0.0, middle), (middle, np.inf)))
+    train, test = (run.window(*span) for span in ((0.0, middle), (middle, np.inf)))
     return Arm(problem, train, test, (run,))
 
 
@@ -129,7 +129,7 @@ def real(name: str, data: Path) -> Arm:
     if name == "ur10e":
         names = ("02_12-50sec_12harm", "02_19_14harm50sec", "02_19_15harm50sec", "02_19_14harm50secLoad")
         train, test, *others = (runs[f"ur-20_{x}"] for x in (*names, "01_17-ptp_10_points"))
-        return Arm(problem, train, test.window(0.0, 20.0).runs()[0], (test, *others))
+        return Arm(problem, train, test.window(0.0, 20.0), (test, *others))
     train, test = runs.values()
     return Arm(problem, train, test, (test,))
 

@@ -130,7 +130,7 @@ def clean(arm: Arm) -> list[Case]:
     for run in (arm.train, *arm.others):
         span = run.t[-1] - run.t[0]
         for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
-            part, harm = run.window(a, b).runs()[0], np.nan
+            part, harm = run.window(a, b), np.nan
             (report,) = check(arm.problem, part)
             outcome = "false warning" if report.problems else "silent"
             outcome = "false error" if report.meaningless else outcome

@@ -75,7 +75,7 @@ def as_measurements(
         if (other := first.setdefault(run.data_hash, k)) != k:
             same = f"holds the same samples as {called[other]}"
             raise InputError(same, "name each run once", called[k])
-    return runs[0] if len(runs) == 1 else concatenate(runs)
+    return concatenate(runs)
 
 
 def _one(
@@ -154,7 +154,7 @@ def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Mea
             raise InputError(what, "choose a window inside it", run.names[0])
         name = f"{run.names[0]}, {start:.4g} s to {end}"
         made.append(part if len(windows) == 1 else replace(part, names=(name,)))
-    return made[0] if len(made) == 1 else concatenate(made)
+    return concatenate(made)
 
 
 def read_run(

@@ -198,7 +198,9 @@ def gathered(pieces: Iterable[Measurements]) -> Measurements:
 
 
 def concatenate(several: Sequence[Measurements]) -> Measurements:
-    """Several measurements of one robot as one, their runs kept apart."""
+    """Several measurements of one robot as one, their runs kept apart; one alone as it is."""
+    if len(several) == 1:
+        return several[0]
     runs = [run for part in several for run in part.runs()]
     if len({run.n for run in runs}) > 1:
         each = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)

@@ -78,7 +78,7 @@ class Plant:
         self.theta = np.atleast_2d(np.asarray(theta, float))
         if not len(model.rigid_indices):
             raise InputError("the model has no rigid_body effect", "without inertia nothing can move")
-        own = list(zip(model.effects, model.indices, strict=True))
+        own = model.parts
         self.effects = [(e, k) for e, k in own if e.name != "rigid_body" and e.forward == "torque"]
         self.channels = [(e, k) for e, k in own if e.forward == "channel"]
         links = self.theta[:, model.rigid_indices]
@@ -269,8 +269,7 @@ class ServoLoop:
     """A model with servo effects and its parameters theta (p,): the plant, and what drives it."""
 
     def __init__(self, model: Model, theta: Array) -> None:
-        own = zip(model.effects, model.indices, strict=True)
-        self.drives = [(e, theta[k]) for e, k in own if e.forward == "drive"]
+        self.drives = [(e, theta[k]) for e, k in model.parts if e.forward == "drive"]
         self.plant = Plant(model, theta)
 
     def drive(self, motion: Motion) -> Array:

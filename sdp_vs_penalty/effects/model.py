@@ -88,8 +88,8 @@ class Model:
     @cached_property
     def reference_free_indices(self) -> NDArray[np.intp]:
         """Where the parameters of :attr:`reference_free` sit in theta."""
-        own = zip(self.effects, self.indices, strict=True)
-        return np.concatenate([np.arange(0), *(k for effect, k in own if not depends(effect))])
+        free = (k for effect, k in self.parts if not depends(effect))
+        return np.concatenate([np.arange(0), *free])
 
     @cached_property
     def indices(self) -> tuple[NDArray[np.intp], ...]:
@@ -97,11 +97,15 @@ class Model:
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
         return tuple(np.split(np.arange(ends[-1]), ends[:-1]))
 
+    @property
+    def parts(self) -> list[tuple[Effect, NDArray[np.intp]]]:
+        """Each effect, and where its parameters sit in theta."""
+        return list(zip(self.effects, self.indices, strict=True))
+
     @cached_property
     def rigid_indices(self) -> NDArray[np.intp]:
         """(10 n,) where the links' standard parameters sit in theta; empty without a rigid body."""
-        own = zip(self.effects, self.indices, strict=True)
-        return next((k for effect, k in own if effect.name == "rigid_body"), np.arange(0))
+        return next((k for effect, k in self.parts if effect.name == "rigid_body"), np.arange(0))
 
     @cached_property
     def drives(self) -> NDArray[np.bool_]:
@@ -112,7 +116,7 @@ class Model:
     @cached_property
     def error_gains(self) -> tuple[int, ...]:
         """(n) where the gain of each joint's position error sits in theta; -1 without a servo."""
-        own = [(e, k) for e, k in zip(self.effects, self.indices, strict=True) if e.position_gains]
+        own = [(e, k) for e, k in self.parts if e.position_gains]
         at = {j: int(i) for e, k in own for j, i in zip(e.joints, k[e.position_gains], strict=True)}
         return tuple(at.get(j, -1) for j in range(self.robot.n))
 
@@ -219,8 +223,7 @@ class Model:
             return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
-        own = zip(self.effects, self.indices, strict=True)
-        total = sum((e.torque(theta[k], motion) for e, k in own), np.zeros_like(motion.q))
+        total = sum((e.torque(theta[k], motion) for e, k in self.parts), np.zeros_like(motion.q))
         return total * np.array(self.gains or (1.0,))
 
 

@@ -37,7 +37,7 @@ def with_simulated_motion(measurements: Measurements, model: Model, theta: Array
         for part, inside in _parts(run):
             q[inside], path[inside] = _simulated(part, loop)
         runs.append(replace(run, commanded={**run.commanded, "qsim": q, "isim": path}))
-    return runs[0] if len(runs) == 1 else concatenate(runs)
+    return concatenate(runs)
 
 
 def _parts(run: Measurements) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
@@ -67,8 +67,7 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
         q[start[on] + k], sums[start[on] + k] = state.q[on], state.sum[on]
         state = loop.step(state, command, h)
     clock = part.t[0] + h * np.arange(len(q))
-    found, its_sum = (np.column_stack([np.interp(part.t, clock, x) for x in y.T]) for y in (q, sums))
-    return found, its_sum
+    return interpolated(part.t, clock, q), interpolated(part.t, clock, sums)
 
 
 def sampled_command(part: Stretch) -> Command:
@@ -106,7 +105,7 @@ def with_drive_torque(model: Model, theta: Array, measurements: Measurements) ->
             states, told = (part.q, rate, np.gradient(rate, part.t, axis=0)), sampled_command(part)
             tau[inside] += loop.drive(Motion(part.t, *states, command=told, sum=part.integrals[1]))
         runs.append(replace(run, tau=tau, torque_logged=True))
-    return runs[0] if len(runs) == 1 else concatenate(runs)
+    return concatenate(runs)
 
 
 def plant(estimate: Estimate) -> Estimate:

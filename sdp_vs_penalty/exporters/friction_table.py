@@ -48,8 +48,7 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
     """One a joint, over 61 velocities that lie closest where dry friction turns round; none without an
     effect that follows the velocity alone."""
     model, robot = estimate.model, estimate.robot
-    own = zip(model.effects, model.indices, strict=True)
-    held = [(e, indices) for e, indices in own if follows_alone(e, "dq")]
+    held = [(e, indices) for e, indices in model.parts if follows_alone(e, "dq")]
     factor, curves = estimate.uncertainty.factor, []
     for j, most in enumerate(joint_limits(robot)[2] if held else ()):
         up = np.geomspace(min(model.sign_width[j], most) / 4.0, most, 30)

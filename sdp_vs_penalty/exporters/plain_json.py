@@ -23,7 +23,7 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
             own["inertia_about_centre_of_mass_kg_m2"] = moments if row[0] else None
             links.append(own)
     effects = []
-    for effect, indices in zip(model.effects, model.indices, strict=True):
+    for effect, indices in model.parts:
         about = {name: getattr(effect, name) for name in ("equation", "explanation", "reference")}
         about["parameters"] = [
             {"name": p.name, "joint": p.joint, "value": float(value), "unit": p.unit}

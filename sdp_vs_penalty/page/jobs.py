@@ -189,7 +189,7 @@ def keep(
     fast.
     """
     asked.progress(f"checking {name}")
-    part = replace(concatenate([part]), names=(name,))
+    part = replace(part, names=(name,))
     (found,) = check(problem, part, thorough=False)
     file = _file(part)
     view = f"view-{file}"

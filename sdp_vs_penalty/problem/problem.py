@@ -218,7 +218,7 @@ class Problem(Shown):
             signs, ends = _interval(*self.total_mass)
             rows = np.tile(signs, (len(masses), 1))
             convex.append(build.linear("total mass", "robot", masses, rows, ends))
-        for effect, indices in zip(model.effects, model.indices, strict=True):
+        for effect, indices in model.parts:
             convex += effect.constraints(indices, model.parameters)
         return ConstraintSet(tuple(convex), tuple(nonconvex))
 

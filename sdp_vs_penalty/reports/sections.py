@@ -351,13 +351,13 @@ def _picture(robot: Robot, links: Array, poses: Array) -> plots.Figure:
     return plot.update_layout(scene={"aspectmode": "data", "camera": camera, **axes})
 
 
-def ellipsoid(link: Array, fineness: int = 14) -> Array | None:
+def ellipsoid(link: Array) -> Array | None:
     """(3, k) points on the uniform solid ellipsoid with these standard parameters, in the link frame;
     None for a link without mass or thickness."""
     if (body := half_axes(link)) is None:
         return None
     half, axes, com = body
-    u, v = np.meshgrid(np.linspace(0.0, np.pi, fineness), np.linspace(0.0, 2.0 * np.pi, 2 * fineness))
+    u, v = np.meshgrid(np.linspace(0.0, np.pi, 14), np.linspace(0.0, 2.0 * np.pi, 28))
     ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(3, -1)
     return np.asarray(axes @ (half[:, None] * ball) + com[:, None], float)
 

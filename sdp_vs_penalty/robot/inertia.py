@@ -117,12 +117,6 @@ def consistency_margin(theta: ArrayLike) -> Array:
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0], float)
 
 
-def triangle_margin(theta: ArrayLike) -> Array:
-    """Smallest of D1 + D2 - D3 over the principal moments about the centre of mass [kg m^2]."""
-    moments = np.linalg.eigvalsh(inertia_matrix(barycentric_from_standard(theta)[..., 4:]))
-    return moments[..., 0] + moments[..., 1] - moments[..., 2]
-
-
 def thickness(theta: ArrayLike) -> Array:
     """Smallest radius r [m] with Sigma_c >= m r^2 1: zero for a rod, negative if inconsistent.
 

@@ -147,8 +147,9 @@ def shortest_moves(points: Array, velocity: Array, acceleration: Array, jerk: Ar
     return np.maximum(np.max(each, axis=(0, 2)), 1e-2)
 
 
-def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory, rate: float = 50.0) -> str:
+def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
     """A ROS trajectory_msgs/JointTrajectory as text: JSON, which YAML readers read as well."""
+    rate = 50.0  # Hz
     t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
     fields, points = ("positions", "velocities", "accelerations"), []
     for s, rows in zip(t.tolist(), np.stack(trajectory.states(t), axis=1), strict=True):

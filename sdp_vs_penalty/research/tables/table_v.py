@@ -19,6 +19,7 @@ from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes, no
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.signals.runs import interpolated
 from sdp_vs_penalty.simulation.engines import engine_types
 from sdp_vs_penalty.simulation.engines.engine import Engine
 
@@ -119,7 +120,7 @@ def measured_runs(study: Study) -> Played:
     t = rows.motion.t - rows.motion.t[0]
 
     def less_measured(run: EngineRun) -> EngineRun:
-        at = np.column_stack([np.interp(run.t, t, column) for column in reference.T])
+        at = interpolated(run.t, t, reference)
         # From rest to the run's velocity, within the first 0.1 s, is no motion of the robot's.
         return replace(run, error=(run.torque - at)[run.t > 0.1])
 
