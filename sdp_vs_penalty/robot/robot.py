@@ -307,7 +307,7 @@ class Robot(Plain):
             for k, row in enumerate(zip(*states, strict=True)):
                 derive(model, data, *row)
                 out[:, k] += sign * np.array([data.dtau_dq, data.dtau_dv, data.M])
-        by_q, by_dq, by_ddq = (self._projected(x, True) for x in (*out[:2], _symmetric(out[2])))
+        by_q, by_dq, by_ddq = (self._projected(x, True) for x in out)
         return by_q, by_dq, by_ddq
 
     def placement_derivatives(
@@ -373,7 +373,7 @@ class Robot(Plain):
                 for k in range(len(q)):
                     mass[k] += sign * pin.crba(model, data, q[k])
                     bias[k] += sign * pin.nonLinearEffects(model, data, q[k], dq[k])
-            return self._projected(_symmetric(mass), True), self._projected(bias)
+            return self._projected(mass, True), self._projected(bias)
 
         return terms
 
@@ -389,11 +389,6 @@ class Robot(Plain):
         heavy = np.zeros_like(links)
         heavy[:, 0] = 1.0 + 2.0 * np.abs(links[:, 0]).sum()
         return [(1.0, self._with_inertias(links + heavy)), (-1.0, self._with_inertias(heavy))]
-
-
-def _symmetric(M: Array) -> Array:
-    """(N, L, L) of the upper triangle, which is all that Pinocchio fills."""
-    return np.where(np.tri(M.shape[1], k=-1, dtype=bool), np.swapaxes(M, 1, 2), M)
 
 
 def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.bristles import PreslidingHysteresis, dahl
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.motion import Legs, Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.coloured_noise import ORDER
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
@@ -74,10 +74,10 @@ def resolution(q: Array) -> Array:
 
 def friction_laws(motion: Motion, joint: int) -> Array:
     """(N, k) a joint's friction of unit size: Dahl's for each travel, Coulomb's, viscous, a constant."""
-    q, dq = motion.q[:, joint], motion.dq[:, joint]
+    path, dq = Legs.of(motion.q[:, joint]), motion.dq[:, joint]
     travels = PreslidingHysteresis.shapes["d"].grid
-    memory = [dahl(q, travel, float(np.sign(dq[0]))) for travel in travels]
-    return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(q))])
+    memory = [dahl(path, travel, float(np.sign(dq[0]))) for travel in travels]
+    return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(dq))])
 
 
 def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:

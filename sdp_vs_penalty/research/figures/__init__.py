@@ -24,7 +24,6 @@ def make_figures(
     numbers: Sequence[int] = (),
     out: str | Path = "results",
     budget: str = "quick",
-    seed: int = 0,
     progress: Progress = no_progress,
 ) -> list[Path]:
     """Draw figures (all, or those asked for) and write each as figure_N.png and figure_N.pdf.
@@ -48,7 +47,7 @@ def make_figures(
     for number in numbers or FIGURES:
         problem, draw = FIGURES[number]
         if problem not in studies:
-            studies[problem] = Study(load_problem(problem), budget, seed, progress)
+            studies[problem] = Study(load_problem(problem), budget, progress)
         progress(f"figure {number}")
         paths += save(draw(studies[problem]), Path(out) / f"figure_{number}")
     return paths

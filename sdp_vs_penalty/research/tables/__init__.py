@@ -48,7 +48,6 @@ def make_tables(
     budget: str = "quick",
     out: str | Path = "results",
     progress: Progress = no_progress,
-    seed: int = 0,
     workers: Workers = ALONE,
 ) -> list[tuple[Table, list[Path]]]:
     """Build tables and write each as CSV, Markdown and LaTeX; each with its paths, CSV first.
@@ -68,7 +67,7 @@ def make_tables(
         groups.setdefault(own if problem is None else "", []).append(maker.name)
     made = []
     for name, group in groups.items():
-        study = Study(as_problem(problem or name), budget, seed, progress, workers)
+        study = Study(as_problem(problem or name), budget, progress, workers)
         made += [(t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)]
     return made
 

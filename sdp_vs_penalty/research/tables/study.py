@@ -137,17 +137,18 @@ class Study:
     that does not exist.
     """
 
+    seed = 0  # of everything random
+
     def __init__(
         self,
         problem: Problem,
         budget: str = "quick",
-        seed: int = 0,
         progress: Progress = no_progress,
         workers: Workers = ALONE,
     ) -> None:
         if budget not in BUDGETS:
             raise unknown("budget", budget, BUDGETS)
-        self.problem, self.budget, self.seed, self.progress = problem, budget, seed, progress
+        self.problem, self.budget, self.progress = problem, budget, progress
         self.workers, self.effort = workers, BUDGETS[budget]
         self._made: dict[object, Any] = {}
 

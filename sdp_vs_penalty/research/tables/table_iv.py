@@ -107,7 +107,7 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     assert settings.torque_cutoff is not None
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
     behind = replace(study.problem, preprocessing=wide)
-    other = Study(behind, study.budget, study.seed, study.progress, study.workers)
+    other = Study(behind, study.budget, study.progress, study.workers)
     own, estimates = {row["estimate"]: row["relative_error_percent"] for row in rows}, _estimates(other)
     wider = {name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN}
     errors = [f"{name} {own[f'{name}_measured']:.3g} and {wider[name]:.3g} %" for name in _SHOWN]
