@@ -97,10 +97,7 @@ _Joint = tuple[Array, list[tuple[Array, Array]]]
 
 
 def find_law(
-    load: Sequence[Effect],
-    runs: FilteredRuns,
-    names: Sequence[str] = tuple(LAWS),
-    delay: float | None = None,
+    load: Sequence[Effect], runs: FilteredRuns, names: Sequence[str], delay: float | None
 ) -> tuple[str, float, dict[str, float]]:
     """A servo's law, its delay [s], and the held-out error of each law over that of the best.
 
