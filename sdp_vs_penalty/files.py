@@ -360,6 +360,13 @@ class Plain:
         return cls(**{name: _restored(kinds[name], data[name]) for name in there})
 
 
+class Sparse(Plain):
+    """The same, without fields that hold nothing: infinite limits, what a robot lacks."""
+
+    def to_dict(self) -> dict[str, Any]:
+        return {k: x for k, x in super().to_dict().items() if x is not None}
+
+
 #: The types of a class's fields, which cost more to look up than a field to read.
 _kinds = cache(get_type_hints)
 

@@ -8,18 +8,17 @@ through the gears of other joints: a coupled wrist, a differential, a parallelog
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import Plain, Sparse
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 
 @dataclass(frozen=True)
-class Joint(Plain):
+class Joint(Sparse):
     """One moving joint and the link that it carries.
 
     placement : (4, 4) pose of the joint frame in the parent's joint frame (the base: -1) at q = 0.
@@ -54,10 +53,6 @@ class Joint(Plain):
         if not self.lower <= self.upper:
             what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
             raise InputError(f"{who}: {what}", "swap them")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; infinite limits are left out."""
-        return {k: x for k, x in super().to_dict().items() if x is not None}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import Sparse
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 from sdp_vs_penalty.robot.joint import Joint, Mechanism, Transmission
@@ -24,7 +24,7 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True)
-class Robot(Plain):
+class Robot(Sparse):
     """Joints (n), depth first, and the gravity vector [m/s^2] in the base frame.
 
     Depth first: what a joint carries follows it without a gap. Pinocchio's composite rigid body
@@ -181,10 +181,6 @@ class Robot(Plain):
             if reach[i] == 0.0 and joint.parent >= 0:
                 reach[i] = reach[joint.parent]
         return np.maximum(reach, 0.1)[list(self.link_joints)]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; :meth:`from_dict` restores the same robot to the last bit."""
-        return {k: x for k, x in super().to_dict().items() if x is not None}
 
     @classmethod
     def from_dh(
