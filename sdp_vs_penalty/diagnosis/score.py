@@ -21,6 +21,7 @@ what ALPHA rows of a joint tell, however many there are.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -81,7 +82,8 @@ class Design:
     """White columns A (n, M, p) of the model and of terms, of unit length; y (n, M) the torque; gram
     (n, p, p), pull (n, p) : A'A, A'y; model : by key the column of each of its own effects whose
     constant may be another one, under None those of all others; at : each term's columns, by text.
-    extra (n,) : rows of a joint behind its own, each saying that a misfit's coefficient is zero.
+    named : the effect of a term's column; extra (n,) : rows of a joint behind its own, each saying that
+    a misfit's coefficient is zero.
     """
 
     A: Array
@@ -90,6 +92,7 @@ class Design:
     pull: Array
     model: Mapping[Key | None, list[int]]
     at: dict[str, list[int]]
+    named: dict[int, str]
     extra: NDArray[np.intp]
     fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
@@ -135,6 +138,11 @@ class Fit:
         """(n, M, r) an orthonormal one of the columns."""
         return np.asarray(self.design.A @ self.W / self.level[:, None, None])
 
+    @cached_property
+    def effects(self) -> frozenset[str]:
+        """The names of its terms' effects."""
+        return frozenset(self.design.named[i] for i in self.kept if i in self.design.named)
+
     def deviance(self, rss: Array) -> Array:
         """(...,) -2 log L of the joints' squared errors (..., n)."""
         v = np.maximum(rss / self.degrees, self.floor)
@@ -164,6 +172,7 @@ class Score:
     def __init__(self, data: WhiteData, looked: int, laws: Mapping[Key, int] | None = None) -> None:
         self.data, self.looked, self.laws = data, max(looked, 1), laws or {}
         self.floor = 1.0 if data.known else 1e-12
+        self.alike = Counter(name for name, _ in self.laws)
 
     @cached_property
     def _basis(self) -> tuple[Array, Array, dict[Key | None, list[int]]]:
@@ -226,7 +235,9 @@ class Score:
         G[:, :, r:], G[:, r:, :r] = cross, cross[:, :r].transpose(0, 2, 1)
         y = np.zeros(A.shape[:2])
         y[:, :M] = self.data.y
-        return Design(A, y, G, (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0], model, at, extra)
+        pull = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
+        named = {i: t.key[0] for t in terms if isinstance(t, Term) for i in at[t.text]}
+        return Design(A, y, G, pull, model, at, named, extra)
 
     def _fitted(self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20) -> Fit:
         """rounds : of coefficients and levels in turn, at most; each raises the likelihood, and six were
@@ -279,7 +290,7 @@ class Score:
             left = left - torque * float(np.sum(torque * left)) / energy
         v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
-        looked = self.looked * self.laws.get(form.key, 1)
+        looked = self.choices(fit, form) * self.laws.get(form.key, 1)
         price = float((size + form.constants) * np.log(N) + 2.0 * np.log(looked))
         squares = np.sum((torque * fit.level[:, None]) ** 2, axis=1)
         return replace(none, drop=float(drop), worth=v, price=price, beta=beta, squares=squares)
@@ -292,6 +303,12 @@ class Score:
         T = fit.beside(scaled)
         T = T * (np.sum(T**2, axis=(0, 1)) > ABSORBED * energy)
         return T, self.prior(fit, form.plausible, list(columns), energy)
+
+    def choices(self, fit: Fit, form: Form) -> float:
+        """Among how many candidates one is chosen: joints of an arm are built alike, so that beside a fit
+        it is as likely one of an effect that acts on another joint already as any."""
+        alike = self.alike[form.key[0]] if form.key[0] in fit.effects else self.looked
+        return alike * (2.0 if fit.effects else 1.0)
 
     def worth_of_one(self, T: Array, left: Array, inverse: Array, freedom: float) -> float:
         """How many rows are worth one: by how much the sandwich's middle, of the clusters that make most
