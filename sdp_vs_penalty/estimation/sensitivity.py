@@ -17,7 +17,7 @@ from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model, turning
 from sdp_vs_penalty.estimation.constants import DIFFERENCE
 from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
-from sdp_vs_penalty.regression.partial import least_squares, partialled, smallest
+from sdp_vs_penalty.regression.partial import deviations, least_squares, partialled, smallest
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -206,13 +206,12 @@ def settled(
             return Settled(at(unit), {}, float(np.sum(left(unit)[0] ** 2)))
         low, high = np.transpose([_room(begin[k], key[2]) for k, key in free])
         best, rest, slopes = least_squares(left, 0.0 * unit, (low, high), xtol=1e-6, ftol=1e-9, steps=15)
-        spread = np.diagonal(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12))
-        std = np.sqrt(variances[best.tobytes()] * spread)
+        std = np.sqrt(variances[best.tobytes()]) * deviations(slopes)
         # With as many digits of its constants as a written effect has.
         digits = [{key: float(f"{x:.6g}") for key, x in e.shape.items()} for e in at(best).effects]
         found = tuple(e.with_shape(**own) for e, own in zip(begin, digits, strict=True))
-        deviations = dict(zip((key for _, key in free), std.tolist(), strict=True))
-        return Settled(replace(model, effects=found), deviations, float(rest @ rest))
+        known = dict(zip((key for _, key in free), std.tolist(), strict=True))
+        return Settled(replace(model, effects=found), known, float(rest @ rest))
 
     found = []
     for values in product(*(model.effects[k].shapes[key[2]].grid for k, key in gridded)):

@@ -38,21 +38,32 @@ def texts(width: float, vs: float, delta: float) -> str:
     return f"{RIGID},coulomb_friction:2@v_s={width},stribeck_friction:2@vs={vs}@delta={delta}"
 
 
-@pytest.mark.parametrize("truth", [(0.025, 0.07, 1.0), (0.025, 0.1, 2.0), (0.004, 0.05, 2.0)])
-@pytest.mark.parametrize("start", [(0.01, 0.13, 2.0), (0.02, 0.09, 1.0)])
-def test_exact_data_give_exact_constants(two_link, truth, start):
+def settled_from(two_link, start, truth, stribeck=0.5):
+    """From exact data of a friction with a Stribeck part of such a size."""
     model = two_link.model(texts(*truth))
     theta = two_link.nominal(model)
     theta[len(model.rigid_indices) :] = 0.5
+    theta[model.indices[-1]] = stribeck
     motion = sines(np.random.default_rng(5), 2, np.arange(0.0, 10.0, 4e-3), 0.1, 5)
     data = Measurements(motion.t, motion.q, model.torque(theta, motion))
     begin = two_link.model(texts(*start))
     settings = two_link.preprocessing.resolve(data)
-    found = settled(begin, WANTED, lambda m: compress(FilteredRuns.of(data, settings), m))
+    return settled(begin, WANTED, lambda m: compress(FilteredRuns.of(data, settings), m))
+
+
+@pytest.mark.parametrize("truth", [(0.025, 0.07, 1.0), (0.025, 0.1, 2.0), (0.004, 0.05, 2.0)])
+@pytest.mark.parametrize("start", [(0.01, 0.13, 2.0), (0.02, 0.09, 1.0)])
+def test_exact_data_give_exact_constants(two_link, truth, start):
+    found = settled_from(two_link, start, truth)
     shapes = [effect.shape for effect in found.model.effects[-2:]]
     assert (shapes[0]["v_s"], shapes[1]["vs"]) == pytest.approx(truth[:2], rel=1e-4)
     assert shapes[1]["delta"] == truth[2]
     assert set(found.std) == set(WANTED[:2])
+
+
+def test_a_constant_of_an_effect_that_is_not_there_is_not_known(two_link):
+    found = settled_from(two_link, (0.025, 0.07, 1.0), (0.025, 0.07, 1.0), stribeck=0.0)
+    assert found.std[WANTED[1]] > 0.1 > 1e-3 > found.std[WANTED[0]]
 
 
 @pytest.mark.parametrize("name", sorted(n for n, e in effect_types().items() if not e.needs_command))
