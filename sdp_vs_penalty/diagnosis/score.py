@@ -9,7 +9,9 @@ with the drop dD of the deviance D = sum_j N_j log V_j + RSS_j / V_j, V_j = max(
 k coefficients (as many as the rows determine beside what is known of their size, of those that are not
 held at zero by their sign: Meyer, Woodroofe, Ann. Statist. 2000), s continuous shape constants, P
 candidates that are looked at, times the laws among which this one chooses: the extended BIC (Chen, Chen,
-Biometrika 2008). Evidence is worth v times less than independent rows would make it:
+Biometrika 2008). Beside findings P is twice as many, or twice as many as there are of an effect that was
+found on another joint: half of the odds are that joints are built alike. Evidence is worth v times less
+than independent rows would make it:
 
     v = max over clusterings of tr(A^-1 S) / k, at least 1, + N / ALPHA
 
@@ -305,10 +307,12 @@ class Score:
         return T, self.prior(fit, form.plausible, list(columns), energy)
 
     def choices(self, fit: Fit, form: Form) -> float:
-        """Among how many candidates one is chosen: joints of an arm are built alike, so that beside a fit
-        it is as likely one of an effect that acts on another joint already as any."""
-        alike = self.alike[form.key[0]] if form.key[0] in fit.effects else self.looked
-        return alike * (2.0 if fit.effects else 1.0)
+        """Among how many candidates one is chosen; joints of an arm are built alike, so that beside findings
+        it is as likely of an effect that acts on another joint already as of any."""
+        if not fit.effects:
+            return self.looked
+        known = form.key[0] in fit.effects
+        return 2.0 * (self.alike.get(form.key[0], self.looked) if known else self.looked)
 
     def worth_of_one(self, T: Array, left: Array, inverse: Array, freedom: float) -> float:
         """How many rows are worth one: by how much the sandwich's middle, of the clusters that make most
