@@ -307,8 +307,8 @@ class Score:
         return T, self.prior(fit, form.plausible, list(columns), energy)
 
     def choices(self, fit: Fit, form: Form) -> float:
-        """Among how many candidates one is chosen; joints of an arm are built alike, so that beside findings
-        it is as likely of an effect that acts on another joint already as of any."""
+        """Among how many candidates one is chosen: beside findings half of the odds are for effects that
+        act on another joint already, as joints of an arm are built alike."""
         if not fit.effects:
             return self.looked
         known = form.key[0] in fit.effects
