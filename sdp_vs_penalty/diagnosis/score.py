@@ -84,7 +84,7 @@ class Design:
     """White columns A (n, M, p) of the model and of terms, of unit length; y (n, M) the torque; gram
     (n, p, p), pull (n, p) : A'A, A'y; model : by key the column of each of its own effects whose
     constant may be another one, under None those of all others; at : each term's columns, by text.
-    named : the effect of a term's column; extra (n,) : rows of a joint behind its own, each saying that
+    keys : of a term's column; extra (n,) : rows of a joint behind its own, each saying that
     a misfit's coefficient is zero.
     """
 
@@ -94,7 +94,7 @@ class Design:
     pull: Array
     model: Mapping[Key | None, list[int]]
     at: dict[str, list[int]]
-    named: dict[int, str]
+    keys: dict[int, Key]
     extra: NDArray[np.intp]
     fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
@@ -141,9 +141,9 @@ class Fit:
         return np.asarray(self.design.A @ self.W / self.level[:, None, None])
 
     @cached_property
-    def effects(self) -> frozenset[str]:
-        """The names of its terms' effects."""
-        return frozenset(self.design.named[i] for i in self.kept if i in self.design.named)
+    def keys(self) -> frozenset[Key]:
+        """Those of its terms."""
+        return frozenset(self.design.keys[i] for i in self.kept if i in self.design.keys)
 
     def deviance(self, rss: Array) -> Array:
         """(...,) -2 log L of the joints' squared errors (..., n)."""
@@ -238,8 +238,8 @@ class Score:
         y = np.zeros(A.shape[:2])
         y[:, :M] = self.data.y
         pull = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
-        named = {i: t.key[0] for t in terms if isinstance(t, Term) for i in at[t.text]}
-        return Design(A, y, G, pull, model, at, named, extra)
+        keys = {i: t.key for t in terms if isinstance(t, Term) for i in at[t.text]}
+        return Design(A, y, G, pull, model, at, keys, extra)
 
     def _fitted(self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20) -> Fit:
         """rounds : of coefficients and levels in turn, at most; each raises the likelihood, and six were
@@ -309,10 +309,11 @@ class Score:
     def choices(self, fit: Fit, form: Form) -> float:
         """Among how many candidates one is chosen: beside findings half of the odds are for effects that
         act on another joint already, as joints of an arm are built alike."""
-        if not fit.effects:
+        if not fit.keys:
             return self.looked
-        known = form.key[0] in fit.effects
-        return 2.0 * (self.alike.get(form.key[0], self.looked) if known else self.looked)
+        name, joint = form.key
+        known = any(other == name and j != joint for other, j in fit.keys)
+        return 2.0 * (self.alike.get(name, self.looked) if known else self.looked)
 
     def worth_of_one(self, T: Array, left: Array, inverse: Array, freedom: float) -> float:
         """How many rows are worth one: by how much the sandwich's middle, of the clusters that make most
