@@ -65,11 +65,6 @@ class Finding(Plain):
     constants: str = ""
 
     @property
-    def plausible(self) -> bool:
-        """Whether machines have it of this size."""
-        return REASONS["implausible"] not in self.remarks
-
-    @property
     def undecided(self) -> str | None:
         """What a run should decide, as `excite --separate` takes it: between the finding and what fits
         as well, or whether a weak one is there at all. None for a confident one without rival, beside a
@@ -237,12 +232,15 @@ class Diagnosis(Shown, Plain):
         """What to do next, in one sentence."""
         if self.unknown:
             return "Look first at what the error that is left depends on: `compare` says it."
+        found = (*self.retuned, *self.effects)
+        sure = any(f.confidence == "confident" for f in found)
         if self.noise_source != REPETITION:
             record = "record a run with more than one period: only repetition tells noise from error."
-            confident = [f for f in self.effects if f.confidence == "confident"]
-            return f"Add the confident findings; {record}" if confident else record.capitalize()
-        if self.effects or self.retuned:
-            return "Add the findings, and diagnose the model that results."
+            return f"Add the confident findings; {record}" if sure else record.capitalize()
+        if sure:
+            return "Add the confident findings, and diagnose the model that results."
+        if found:
+            return "Record a run that tells the findings from what fits as well: none is sure."
         return "Use the model, or record motion that excites more."
 
     def _summary(self) -> Summary:

@@ -205,6 +205,7 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(twelve_found, run, monke
     assert [int(k) for k in re.findall(r"^\+ (\d+)\.", every, re.MULTILINE)] == [*range(1, 13)]
     assert "further weak candidates" in few
     assert "further weak candidates" not in every
+    assert f"add model.json {first.text} --data run.csv" in few  # what is sure, and no more
     assert len(re.findall(r"^\+ \d+\. weak", few, re.MULTILINE)) == 2
     assert "payload:1+2" in " ".join(few.split())
     assert "not known" in few

@@ -166,6 +166,8 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     assert first.undecided is None
     weak = replace(first, confidence="weak")
     assert weak.undecided == first.text
+    for effects, said in (((first, weak), "confident findings"), ((weak,), "none is sure"), ((), "Use")):
+        assert said in replace(found, effects=effects, retuned=(), verdict="effect_missing").advice
     printing.undecided(replace(found, effects=(weak,)), Path("m.json"))
     said = " ".join(capsys.readouterr().out.split())
     assert said.startswith("Finding 1, the run that would tell: sdp-vs-penalty excite m.json")

@@ -42,14 +42,10 @@ def verb(
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     asked = {"--test": test, "--test-window": test_window, "--gain-uncertainty": gain_uncertainty}
     words += [str(word) for pair in asked.items() if pair[1] is not None for word in pair]
-    shown, what = printing.worth_showing(result.effects), list[str]()
-    offered = {str(k): f.text for k, f in enumerate(shown, start=1) if f.plausible}
-    if json_ is not None and (offered or result.retuned or result.curves):
-        what = ["--from", str(json_)]
-        if 0 < len(offered) < len(result.effects) and not result.curves:
-            what += ["--only", ",".join(offered)]
-    elif offered or result.retuned:
-        what = [",".join([*(r.text for r in result.retuned), *offered.values()])]
+    sure = [f.text for f in (*result.retuned, *result.effects) if f.confidence == "confident"]
+    what = [",".join(sure)] if sure else []
+    if json_ is not None and (sure or result.curves):  # curves were measured beside all findings
+        what = ["--from", str(json_), *["--confident"] * (not result.curves)]
     printing.diagnosis(result, estimate.robot.torque_units, bool(what), verbose)
     printing.undecided(result, model)
     console.save_json(json_, result.to_dict())
