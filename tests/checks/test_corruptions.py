@@ -17,18 +17,11 @@ def arm() -> Arm:
 
 #: Mended, they leave what the clean log leaves; tests/checks/test_figures.py has logs of every kind.
 MENDED = (
-    "torque scale mN m",
-    "torque sign joint 2",
-    "all torque signs",
-    "torques swapped joint 2+3",
-    "all torques late 60 ms",
-    "clock set +1.5 s",
-    "encoder offset joint 2 90 deg",
-    "position sign joint 2",
-    "joints swapped joint 2+5 q and tau",
-    "doubled rows, clock re-made every tenth",
-    "time reversed",
-)
+    "torque scale mN m", "torque sign joint 2", "all torque signs", "torques swapped joint 2+3",
+    "all torques late 60 ms", "clock set +1.5 s", "encoder offset joint 2 90 deg",
+    "position sign joint 2", "joints swapped joint 2+5 q and tau",
+    "doubled rows, clock re-made every tenth", "time reversed",
+)  # fmt: skip
 #: The number that undoes it, in the unit in which its interval is told (of factors the logarithm), and
 #: how far off it may come out: the arm's friction has laws that the model lacks.
 NUMBERS = {

@@ -43,16 +43,13 @@ def found(stribeck: HiddenRuns) -> Diagnosis:
 
 def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "medium", seed=1)
-    data = made.runs[0]
-    estimate = identify(two_link, data, "ols", effects=made.truth["model_effects"], check=False)
-    white = prepare(diagnosis_rows(data, estimate, estimate.preprocessing.resolve(data)), estimate)
+    run, settings = made.runs[0], two_link.preprocessing
+    estimate = identify(two_link, run, "ols", effects=made.truth["model_effects"], check=False)
+    white = prepare(diagnosis_rows(run, estimate, settings.resolve(run)), estimate)
     search = Search(white, library(white))
-    (truth,) = search.run()
-    assert truth.form.effect.name == "presliding_hysteresis"
-    other = Search(white, library(white))
-    nothing = other.score.fit(other.with_misfits([]), None)
-    (other.terms,) = ([t] for t in other.top_candidates(nothing, []) if t.key[0] == "maxwell_slip")
-    assert [t.key for t in other.run()] == [truth.key]
+    found = search.top_candidates(search.score.fit(search.with_misfits([])), [])
+    (search.terms,) = ([t] for t in found if t.key[0] == "maxwell_slip")
+    assert [t.key for t in search.run()] == [("presliding_hysteresis", 0)]
 
 
 def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):

@@ -16,19 +16,12 @@ Row = dict[str, str]
 
 #: The columns that name a row of each table.
 KEYS: dict[str, tuple[str, ...]] = {
-    "I": ("parameter", "what"),
-    "II": ("coefficient", "trajectory"),
-    "III": ("coefficient",),
-    "IV": ("estimate",),
-    "V": ("engine", "motion"),
-    "VI": ("i",),
-    **dict.fromkeys(("VII", "VIII", "IX"), ("parameter",)),
-    "data": ("data", "seconds", "method"),
-    "errata": ("number",),
-    "methods": ("data", "method"),
-    "unseen": ("method", "added_effects", "judged_on"),
-    "wrenches": ("joint", "component"),
-}
+    "I": ("parameter", "what"), "II": ("coefficient", "trajectory"), "III": ("coefficient",),
+    "IV": ("estimate",), "V": ("engine", "motion"), "VI": ("i",),
+    **dict.fromkeys(("VII", "VIII", "IX"), ("parameter",)), "data": ("data", "seconds", "method"),
+    "errata": ("number",), "methods": ("data", "method"),
+    "unseen": ("method", "added_effects", "judged_on"), "wrenches": ("joint", "component"),
+}  # fmt: skip
 #: Tables by problem, and where they are committed: those of the 2R's own are with the Panda's.
 MADE = [("panda", name, RESULTS) for name in KEYS if name not in ("VI", "VII", "wrenches")]
 MADE += [("two_link", name, RESULTS) for name in ("VI", "wrenches")]

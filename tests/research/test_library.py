@@ -14,16 +14,11 @@ from sdp_vs_penalty.solvers.rewrite import reorder
 
 #: One of each kind: formulations, cones, units, an optimum of zero, none at all.
 NAMES = (
-    "two_link simulated one-step plain",
-    "two_link simulated two-step regulariser",
-    "two_link simulated one-step cones",
-    "chain of 2 links gyration 1",
-    "two_link gram t km",
-    "two_link noise-free",
-    "two_link unidentifiable links",
-    "two_link nearly infeasible 1e-6",
+    "two_link simulated one-step plain", "two_link simulated two-step regulariser",
+    "two_link simulated one-step cones", "chain of 2 links gyration 1", "two_link gram t km",
+    "two_link noise-free", "two_link unidentifiable links", "two_link nearly infeasible 1e-6",
     "two_link infeasible 1e-6",
-)
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
