@@ -25,18 +25,16 @@ MENDED = (
 #: The number that undoes it, in the unit in which its interval is told (of factors the logarithm), and
 #: how far off it may come out: the arm's friction has laws that the model lacks.
 NUMBERS = {
-    "all torques late 60 ms": (0.06, 1e-3),
-    "encoder offset joint 2 90 deg": (-np.pi / 2, 1e-9),
+    "all torques late 60 ms": (0.06, 1e-3), "encoder offset joint 2 90 deg": (-np.pi / 2, 1e-9),
     "encoder offset joint 2 30 deg": (-np.pi / 6, 5e-3),
     "soft saturation joint 3 at 0.4 of the peak": (np.tanh(2.5), 0.01),
     "torque gain joint 2 x 1.1": (-np.log(1.1), 0.003),
     "torque unit of one column joint 3 N cm": (np.log(0.01), 1e-9),
     "causal filter of one torque joint 3 0.7 Hz": (1.0 / (2.0 * np.pi * 0.7), 0.01),
     "one torque channel late joint 3 50 ms": (0.05, 3e-3),
-    "clock rate x 1.25": (-np.log(1.25), 0.01),
-    "gravity removed joint 2 90 %": (0.9, 5e-3),
+    "clock rate x 1.25": (-np.log(1.25), 0.01), "gravity removed joint 2 90 %": (0.9, 5e-3),
     "gravity removed 100 %": (1.0, 1e-9),
-}
+}  # fmt: skip
 
 
 #: When another load, or arm, begins [s].

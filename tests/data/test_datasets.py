@@ -101,6 +101,12 @@ def test_the_verb_prints_paths_and_says_what_it_could_not_use(address, tmp_path,
     assert f"SDP_VS_PENALTY_DATA={tmp_path}" in err
 
 
+@pytest.mark.real_data
+def test_files_at_hand_are_not_downloaded(data_folder, tmp_path, monkeypatch):
+    monkeypatch.setenv(datasets.DATA_VARIABLE, str(data_folder))
+    assert len(fetch("emps", tmp_path, "http://127.0.0.1:9")) == 2  # where nobody answers
+
+
 def test_offline_is_one_sentence(tmp_path):
     put = f"put DATA_EMPS.mat, DATA_EMPS_PULSES.mat into {tmp_path / 'emps'}"
     refusal(lambda: fetch("emps", tmp_path, "http://127.0.0.1:9"), put, "check the network")

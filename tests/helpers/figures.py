@@ -208,14 +208,10 @@ def in_a_curve() -> dict[str, Any]:
 
 
 CASES: Mapping[str, Callable[[Path], Any]] = {
-    "effects_arm": lambda _: effects_of("arm"),
-    "effects_gantry": lambda _: effects_of("gantry"),
-    "identified": identified,
-    "servos": of_servos,
-    "loads": of_loads,
-    "motions": lambda _: motions(),
-    "failures": lambda _: failures(),
+    "effects_arm": lambda _: effects_of("arm"), "effects_gantry": lambda _: effects_of("gantry"),
+    "identified": identified, "servos": of_servos, "loads": of_loads,
+    "motions": lambda _: motions(), "failures": lambda _: failures(),
     "hysteresis": lambda _: hidden(("presliding_hysteresis", [0]), test=False, knock=3.0),
     "pair": lambda _: hidden(("stribeck_friction", [0]), ("joint_spring", [1]), test=True, hum=0.5),
     "curve": lambda _: in_a_curve(),
-}
+}  # fmt: skip

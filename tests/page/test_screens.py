@@ -237,14 +237,11 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
     screen.click("take-robot.xml")
     asked = {"methods": ["lmi-sdp", "penalty"], "folds": True}
     assert called == [
-        ("simulate", "joint_spring", [2], "weak", 9, {}),
-        ("identify", {}),
-        ("ask", "Comparing methods", "methods", asked),
-        ("diagnose", {}),
-        ("add", ["payload"], {}),
+        ("simulate", "joint_spring", [2], "weak", 9, {}), ("identify", {}),
+        ("ask", "Comparing methods", "methods", asked), ("diagnose", {}), ("add", ["payload"], {}),
         ("ask", "Running the model forward", "forward", {"drive": "pd"}),
         ("take", "robot.xml", view.download, {"flange": ""}, {}),
-    ]
+    ]  # fmt: skip
     called.clear()
     screen.set("hide-effect", "global_delay")
     screen.click("simulate")
