@@ -51,15 +51,12 @@ def forms(path: Path) -> dict[str, Any]:
     """One run in every form that a user may have it in."""
     run = load_measurements(path)
     return {
-        "path": path,
-        "text": str(path),
-        "measurements": run,
+        "path": path, "text": str(path), "measurements": run,
         "arrays": {name: getattr(run, name) for name in ARRAYS},
-        "lists": {name: getattr(run, name).tolist() for name in ARRAYS},
-        "columns": columns_of(run),
+        "lists": {name: getattr(run, name).tolist() for name in ARRAYS}, "columns": columns_of(run),
         "frame": pd.DataFrame(columns_of(run)).assign(note="text", day=pd.Timestamp("2026-01-01")),
         "csv as pandas reads it": pd.read_csv(path),
-    }
+    }  # fmt: skip
 
 
 def test_measurements_are_checked_first_unless_told_otherwise(two_link):
@@ -192,16 +189,11 @@ def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda)
     comparisons = compare([estimate, estimate, estimate, estimate, estimate], files[0])
     diagnosis = diagnose(estimate, files)
     things = {
-        "two_link": estimate,
-        "7: ": panda,
-        "dq": load_measurements(*files),
-        "fit against noise": comparisons[0],
-        "Comparisons": comparisons,
-        diagnosis.headline: diagnosis,
-        "worst violation": estimate.certificate,
-        "problem": check(two_link, files[0])[0],
+        "two_link": estimate, "7: ": panda, "dq": load_measurements(*files),
+        "fit against noise": comparisons[0], "Comparisons": comparisons, diagnosis.headline: diagnosis,
+        "worst violation": estimate.certificate, "problem": check(two_link, files[0])[0],
         "spring": simulate("two_link", "joint_spring:1", "weak"),
-    }
+    }  # fmt: skip
     for words, thing in things.items():
         text = repr(thing)
         assert text.count("\n") < 5

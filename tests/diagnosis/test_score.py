@@ -267,6 +267,15 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     assert robust.v > 2.0 * plainly.v
 
 
+def test_a_curve_without_a_fold_is_that_of_the_other_rows():
+    data, z = made()
+    z, fold = z + data.X[0, :, :1], np.arange(M) % 2
+    data.y[0] += 30.0 * (1.0 + fold) * z[:, 0]
+    columns = Columns.of(score := Score(data, 10), score.fit(()), z, 0)
+    found = columns.without_fold(fold, np.zeros((1, 1)))
+    np.testing.assert_allclose(found, [[60.0], [30.0]], rtol=0.02)
+
+
 def test_screening_is_the_drop_of_the_squared_error():
     data, z = made(size=0.5)
     score = Score(data, 10)

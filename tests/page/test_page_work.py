@@ -313,13 +313,10 @@ def test_an_error_of_a_request_is_one_line(capsys):
 @pytest.mark.parametrize(
     ("path", "query", "to"),
     [
-        ("/", b"key=secret", b"/"),
-        ("/s/abc", b"a=1&key=secret", b"/s/abc?a=1"),
-        ("//evil.example", b"key=secret", b"/evil.example"),
-        ("/", b"key=guess", None),
-        ("/", b"", None),
+        ("/", b"key=secret", b"/"), ("/s/abc", b"a=1&key=secret", b"/s/abc?a=1"),
+        ("//evil.example", b"key=secret", b"/evil.example"), ("/", b"key=guess", None), ("/", b"", None),
     ],
-)
+)  # fmt: skip
 def test_the_printed_address_lets_in_once(path, query, to):
     """The key leaves the address bar, and stays in a cookie that scripts and other sites do not get."""
     reached, sent = answer({"host": "127.0.0.1:99"}, path=path, query_string=query)
