@@ -57,8 +57,8 @@ def a_sentence(text: str, *words: str) -> str:
 
 
 def same_refusal(kind: str, name: str, sentence: str) -> bool:
-    """Whether it is the sentence that is kept; it is one."""
-    a_sentence(sentence)
+    """Whether it is the sentence that is kept, whatever names there are; it is one."""
+    sentence = re.sub("([Tt]here are:|choose one of) .*", r"\1 ...", a_sentence(sentence))
     if WRITES:
         every = json.loads(REFUSALS.read_text())
         every[kind][name][-1] = sentence
