@@ -232,7 +232,7 @@ class Diagnosis(Shown, Plain):
         """What to do next, in one sentence."""
         if self.unknown:
             return "Look first at what the error that is left depends on: `compare` says it."
-        found = (*self.retuned, *self.effects)
+        found: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
         sure = any(f.confidence == "confident" for f in found)
         if self.noise_source != REPETITION:
             record = "record a run with more than one period: only repetition tells noise from error."
