@@ -145,13 +145,10 @@ def test_what_an_effect_needs_is_what_it_declares(name):
         else:
             effect.blocks(bare)
         for other, word in (
-            (another_torque, "needs_torque"),
-            (another_arm, "needs_links"),
-            (later, "follows_clock"),
-            (warmer, "needs_temperature"),
-            (farther, "needs_command"),
+            (another_torque, "needs_torque"), (another_arm, "needs_links"), (later, "follows_clock"),
+            (warmer, "needs_temperature"), (farther, "needs_command"),
             (replace(motion, motors=motion.q), "needs_motors"),
-        ):
+        ):  # fmt: skip
             declared = getattr(effect, word)
             changed = not np.allclose(wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12)
             assert changed == declared, f"{name}: declare {word} = {changed}, as its columns do"

@@ -90,6 +90,15 @@ def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h):
     )
 
 
+def test_a_motor_that_two_joints_share_holds_both_until_it_is_overcome():
+    p = plant("two_link", "rigid_body,transmission_friction:1+2@c1=1@c2=-1", transmission_friction=4.0)
+    rest = at_rest(p)
+    weight = p.robot.inverse_dynamics(p.theta[0, p.model.rigid_indices], rest.q, rest.dq, rest.ddq)
+    for share, holds in ((0.8, True), (1.2, False)):  # it creeps below the width of its sign
+        moved = run(p, rest, np.tile(weight + 4.0 * share * np.array([1.0, -1.0]), (200, 1)), 1e-3)
+        assert (np.abs(moved.q - rest.q).max() < 3e-3) == holds
+
+
 def test_friction_that_follows_the_load_follows_that_of_the_links_alone():
     """u = m a + f v + 0.3 |m a| sign(v), v > 0 and a > 0 throughout: 1.3 m a = u - f v."""
     sizes = {"viscous_friction": 500.0, "load_dependent_friction": 0.3}

@@ -40,12 +40,10 @@ def robots() -> dict[str, Robot]:
     chain = tree(np.random.default_rng(1), 3, branched=False, link_frames=True)
     one = tree(np.random.default_rng(5), 1)
     return {
-        "tree": tree(np.random.default_rng(5), 5),
-        "arm": all_of("revolute", chain),
-        "gantry": all_of("prismatic", chain),
-        "single": all_of("revolute", one),
+        "tree": tree(np.random.default_rng(5), 5), "arm": all_of("revolute", chain),
+        "gantry": all_of("prismatic", chain), "single": all_of("revolute", one),
         "slide": all_of("prismatic", one),
-    }
+    }  # fmt: skip
 
 
 def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:

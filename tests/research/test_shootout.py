@@ -267,12 +267,9 @@ def test_summary_of_known_runs(tmp_path):
 
 def setup(out: Path, **changes: object) -> runner.Shootout:
     chosen: dict[str, object] = {
-        "solvers": ["clarabel", "lmi-sdp"],
-        "problems": [SMALL[0]],
-        "accuracies": (1e-4, 1e-6),
-        "jobs": 1,
-        "memory": 0.9,
-    }
+        "solvers": ["clarabel", "lmi-sdp"], "problems": [SMALL[0]], "accuracies": (1e-4, 1e-6),
+        "jobs": 1, "memory": 0.9,
+    }  # fmt: skip
     return runner.Shootout(out, **{**chosen, **changes})
 
 
