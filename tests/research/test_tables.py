@@ -72,9 +72,17 @@ def studies() -> Iterator[dict[str, Study]]:
 
 
 @pytest.fixture(scope="module")
-def made(studies: dict[str, Study]) -> Callable[[str, str], Table]:
-    """A table of a small study, made when it is asked for first."""
-    return cache(lambda problem, name: build_tables([name], studies[problem])[0])
+def made(studies: dict[str, Study], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Table]:
+    """A table of a small study, made when it is asked for first, whatever real runs are at hand."""
+    empty = str(tmp_path_factory.mktemp("empty"))
+
+    @cache
+    def table(problem: str, name: str) -> Table:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("SDP_VS_PENALTY_DATA", empty)
+            return build_tables([name], studies[problem])[0]
+
+    return table
 
 
 @pytest.fixture
