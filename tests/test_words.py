@@ -117,12 +117,8 @@ def test_figures_in_words():
     assert [formatting.number(x) for x in (np.nan, 1e6, 999_999.0, -0.0123456)] == [
         "-", "1e+06", "999999", "-0.0123",
     ]  # fmt: skip
-    assert [formatting.plain_unit(x) for x in ("-", "kg*m^2", "N*m", "m^3")] == [
-        "",
-        "kg m²",
-        "N m",
-        "m³",
-    ]
+    units = {"-": "", "kg*m^2": "kg m²", "N*m": "N m", "m^3": "m³"}
+    assert {x: formatting.plain_unit(x) for x in units} == units
     assert (formatting.finite(np.inf), formatting.finite(2)) == (None, 2.0)
     assert [formatting.count(k, "run") for k in (0, 1, 2)] == ["0 runs", "1 run", "2 runs"]
     head, rows = formatting.error_table(["a", "b"], [[1.0, 2.0], [0.5, 2.0]], [0.1, 0.2], ["rad", "N*m"])

@@ -84,8 +84,8 @@ class Design:
     """White columns A (n, M, p) of the model and of terms, of unit length; y (n, M) the torque; gram
     (n, p, p), pull (n, p) : A'A, A'y; model : by key the column of each of its own effects whose
     constant may be another one, under None those of all others; at : each term's columns, by text.
-    keys : of a term's column; extra (n,) : rows of a joint behind its own, each saying that
-    a misfit's coefficient is zero.
+    keys : of a term's column; extra (n,) : rows of a joint behind its own, each saying that a misfit's
+    coefficient is zero.
     """
 
     A: Array
@@ -139,11 +139,6 @@ class Fit:
     def basis(self) -> Array:
         """(n, M, r) an orthonormal one of the columns."""
         return np.asarray(self.design.A @ self.W / self.level[:, None, None])
-
-    @cached_property
-    def keys(self) -> frozenset[Key]:
-        """Those of its terms."""
-        return frozenset(self.design.keys[i] for i in self.kept if i in self.design.keys)
 
     def deviance(self, rss: Array) -> Array:
         """(...,) -2 log L of the joints' squared errors (..., n)."""
@@ -309,11 +304,10 @@ class Score:
     def choices(self, fit: Fit, form: Form) -> float:
         """Among how many candidates one is chosen: beside findings half of the odds are for effects that
         act on another joint already, as joints of an arm are built alike."""
-        if not fit.keys:
-            return self.looked
-        name, joint = form.key
-        known = any(other == name and j != joint for other, j in fit.keys)
-        return 2.0 * (self.alike.get(name, self.looked) if known else self.looked)
+        found = {fit.design.keys[i] for i in fit.kept if i in fit.design.keys}
+        (name, joint), every = form.key, self.looked * (2.0 if found else 1.0)
+        alike = any(other == name and j != joint for other, j in found)
+        return 2.0 * self.alike[name] if alike else every
 
     def worth_of_one(self, T: Array, left: Array, inverse: Array, freedom: float) -> float:
         """How many rows are worth one: by how much the sandwich's middle, of the clusters that make most
