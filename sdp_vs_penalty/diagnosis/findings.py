@@ -179,6 +179,12 @@ class Diagnosis(Shown, Plain):
         return replace(self, effects=chosen, retuned=retuned, curves=curves)
 
     @property
+    def sure(self) -> tuple[Finding | Retune, ...]:
+        """What is confident of constants and findings: what to add."""
+        every: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
+        return tuple(f for f in every if f.confidence == "confident")
+
+    @property
     def noise_known(self) -> bool:
         """Whether the noise is told from the error, if only within a factor of two (by a spectrum)."""
         return self.noise_source != RESIDUAL
@@ -232,14 +238,12 @@ class Diagnosis(Shown, Plain):
         """What to do next, in one sentence."""
         if self.unknown:
             return "Look first at what the error that is left depends on: `compare` says it."
-        found: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
-        sure = any(f.confidence == "confident" for f in found)
         if self.noise_source != REPETITION:
             record = "record a run with more than one period: only repetition tells noise from error."
-            return f"Add the confident findings; {record}" if sure else record.capitalize()
-        if sure:
+            return f"Add the confident findings; {record}" if self.sure else record.capitalize()
+        if self.sure:
             return "Add the confident findings, and diagnose the model that results."
-        if found:
+        if self.effects or self.retuned:
             return "Record a run that tells the findings from what fits as well: none is sure."
         return "Use the model, or record motion that excites more."
 

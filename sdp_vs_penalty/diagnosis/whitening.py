@@ -82,7 +82,7 @@ class WhiteData:
         model = self.estimate.model
         return {
             (e.name, j): (e.with_shape([j]), int(column))
-            for e, columns in zip(model.effects, model.indices, strict=True)
+            for e, columns in model.parts
             if e.estimated and len(columns) == len(e.joints)
             for j, column in zip(e.joints, columns, strict=True)
         }

@@ -42,10 +42,8 @@ def verb(
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     asked = {"--test": test, "--test-window": test_window, "--gain-uncertainty": gain_uncertainty}
     words += [str(word) for pair in asked.items() if pair[1] is not None for word in pair]
-    every: tuple[Any, ...] = (*result.retuned, *result.effects)
-    sure = [f.text for f in every if f.confidence == "confident"]
-    what = [",".join(sure)] if sure else []
-    if json_ is not None and (sure or result.curves):  # curves were measured beside all findings
+    what = [",".join(f.text for f in result.sure)] if result.sure else []
+    if json_ is not None and (result.sure or result.curves):  # curves were measured beside all findings
         what = ["--from", str(json_), *["--confident"] * (not result.curves)]
     printing.diagnosis(result, estimate.robot.torque_units, bool(what), verbose)
     printing.undecided(result, model)
