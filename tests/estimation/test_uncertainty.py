@@ -109,10 +109,8 @@ def test_intervals_end_where_what_is_possible_does(two_link):
     model = two_link.model(EFFECTS)
     run = measured(two_link, truth_of(two_link, model), model, 0, 20.0)
     run = replace(run, tau=run.tau + 60.0 * np.random.default_rng(9).normal(size=run.tau.shape))
-    data, base = (
-        compress(FilteredRuns.of(run, two_link.preprocessing), model),
-        base_rows(two_link, model),
-    )
+    data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
+    base = base_rows(two_link, model)
     task = make_task(two_link, model, data)
     theta = LmiSdp().fit(task).theta
     task.box[:, 0, 0] = 0.3
