@@ -194,8 +194,9 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
 
 def answer(runs: pandas.DataFrame) -> str:
     """Markdown: which solver for seven links, and why; empty where nothing was run on them."""
-    table = ranking(runs, 1e-6, links=7)
-    if not (said := advice(table, "of 7 links at 1e-06")):
+    links, accuracy = 7, 1e-6
+    table = ranking(runs, accuracy, links)
+    if not (said := advice(table, f"of {links} links at {accuracy:.0e}")):
         return ""
     shown = {"solver": table["solver"], "right": table["right"], "of problems run": table["run"]}
     shown |= {"silently wrong": table["silently wrong"]}
