@@ -330,7 +330,7 @@ class Gain(Transformation):
             kind, how = ("torque unit", f": it is in {unit}") if unit else ("torque gain", "")
             size = f"{1.0 / x:.3g} times too large" if x < 1.0 else f"{x:.3g} times too small"
             what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours{how}."
-            at = lambda v, j=j, x=x: repair.times("gain", (j,), v / x)  # noqa: E731
+            at = lambda v, j=j: repair.with_entries("gain", (j,), v * np.sign(repair.gain[j]))  # noqa: E731
             yield Element(
                 kind, "error" if abs(np.log(x)) > gross else "warning", (j,), what,
                 f"multiply tau{j + 1} by {x:.3g}", Number.factor(x, at, tuple(UNITS)), choices(log.n),
