@@ -78,16 +78,17 @@ def joint_places(robot: Robot, link: int) -> Array:
 
 
 def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
-    """(6, 3) the ends of the axes of the ellipsoid of uniform density with these parameters (10,)."""
+    """(6, 3) points whose least ellipsoid is that of uniform density with these parameters (10,): what
+    its symmetric root makes of the unit vectors. Axes of a cylinder are the processor's choice."""
     if not link[0] > 0.0:
         return None
     pseudo = inertia.pseudo_inertia(link)
     centre = pseudo[:3, 3] / link[0]
     size, axes = np.linalg.eigh(pseudo[:3, :3] / link[0] - np.outer(centre, centre))
-    ends = np.sqrt(5.0 * np.maximum(size, 0.0)) * axes
+    ends = np.sqrt(5.0 * np.maximum(size, 0.0)) * axes @ axes.T
     if size[0] < -1e-6 * abs(size[-1]) or np.abs(centre).max() + ends.max() > largest:
         return None  # no body has these
-    return np.concatenate([centre + ends.T, centre - ends.T])
+    return np.concatenate([centre + ends, centre - ends])
 
 
 def plausible_links(

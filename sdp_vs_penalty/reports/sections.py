@@ -359,7 +359,7 @@ def ellipsoid(link: Array) -> Array | None:
     half, axes, com = body
     u, v = np.meshgrid(np.linspace(0.0, np.pi, 14), np.linspace(0.0, 2.0 * np.pi, 28))
     ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(3, -1)
-    return np.asarray(axes @ (half[:, None] * ball) + com[:, None], float)
+    return np.asarray(axes @ (half[:, None] * (axes.T @ ball)) + com[:, None], float)
 
 
 def half_axes(link: Array) -> tuple[Array, Array, Array] | None:

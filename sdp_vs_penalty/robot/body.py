@@ -74,7 +74,8 @@ def around(
     for _ in range(round(5 * 4 / _EXCESS)):
         if not 4.0 * (1.0 + _EXCESS) < (excess := distance.max()) < 1.0 / np.finfo(float).eps:
             break
-        farthest = int(np.argmax(distance))
+        # The first of those that are alike, which are not for rounding to choose from.
+        farthest = int(np.argmax(distance > (1.0 - 1e-6) * excess))
         step = (excess - 4.0) / (4.0 * (excess - 1.0))
         weights *= 1.0 - step
         weights[farthest] += step
