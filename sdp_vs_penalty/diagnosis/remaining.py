@@ -221,14 +221,16 @@ def spectral_lines(
     series : records of the same channel, each at least 2 s long; lowest [Hz] : below, lines are the
     motion's own harmonics; smooth [Hz] : the width over which the noise's spectrum is taken as flat.
     """
-    from scipy import ndimage, signal
+    from scipy import ndimage
 
     length = min((len(s) for s in series), default=0)
     if length < 2.0 * rate:
         return []
     pieces = [s[k : k + length] for s in series for k in range(0, len(s) - length + 1, length)]
-    frequency, each = signal.periodogram(np.array(pieces), rate, "hann")
-    power, pooled = each.sum(axis=0), len(pieces)
+    level = np.mean(pieces, axis=1, keepdims=True)
+    hann = 1.0 - np.cos(2.0 * np.pi * np.arange(length) / length)
+    each = np.abs(np.fft.rfft((np.array(pieces) - level) * hann)) ** 2
+    frequency, power, pooled = np.fft.rfftfreq(length, 1.0 / rate), each.sum(axis=0), len(pieces)
     half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
     level = ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
     level = level / float(special.gammaincinv(pooled, 0.5)) * pooled

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from sdp_vs_penalty.effects.effect import STANDS, Array, Effect, JointEffect, Motion, Seen
 from sdp_vs_penalty.effects.shape import Shape
@@ -156,11 +157,14 @@ class TorqueFilter(Late):
 
 def lagging(x: Array, t: Array, T: float) -> Array:
     """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear between samples."""
-    from scipy.signal import lfilter  # its import takes longer than all effects
-
     if len(t) < 2:
         return x
     step = (t[-1] - t[0]) / (len(t) - 1)
     decay = np.exp(-step / T)
     mean = (1.0 - decay) * T / step
-    return np.asarray(lfilter([1.0 - mean, mean - decay], [1.0, -decay], x, 0, mean * x[:1])[0])
+    driven = (1.0 - mean) * x
+    driven[1:] += (mean - decay) * x[:-1]
+    driven[0] = x[0]
+    # y_k - decay y_k-1, solved downwards.
+    rows = np.stack([np.ones(len(t)), np.full(len(t), -decay)])
+    return np.asarray(solve_banded((1, 0), rows, driven, check_finite=False))
