@@ -96,7 +96,6 @@ class Design:
     at: dict[str, list[int]]
     keys: dict[int, Key]
     extra: NDArray[np.intp]
-    fits: dict[tuple[int, ...], Fit] = field(default_factory=dict)
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def holds(self, terms: Sequence[Term | Misfit]) -> bool:
@@ -191,10 +190,7 @@ class Score:
         others = {t.key for t in terms if isinstance(t, Term) and t.form.own}
         own = [i for key, columns in design.model.items() if key not in others for i in columns]
         kept = (*own, *sorted(i for t in terms for i in design.at[t.text]))
-        if kept not in design.fits:
-            level = np.ones(len(design.y)) if near is None else near.level
-            design.fits[kept] = self._fitted(design, kept, level)
-        return design.fits[kept]
+        return self._fitted(design, kept, np.ones(len(design.y)) if near is None else near.level)
 
     def without(self, fit: Fit, form: Form) -> Fit:
         """A fit, at its levels, without what a form stands in the place of; itself where that is
@@ -240,10 +236,11 @@ class Score:
         """rounds : of coefficients and levels in turn, at most; each raises the likelihood, and six were
         the most on three arms; one: at the levels as they are."""
         kept = np.array(columns, int)
-        G, pull = design.gram[:, kept[:, None], kept], design.pull[:, kept]
+        G, pull = design.gram.take(kept, 1).take(kept, 2), design.pull[:, kept]
+        each = G.reshape(len(G), -1)
         square, degrees = np.sum(design.y**2, axis=1), self.data.count + design.extra
         for _ in range(rounds):
-            L = _triangle(np.tensordot(level**-2.0, G, axes=1))
+            L = _triangle((level**-2.0 @ each).reshape(G.shape[1:]))
             theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
             last, level = level, np.sqrt(np.maximum(rss / degrees, self.floor))
@@ -255,7 +252,7 @@ class Score:
         W[kept], every[kept] = root, theta
         residual = (design.y - design.A @ every) / last[:, None]
         rss = np.sum(residual**2, axis=1) * last**2
-        degrees = np.maximum(degrees - np.sum(G * (root @ root.T), axis=(1, 2)) / last**2, 1.0)
+        degrees = np.maximum(degrees - each @ (root @ root.T).ravel() / last**2, 1.0)
         return Fit(design, columns, W, every, last, residual, rss, degrees, self.floor)
 
     def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:

@@ -33,9 +33,9 @@ class Search:
     own : other constants of the first model's effects that the model in question has already.
     """
 
-    def __init__(self, data: WhiteData, library: Library) -> None:
+    def __init__(self, data: WhiteData, library: Library, score: Score | None = None) -> None:
         self.data, self.library = data, library
-        self.score = Score(data, len(library.laws), library.laws)
+        self.score = score or Score(data, len(library.laws), library.laws)
         self._kept: dict[str, dict[int, Array]] = {}
         self._distorted: dict[str, list[tuple[int, Array, Array]]] = {}
         self.terms: list[Term] = []
@@ -290,16 +290,16 @@ class Search:
             best = self.simplest([t for t in found if t.J > APART])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
-                self.terms = self.settled([*self.terms, best])
-                if all(t.key != best.key for t in self.terms):
-                    self.refused.add(best.key)
-                    continue
+                after = self.settled([*self.terms, best])
+            elif (other := self.exchanged(self.terms)) is None:
+                break
             else:
-                other = self.exchanged(self.terms)
-                if other is None:
-                    break
-                self.terms = other
-            state = tuple(sorted(str(t.key) for t in self.terms))
+                after = other
+            state = tuple(sorted(str(t.key) for t in after))
+            if best is not None and (state in seen or all(t.key != best.key for t in after)):
+                self.refused.add(best.key)
+                continue
+            self.terms = after
             if state in seen:
                 break
             seen.add(state)
@@ -338,9 +338,10 @@ class Search:
 
     def limited(self, terms: Sequence[Term]) -> Search:
         """The search with some of its terms only, each judged beside those."""
-        out = Search(self.data, self.library)
-        out.fit = out.score.fit(terms)
+        out = Search(self.data, self.library, self.score)
+        out.fit = out.score.fit(out.with_misfits(terms), self.fit)
         out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
+        out.fit = out.score.fit(terms)
         return out
 
 
