@@ -53,7 +53,9 @@ def write_files(folder: Path) -> None:
 
 
 def kept(value: Any) -> Any:
+    """Of the factor of a covariance this: the signs of its columns are the processor's choice."""
     if isinstance(value, dict):
+        value = {k: np.array(x) @ np.array(x).T if k == "spread" else x for k, x in value.items()}
         return {k: kept(x) for k, x in value.items() if k not in PASSING}
     return [*map(kept, value)] if isinstance(value, list) else value
 

@@ -1,5 +1,6 @@
 """Small logs, and what identification and diagnosis make of them."""
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -40,7 +41,8 @@ PASSING = "versions", "data_hash"
 
 def model(estimate: Estimate) -> dict[str, Any]:
     """What model.json holds but for what was put in, and a band of torques."""
-    said = estimate.to_dict()
+    text = json.dumps(estimate.to_dict())
+    said = json.loads(text.replace(str(estimate.provenance["data_hash"]), "log"))
     motion = told(steady_motion(estimate.robot))
     torque, std = estimate.uncertainty.band(estimate.theta, estimate.model.columns(motion))
     provenance = {k: v for k, v in said["provenance"].items() if k not in PASSING}
