@@ -11,25 +11,7 @@ from commands import python
 from recorded import refusal
 from small_runs import small_run, write_run
 
-import sdp_vs_penalty
-from sdp_vs_penalty import (
-    Estimate,
-    InputError,
-    Problem,
-    add,
-    check,
-    compare,
-    diagnose,
-    effects,
-    excite,
-    export,
-    identify,
-    load_measurements,
-    load_problem,
-    report,
-    simulate,
-    where_it_fails,
-)
+import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import columns_of
 from sdp_vs_penalty.effects import Motion, effect_types
 
@@ -37,19 +19,19 @@ ARRAYS = ("t", "q", "dq", "tau")
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory, two_link: Problem) -> list[Path]:
+def files(tmp_path_factory: pytest.TempPathFactory, two_link: sdp.Problem) -> list[Path]:
     folder = tmp_path_factory.mktemp("api")
     return [write_run(folder / f"run{k}.csv", two_link, seed=k) for k in (1, 2)]
 
 
 @pytest.fixture(scope="module")
-def estimate(files: list[Path]) -> Estimate:
-    return identify("two_link", files)
+def estimate(files: list[Path]) -> sdp.Estimate:
+    return sdp.identify("two_link", files)
 
 
 def forms(path: Path) -> dict[str, Any]:
     """One run in every form that a user may have it in."""
-    run = load_measurements(path)
+    run = sdp.load_measurements(path)
     return {
         "path": path, "text": str(path), "measurements": run,
         "arrays": {name: getattr(run, name) for name in ARRAYS},
@@ -63,16 +45,16 @@ def test_measurements_are_checked_first_unless_told_otherwise(two_link):
     """As the command line does: errors refuse, warnings warn, and consent is remembered."""
     run = small_run(two_link)
     dead = {"t": run.t, "q": run.q, "tau": np.where([True, False], run.tau, 0.25)}
-    for verb in (identify, lambda model, log: diagnose(identify(two_link, run), log)):
-        with pytest.raises(InputError, match=r"tau2 is 0.25 N.m in every row.*check=False"):
+    for verb in (sdp.identify, lambda model, log: sdp.diagnose(sdp.identify(two_link, run), log)):
+        with pytest.raises(sdp.InputError, match=r"tau2 is 0.25 N.m in every row.*check=False"):
             verb(two_link, dead)
-    estimate = identify(two_link, dead, "ols", check=False)
+    estimate = sdp.identify(two_link, dead, "ols", check=False)
     assert estimate.provenance["checked"] is False
-    assert diagnose(estimate, dead).verdict
+    assert sdp.diagnose(estimate, dead).verdict
     gapped = {name: np.delete(x, slice(150, 200), axis=0) for name, x in dead.items()}
     gapped["tau"] = np.delete(run.tau, slice(150, 200), axis=0)
     with pytest.warns(UserWarning, match="gap"):
-        identify(two_link, gapped, "ols")
+        sdp.identify(two_link, gapped, "ols")
 
 
 def test_the_import_is_lazy_and_lists_its_names():
@@ -83,56 +65,57 @@ def test_the_import_is_lazy_and_lists_its_names():
     )
     result = python("-c", code, check=True)
     assert result.stdout == "set()\n"
-    for name in sdp_vs_penalty.__all__:
-        assert getattr(sdp_vs_penalty, name) is not None
+    for name in sdp.__all__:
+        assert getattr(sdp, name) is not None
     with pytest.raises(AttributeError, match="nothing_of_this_name"):
-        _ = sdp_vs_penalty.nothing_of_this_name
+        _ = sdp.nothing_of_this_name
 
 
 def test_effect_classes_are_at_hand(two_link):
     for kind in effect_types().values():
-        assert getattr(effects, kind.__name__) is kind
-        assert kind.__name__ in dir(effects)
-    spring = effects.JointSpring(two_link.robot, [1])
+        assert getattr(sdp.effects, kind.__name__) is kind
+        assert kind.__name__ in dir(sdp.effects)
+    spring = sdp.effects.JointSpring(two_link.robot, [1])
     assert two_link.model([spring]).effects == (spring,)
 
 
 def test_identify_and_compare_take_one_run_in_any_form(files):
-    expected = identify(load_problem("two_link"), load_measurements(files[0]), "ols", check=False)
-    rmse = compare(expected, load_measurements(files[1]))[0].rmse
+    problem, run = sdp.load_problem("two_link"), sdp.load_measurements(files[0])
+    expected = sdp.identify(problem, run, "ols", check=False)
+    rmse = sdp.compare(expected, sdp.load_measurements(files[1]))[0].rmse
     for (form, given), test in zip(forms(files[0]).items(), forms(files[1]).values(), strict=True):
-        found = identify("two_link", given, "ols", check=False)
+        found = sdp.identify("two_link", given, "ols", check=False)
         assert np.array_equal(found.theta, expected.theta), form
         assert found.provenance["data_hash"] == expected.provenance["data_hash"], form
-        assert np.array_equal(compare(found, test)[0].rmse, rmse), form
+        assert np.array_equal(sdp.compare(found, test)[0].rmse, rmse), form
 
 
 def test_lists_mix_forms_and_keep_runs_apart(files, estimate):
     mixed = [files[0], forms(files[1])["frame"]]
-    found = identify("two_link", mixed)
+    found = sdp.identify("two_link", mixed)
     assert np.array_equal(found.theta, estimate.theta)
     assert len(found.provenance["runs"]) == 2
-    refusal(lambda: identify("two_link", [files[0], forms(files[0])["arrays"]]), "same samples")
+    refusal(lambda: sdp.identify("two_link", [files[0], forms(files[0])["arrays"]]), "same samples")
 
 
 def test_models_are_estimates_or_files(files, estimate, tmp_path):
     path = tmp_path / "model.json"
     estimate.save(path)
-    rmse = compare(estimate, files[0])[0].rmse
+    rmse = sdp.compare(estimate, files[0])[0].rmse
     for models, names in (
         (path, [str(path)]),
         ([estimate, path], ["1 (lmi-sdp)", str(path)]),
         ({"mine": path}, ["mine"]),
     ):
-        found = compare(models, files[0])
+        found = sdp.compare(models, files[0])
         assert [c.name for c in found] == names
         assert all(np.array_equal(c.rmse, rmse) for c in found)
-    fails = where_it_fails(path, files[0])
+    fails = sdp.where_it_fails(path, files[0])
     assert fails[0].joint == 1
     assert repr(fails).startswith("Where the model fails, the worst joints first\n  joint ")
     assert list(fails.to_frame().index) == [f.joint for f in fails]
     assert fails._repr_html_().count("<tr>") == len(fails)
-    assert export(path, tmp_path / "robot.json") == ()
+    assert sdp.export(path, tmp_path / "robot.json") == ()
     assert (tmp_path / "robot.json").exists()
 
 
@@ -148,9 +131,9 @@ def test_predict_is_the_models_torque(estimate, two_link):
         ((run.q, dq[:5], ddq), r"predict\(dq=...\)"),
         ((run.q, dq, ddq, run.t[:4]), r"predict\(t=...\)"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(sdp.InputError, match=words):
             estimate.predict(*arguments)
-    memory = add(estimate, "presliding_hysteresis:1@d=0.01", run)
+    memory = sdp.add(estimate, "presliding_hysteresis:1@d=0.01", run)
     refusal(lambda: memory.predict(run.q, dq, ddq), "pass t")
     assert np.array_equal(
         memory.predict(run.q, dq, ddq, run.t), memory.torque(Motion(run.t, run.q, dq, ddq))
@@ -161,38 +144,50 @@ def test_errors_name_what_was_given(estimate, two_link):
     run = {"t": [0.0, 1.0], "q": [[0, 0], [1, 1]], "tau": [[0, 1], [1, 2]]}
     late = {**run, "t": [1.0, 0.0]}
     bad_calls = [
-        (lambda: identify(3, run), r"^identify\(problem=3\): no problem: give a built-in name"),
-        (lambda: identify("two_link", 3), r"^identify\(measurements=3\): no measurements: give a path"),
-        (lambda: identify("two_link", []), r"^identify\(measurements=...\): no run"),
-        (lambda: identify("two_link", {"t": [0, 1], "q": run["q"]}), r"no column tau \(columns: q, t\)"),
+        (lambda: sdp.identify(3, run), r"^identify\(problem=3\): no problem: give a built-in name"),
         (
-            lambda: identify("two_link", {**run, "dq2": [0.0, 1.0]}),
+            lambda: sdp.identify("two_link", 3),
+            r"^identify\(measurements=3\): no measurements: give",
+        ),
+        (lambda: sdp.identify("two_link", []), r"^identify\(measurements=...\): no run"),
+        (
+            lambda: sdp.identify("two_link", {"t": [0, 1], "q": run["q"]}),
+            r"no column tau \(columns: q, t\)",
+        ),
+        (
+            lambda: sdp.identify("two_link", {**run, "dq2": [0.0, 1.0]}),
             "no column dq1, but dq2: give each joint a column",
         ),
-        (lambda: identify("two_link", late), r"^run1: sample 2, column t: time runs backwards"),
-        (lambda: identify(two_link, small_run(two_link), weighting="x"), "^weighting 'x' is unknown"),
-        (lambda: compare(None, run), r"^compare\(models=None\): no model"),
-        (lambda: compare([], run), "^No model to compare"),
-        (lambda: diagnose("nowhere.json", run), r"^nowhere.json: cannot be read"),
-        (lambda: diagnose(estimate, object()), r"^diagnose\(measurements=<object"),
-        (lambda: add(estimate, "joint_spring:1", 2.5), r"^add\(measurements=2.5\)"),
-        (lambda: check("two_link", {"a": 1}), r"^check\(measurements=...\): no column t or q or tau"),
-        (lambda: excite(None), r"^excite\(problem=None\)"),
-        (lambda: export(None, "x.urdf"), r"^export\(estimate=None\)"),
-        (lambda: report(4, run, "x.html"), r"^report\(models=4\)"),
+        (lambda: sdp.identify("two_link", late), r"^run1: sample 2, column t: time runs backwards"),
+        (
+            lambda: sdp.identify(two_link, small_run(two_link), weighting="x"),
+            "^weighting 'x' is unknown",
+        ),
+        (lambda: sdp.compare(None, run), r"^compare\(models=None\): no model"),
+        (lambda: sdp.compare([], run), "^No model to compare"),
+        (lambda: sdp.diagnose("nowhere.json", run), r"^nowhere.json: cannot be read"),
+        (lambda: sdp.diagnose(estimate, object()), r"^diagnose\(measurements=<object"),
+        (lambda: sdp.add(estimate, "joint_spring:1", 2.5), r"^add\(measurements=2.5\)"),
+        (
+            lambda: sdp.check("two_link", {"a": 1}),
+            r"^check\(measurements=...\): no column t or q or tau",
+        ),
+        (lambda: sdp.excite(None), r"^excite\(problem=None\)"),
+        (lambda: sdp.export(None, "x.urdf"), r"^export\(estimate=None\)"),
+        (lambda: sdp.report(4, run, "x.html"), r"^report\(models=4\)"),
     ]
     for call, words in bad_calls:
         assert re.search(words, refusal(call)), words
 
 
 def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda):
-    comparisons = compare([estimate, estimate, estimate, estimate, estimate], files[0])
-    diagnosis = diagnose(estimate, files)
+    comparisons = sdp.compare([estimate, estimate, estimate, estimate, estimate], files[0])
+    diagnosis = sdp.diagnose(estimate, files)
     things = {
-        "two_link": estimate, "7: ": panda, "dq": load_measurements(*files),
+        "two_link": estimate, "7: ": panda, "dq": sdp.load_measurements(*files),
         "fit against noise": comparisons[0], "Comparisons": comparisons, diagnosis.headline: diagnosis,
-        "worst violation": estimate.certificate, "problem": check(two_link, files[0])[0],
-        "spring": simulate("two_link", "joint_spring:1", "weak"),
+        "worst violation": estimate.certificate, "problem": sdp.check(two_link, files[0])[0],
+        "spring": sdp.simulate("two_link", "joint_spring:1", "weak"),
     }  # fmt: skip
     for words, thing in things.items():
         text = repr(thing)
@@ -203,13 +198,13 @@ def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda)
         assert not re.search(r"\bNone\b(?! of)|\bnan\b", f"{text} {html}")
         if words != "spring":
             assert words in text
-    assert "&lt;b&gt;" in compare({"<b>": estimate}, files[0])._repr_html_()
+    assert "&lt;b&gt;" in sdp.compare({"<b>": estimate}, files[0])._repr_html_()
 
 
 def test_pictures_are_drawn(estimate, files):
     plt = pytest.importorskip("matplotlib.pyplot")
     plt.switch_backend("agg")
-    comparisons = compare({"a": estimate, "b": estimate}, files[1])
+    comparisons = sdp.compare({"a": estimate, "b": estimate}, files[1])
     axes = comparisons.plot()
     heights = [bar.get_height() for bar in axes.patches]
     assert np.allclose(sorted(heights), sorted([*comparisons[0].rmse] * 2))

@@ -20,23 +20,13 @@ import pytest
 from commands import peak_memory
 from small_runs import hostile_log, small_run, write_bag
 
-from sdp_vs_penalty import (
-    InputError,
-    Measurements,
-    check,
-    compare,
-    diagnose,
-    export,
-    identify,
-    load_estimate,
-)
+import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
-from sdp_vs_penalty.problem.load import load_problem, problems_folder
+from sdp_vs_penalty.problem.load import problems_folder
 from sdp_vs_penalty.regression import load_answers
 
 CORPUS = Path(__file__).parent / "data" / "corpus"
@@ -77,12 +67,12 @@ def replaced(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 #: Files that are read as a folder: its name, and what reads it.
-FOLDERS: dict[str, Callable[[Path], object]] = {"arm": load_problem, "log": load_measurements}
+FOLDERS: dict[str, Callable[[Path], object]] = {"arm": sdp.load_problem, "log": sdp.load_measurements}
 
 
 def sound_files(folder: Path) -> list[Path]:
     """One of every kind that is read, and the files that broke a reader once."""
-    problem = load_problem("two_link")
+    problem = sdp.load_problem("two_link")
     run = small_run(problem, seconds=0.5)
     for suffix in (".csv", ".npz", ".mat", ".parquet"):
         save(run, folder / f"sound{suffix}")
@@ -90,10 +80,10 @@ def sound_files(folder: Path) -> list[Path]:
         write_bag(folder / f"bag{name}", run, mcap=name == ".mcap")
         (file,) = (folder / f"bag{name}").glob(f"*{name}")
         file.rename(folder / f"sound{name}")
-    estimate = identify(problem, small_run(problem), proof=folder / "proof.json")
+    estimate = sdp.identify(problem, small_run(problem), proof=folder / "proof.json")
     estimate.save(folder / "model.json")
-    export(estimate, folder / "sound.urdf")
-    found = diagnose(estimate, small_run(problem)).to_dict()
+    sdp.export(estimate, folder / "sound.urdf")
+    found = sdp.diagnose(estimate, small_run(problem)).to_dict()
     (folder / "findings.json").write_text(json.dumps(found))
     box = {"q": np.ones((3, 2)), "gravity": np.ones((3, 2)), "mass_matrix": np.ones((3, 2, 2))}
     np.savez(folder / "box.npz", **box)
@@ -121,13 +111,13 @@ def read(path: Path, source: Path) -> Any:
         path.replace(home / source.name)
         return FOLDERS[source.parent.name](home)
     if path.suffix == ".json":
-        estimate = load_estimate(path)
+        estimate = sdp.load_estimate(path)
         rest = np.zeros((3, estimate.robot.n))
         json.dumps(estimate.to_dict())
         return estimate.torque(Motion(np.arange(3.0), rest, rest, rest, rest))
     if path.suffix == ".urdf":
-        return check_urdf(path), massless_links(path), load_problem(path)
-    return load_measurements(path)
+        return check_urdf(path), massless_links(path), sdp.load_problem(path)
+    return sdp.load_measurements(path)
 
 
 def outcome(case: str, act: Callable[[], object], size: float = np.inf) -> str:
@@ -137,7 +127,7 @@ def outcome(case: str, act: Callable[[], object], size: float = np.inf) -> str:
         with peak_memory() as peak, warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
             act()
-    except InputError as error:
+    except sdp.InputError as error:
         found = "sentence" if "\n" not in str(error) and len(str(error)) <= 2000 else repr(error)
     except Exception as error:
         raise AssertionError(f"{case}: {error!r}") from error
@@ -161,12 +151,12 @@ def read_mutated(seed: int, sources: list[Path], folder: Path) -> str:
     return f"{source.suffix} {found}"
 
 
-def verbs() -> dict[str, Callable[[Measurements], object]]:
+def verbs() -> dict[str, Callable[[sdp.Measurements], object]]:
     """What is done with a log, by name."""
-    problem = load_problem("two_link")
-    model = identify(problem, small_run(problem))
-    first = {verb.__name__: partial(verb, problem) for verb in (identify, check)}
-    return first | {verb.__name__: partial(verb, model) for verb in (compare, diagnose)}
+    problem = sdp.load_problem("two_link")
+    model = sdp.identify(problem, small_run(problem))
+    first = {verb.__name__: partial(verb, problem) for verb in (sdp.identify, sdp.check)}
+    return first | {verb.__name__: partial(verb, model) for verb in (sdp.compare, sdp.diagnose)}
 
 
 @pytest.mark.fuzz
@@ -190,9 +180,9 @@ def test_thousands_of_files(tmp_path, capsys):
 @pytest.mark.parametrize("path", sorted(CORPUS.iterdir()), ids=lambda path: path.name)
 def test_what_the_reader_takes_the_check_can_judge(path, two_link):
     """Files that broke a reader once."""
-    runs, reports, size = list[Measurements](), list[Any](), path.stat().st_size
-    outcome(f"{path.name} read", lambda: runs.append(load_measurements(path, joints=2)), size)
-    outcome(f"{path.name} checked", lambda: reports.extend(check(two_link, path)), size)
+    runs, reports, size = list[sdp.Measurements](), list[Any](), path.stat().st_size
+    outcome(f"{path.name} read", lambda: runs.append(sdp.load_measurements(path, joints=2)), size)
+    outcome(f"{path.name} checked", lambda: reports.extend(sdp.check(two_link, path)), size)
     if not reports:
         assert not runs or not np.any(np.abs(runs[0].tau) > 1e-12)
     elif not runs:
@@ -201,9 +191,9 @@ def test_what_the_reader_takes_the_check_can_judge(path, two_link):
 
 def test_a_models_own_filters_keep_the_budget(two_link, tmp_path):
     run = small_run(two_link, seconds=5.0)
-    identify(two_link, run).save(tmp_path / "model.json")
+    sdp.identify(two_link, run).save(tmp_path / "model.json")
     content = json.loads((tmp_path / "model.json").read_text())
     content["preprocessing"]["state_cutoff"] = 1e-4
     (tmp_path / "model.json").write_text(json.dumps(content))
-    model = load_estimate(tmp_path / "model.json")
-    assert outcome("filters of hours", lambda: compare(model, run), 0.0) == "sentence"
+    model = sdp.load_estimate(tmp_path / "model.json")
+    assert outcome("filters of hours", lambda: sdp.compare(model, run), 0.0) == "sentence"

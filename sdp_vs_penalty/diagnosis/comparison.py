@@ -286,10 +286,7 @@ def _kept_noise(
 
 
 def _judged(
-    name: str,
-    model: Estimate,
-    runs: FilteredRuns,
-    floor: tuple[Array | None, str],
+    name: str, model: Estimate, runs: FilteredRuns, floor: tuple[Array | None, str]
 ) -> Comparison:
     series = {name: Growing() for name in ("t", "q", "dq", "measured", "modelled")}
     outside: dict[str, float] = {}  # rows

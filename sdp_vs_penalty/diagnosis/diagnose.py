@@ -1,6 +1,7 @@
 """The verb: which effect does the model miss?"""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -105,7 +106,8 @@ def _offered(search: Search, judge: Judge) -> Found:
         """Findings beside the model with other constants of its own."""
         effects = with_shapes(first.model.effects, changed(kept, first.model))
         now = replace(first, model=replace(first.model, effects=effects)) if kept else first
-        found = search.limited(findings)
+        found = copy(search)
+        found.terms = [*findings]
         now, found = referred(found.carried(now) if own else found, anyway=bool(kept))
         return now, found.limited(found.terms)
 
@@ -127,7 +129,8 @@ def _offered(search: Search, judge: Judge) -> Found:
         rest = what_is_left(beside, left.odd)
         if len(rest.matters) < len(left.matters):
             final, left = beside, rest
-    shapes = tuple(changed(kept, first.model))
+    shapes, stay = tuple(changed(kept, first.model)), {t.text for t in final.terms}
+    order = [k for k in order if k < len(own) or terms[k].text in stay]
     found = Found(first, now, shapes, final, left, held_out, tuple(order))
     parts = in_parts(final)
     if not left.raised and not parts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence, Set
+from copy import copy
 from dataclasses import replace
 from itertools import combinations
 
@@ -33,9 +34,9 @@ class Search:
     own : other constants of the first model's effects that the model in question has already.
     """
 
-    def __init__(self, data: WhiteData, library: Library, score: Score | None = None) -> None:
+    def __init__(self, data: WhiteData, library: Library) -> None:
         self.data, self.library = data, library
-        self.score = score or Score(data, len(library.laws), library.laws)
+        self.score = Score(data, len(library.laws), library.laws)
         self._kept: dict[str, dict[int, Array]] = {}
         self._distorted: dict[str, list[tuple[int, Array, Array]]] = {}
         self.terms: list[Term] = []
@@ -337,11 +338,17 @@ class Search:
         return out
 
     def limited(self, terms: Sequence[Term]) -> Search:
-        """The search with some of its terms only, each judged beside those."""
-        out = Search(self.data, self.library, self.score)
-        out.fit = out.score.fit(out.with_misfits(terms), self.fit)
-        out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
-        out.fit = out.score.fit(terms)
+        """The search with some of its terms only, each judged beside those; where some have not enough
+        left, the one with the least goes, and the rest is judged again."""
+        out = copy(self)
+        while True:
+            out.fit = out.score.fit(out.with_misfits(terms), self.fit)
+            out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
+            least = min(out.terms, key=lambda t: t.J, default=None)
+            if least is None or least.J > APART:
+                break
+            terms = [t for t in out.terms if t is not least]
+        out.fit = out.score.fit(out.terms)
         return out
 
 

@@ -7,14 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import (
-    Array,
-    Block,
-    Effect,
-    JointEffect,
-    Motion,
-    Parameter,
-)
+from sdp_vs_penalty.effects.effect import Array, Block, Effect, JointEffect, Motion, Parameter
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia

@@ -39,11 +39,7 @@ from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.partial import deviations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
-from sdp_vs_penalty.robot.trajectory import (
-    FourierTrajectory,
-    PointTrajectory,
-    random_trajectory,
-)
+from sdp_vs_penalty.robot.trajectory import FourierTrajectory, PointTrajectory, random_trajectory
 
 #: Rate at which motions are looked at [Hz].
 RATE = 20.0

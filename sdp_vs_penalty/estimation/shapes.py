@@ -31,13 +31,7 @@ from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.partial import (
-    UNSEEN,
-    deviations,
-    least_squares,
-    span,
-    visible,
-)
+from sdp_vs_penalty.regression.partial import UNSEEN, deviations, least_squares, span, visible
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns

@@ -382,7 +382,7 @@ class Session:
         await self.identify()
         await self.diagnose()
         assert self.findings is not None
-        await self.add([f.text for f in self.findings.effects if f.confidence == "confident"])
+        await self.add([f.text for f in self.findings.sure])
 
     async def take(
         self, name: str, ready: Callable[[str], None], options: Mapping[str, str] | None = None

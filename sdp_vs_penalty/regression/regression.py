@@ -237,10 +237,7 @@ def _folded(rows: Array) -> Array:
 
 
 def compress(
-    runs: FilteredRuns,
-    model: Model,
-    blocks_per_run: int = 20,
-    workers: Workers = ALONE,
+    runs: FilteredRuns, model: Model, blocks_per_run: int = 20, workers: Workers = ALONE
 ) -> Regression:
     """Reduce the runs to factors; memory does not grow with their length.
 
@@ -279,10 +276,7 @@ class Cells(Protocol):
 
 
 def compress_cells(
-    runs: FilteredRuns,
-    model: Model,
-    folds: Cells,
-    workers: Workers = ALONE,
+    runs: FilteredRuns, model: Model, folds: Cells, workers: Workers = ALONE
 ) -> Regression:
     """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
     one = partial(_cells_of_run, model=model, folds=folds)

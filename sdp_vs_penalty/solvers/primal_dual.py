@@ -54,10 +54,7 @@ class Optimum(Iterate):
 
 
 def minimise(
-    cones: SmallCones,
-    data: LeastSquares,
-    starts: Sequence[Array | Iterate],
-    accuracy: float,
+    cones: SmallCones, data: LeastSquares, starts: Sequence[Array | Iterate], accuracy: float
 ) -> Optimum | None:
     """From the first of the starts that lies inside, until gap and leftover slope cost no more than
     ``accuracy`` of the loss, or no step helps any more; None where nothing could be factorised."""

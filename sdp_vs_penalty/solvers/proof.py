@@ -61,10 +61,7 @@ def optimum_proof(
 
 
 def infeasibility_proof(
-    constraints: ConstraintSet,
-    multipliers: Array,
-    bound: Array,
-    parameters: Sequence[str] = (),
+    constraints: ConstraintSet, multipliers: Array, bound: Array, parameters: Sequence[str] = ()
 ) -> Proof:
     """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex constraints; multipliers
     (e,) of their entries."""
@@ -80,10 +77,7 @@ def write_proof(proof: Proof, path: str | Path) -> None:
 
 
 def stated(
-    objective: Objective,
-    constraints: Sequence[Constraint],
-    bound: Array,
-    parameters: Sequence[str] = (),
+    objective: Objective, constraints: Sequence[Constraint], bound: Array, parameters: Sequence[str] = ()
 ) -> Proof:
     """The problem as a proof states it: every field but multipliers, interval and hashes."""
     data, entropy = objective.least_squares, objective.entropy

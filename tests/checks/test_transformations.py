@@ -1,12 +1,15 @@
 """What every transformation promises: on rows it does what it does to a log, and says it once."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from small_runs import hostile_log, small_run
 
 from sdp_vs_penalty import InputError, Measurements, Problem, check, compare, identify, load_problem
+from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.transformations import Gain
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects.bristles import dahl
 from tests.helpers.arms import THREE, TURN, write_urdf
@@ -26,6 +29,14 @@ def test_two_mistakes_are_never_told_against_each_other(seed):
     assert len(told) == len(set(told))
     (again,) = check(PROBLEM, report.mended, thorough=False)
     assert not [f for f in again.problems if f.severity == "error"]
+
+
+def test_a_gain_that_is_taken_away_again_costs_nothing():
+    """However a processor rounds x / x."""
+    none = Repair.none(2, (0.0, 0.0, -9.81))
+    for x in np.random.default_rng(0).uniform(-2.0, 2.0, 200):
+        (gain,) = Gain().elements(SimpleNamespace(n=2), none.with_entries("gain", (1,), x))
+        assert gain.without == none.with_entries("gain", (1,), np.sign(x))
 
 
 def test_a_gain_in_one_of_two_runs_is_named_with_the_run():

@@ -18,18 +18,7 @@ from recorded import refusal, refusals, same_refusal
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty import (
-    InputError,
-    Measurements,
-    Problem,
-    check,
-    compare,
-    files,
-    identify,
-    load_estimate,
-    load_measurements,
-    load_problem,
-)
+import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import check_plausible, read_run, save
 from sdp_vs_penalty.data.files import as_measurements
 from sdp_vs_penalty.errors import Remark
@@ -44,7 +33,7 @@ GOOD = "\n".join([HEADER, *ROWS]) + "\n"
 def test_a_bad_csv_is_refused(case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text(refusals("csv")[case][0])
-    assert same_refusal("csv", case, refusal(lambda: load_measurements("run.csv")))
+    assert same_refusal("csv", case, refusal(lambda: sdp.load_measurements("run.csv")))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +43,7 @@ def test_a_bad_csv_is_refused(case, tmp_path, monkeypatch):
 def test_a_binary_csv_is_refused(content, words, tmp_path):
     path = tmp_path / "run.csv"
     path.write_bytes(content)
-    refusal(lambda: load_measurements(path), words)
+    refusal(lambda: sdp.load_measurements(path), words)
 
 
 def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path):
@@ -62,7 +51,7 @@ def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path):
     path = tmp_path / "run.csv"
     text = "\ufeff" + "\r\n".join([HEADER.replace(",", " , "), *ROWS, "", ""])
     path.write_bytes(text.encode())
-    assert load_measurements(path, joints=2).q.shape == (9, 2)
+    assert sdp.load_measurements(path, joints=2).q.shape == (9, 2)
 
 
 @pytest.mark.parametrize(
@@ -76,9 +65,9 @@ def test_other_columns_are_left_out_with_a_remark(more, said, tmp_path):
         "\n".join(f"{line},{more if k == 0 else k}" for k, line in enumerate([HEADER, *ROWS]))
     )
     with pytest.warns(Remark) as heard:
-        run = load_measurements(path, joints=2)
+        run = sdp.load_measurements(path, joints=2)
     assert all(word in str(heard[0].message) for word in said)
-    assert run.data_hash == load_measurements(plain, joints=2).data_hash
+    assert run.data_hash == sdp.load_measurements(plain, joints=2).data_hash
 
 
 @pytest.mark.parametrize(
@@ -96,24 +85,24 @@ def test_other_columns_are_left_out_with_a_remark(more, said, tmp_path):
 def test_bad_npz(arrays, words, tmp_path):
     path = tmp_path / "run.npz"
     np.savez(path, **arrays)
-    refusal(lambda: load_measurements(path), "run.npz", *words)
+    refusal(lambda: sdp.load_measurements(path), "run.npz", *words)
 
 
 def test_files_and_folders_that_are_not_there(tmp_path):
-    refusal(lambda: load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "No such file")
+    refusal(lambda: sdp.load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "No such file")
     (tmp_path / "folder.csv").mkdir()
     for folder in (tmp_path / "folder.csv", tmp_path):
-        refusal(lambda folder=folder: load_measurements(folder), "no runs in this folder")
-    refusal(load_measurements, "name at least one RUN.csv")
+        refusal(lambda folder=folder: sdp.load_measurements(folder), "no runs in this folder")
+    refusal(sdp.load_measurements, "name at least one RUN.csv")
 
 
 def test_a_panda_log_of_unequal_files(tmp_path):
     for name, count in (("time", 5), ("positions", 35), ("velocity", 35), ("torques", 34)):
         lines = [str(0.001 * k) for k in range(count)]
         (tmp_path / f"exciting_traj_{name}.txt").write_text("\n".join(lines))
-    refusal(lambda: load_measurements(tmp_path), "34 numbers of tau", "5 instants")
+    refusal(lambda: sdp.load_measurements(tmp_path), "34 numbers of tau", "5 instants")
     (tmp_path / "exciting_traj_torques.txt").write_text("1\n2\nthree\n")
-    refusal(lambda: load_measurements(tmp_path), "exciting_traj_torques.txt: row 3", "'three'")
+    refusal(lambda: sdp.load_measurements(tmp_path), "exciting_traj_torques.txt: row 3", "'three'")
 
 
 def test_degrees_are_refused_by_the_joints_ranges_and_one_turn_outside_is_not(panda):
@@ -121,10 +110,10 @@ def test_degrees_are_refused_by_the_joints_ranges_and_one_turn_outside_is_not(pa
     run = replace(small_run(panda), names=("run.csv",), dq=None)
     run = replace(run, q=run.q + centre)
     check_plausible(panda.robot, replace(run, q=run.q + 2.0 * np.pi))
-    estimate = identify(panda, run, "ols", check=False)  # its torques are those of other positions
+    estimate = sdp.identify(panda, run, "ols", check=False)  # its torques are those of other positions
     wrong = replace(run, q=np.degrees(run.q))
     words = "run.csv: row ", "column q", "far outside the range of joint", "degrees to radians"
-    for call in (lambda: identify(panda, wrong), lambda: compare(estimate, wrong)):
+    for call in (lambda: sdp.identify(panda, wrong), lambda: sdp.compare(estimate, wrong)):
         refusal(call, *words)
 
 
@@ -133,19 +122,23 @@ def test_degrees_are_refused_by_the_derivative_and_a_turning_shaft_is_not(two_li
     for name in ("q", "dq"):
         wrong = replace(run, **{name: np.degrees(getattr(run, name))})
         said = "q1 and dq1 differ by a factor of 57", f"convert {name} "
-        refusal(lambda wrong=wrong: identify(two_link, wrong), *said)
-    check_plausible(two_link.robot, Measurements(run.t, run.q + 20.0 * run.t[:, None], run.tau, None))
+        refusal(lambda wrong=wrong: sdp.identify(two_link, wrong), *said)
+    check_plausible(
+        two_link.robot, sdp.Measurements(run.t, run.q + 20.0 * run.t[:, None], run.tau, None)
+    )
 
 
 def test_wrong_number_of_joints(two_link, panda, tmp_path):
     run = small_run(two_link)
-    refusal(lambda: identify(panda, run), "2 joints", "panda", "7")
-    refusal(lambda: check(panda, run), "2 joints, the robot has 7")
+    refusal(lambda: sdp.identify(panda, run), "2 joints", "panda", "7")
+    refusal(lambda: sdp.check(panda, run), "2 joints, the robot has 7")
     raw = tmp_path / "ur-20_02_12-50sec_12harm.csv"
     raw.write_text("0.1,2\n")
-    refusal(lambda: load_measurements(raw), "raw file", "sdp-vs-penalty fetch ur10e")
+    refusal(lambda: sdp.load_measurements(raw), "raw file", "sdp-vs-penalty fetch ur10e")
     refusal(
-        lambda: compare(identify(two_link, run, "ols"), small_run(panda)), "the robot has 2", "7 joints"
+        lambda: sdp.compare(sdp.identify(two_link, run, "ols"), small_run(panda)),
+        "the robot has 2",
+        "7 joints",
     )
 
 
@@ -166,12 +159,12 @@ def test_a_bad_problem_is_refused(case, tmp_path, monkeypatch):
     assert old in TOML
     monkeypatch.chdir(tmp_path)
     folder = problem_folder(Path("arm"), TOML.replace(old, new, 1))
-    assert same_refusal("problem", case, refusal(lambda: load_problem(folder)))
+    assert same_refusal("problem", case, refusal(lambda: sdp.load_problem(folder)))
 
 
 def test_brackets_without_end_are_refused(tmp_path):
     nested = TOML.replace('title = "t"', f"title = {'[' * 5000}{']' * 5000}", 1)
-    refusal(lambda: load_problem(problem_folder(tmp_path / "arm", nested)), "nested too deeply")
+    refusal(lambda: sdp.load_problem(problem_folder(tmp_path / "arm", nested)), "nested too deeply")
 
 
 #: Values of every kind, and of which fields (in order, joined) each is a good one.
@@ -189,27 +182,27 @@ def test_a_field_of_another_kind_or_name_is_named(line, tmp_path):
         if key not in good.split():
             folder = problem_folder(tmp_path / "arm", TOML.replace(line, f"{key} = {value}", 1))
             about = "centre_of_mass_cone" if value == "nan" and key in ("radius", "slope") else key
-            refusal(lambda folder=folder: load_problem(folder), "problem.toml", about)
+            refusal(lambda folder=folder: sdp.load_problem(folder), "problem.toml", about)
     folder = problem_folder(tmp_path / "arm", TOML.replace(line, f"my_{line}", 1))
-    refusal(lambda: load_problem(folder), f"my_{key}' is unknown")
+    refusal(lambda: sdp.load_problem(folder), f"my_{key}' is unknown")
     folder = problem_folder(tmp_path / "arm", TOML.replace(f"{line}\n", "", 1))
     if key in ("gravity", "lower", "upper", "tables", "total_mass", "state_cutoff"):
-        load_problem(folder)
+        sdp.load_problem(folder)
     else:
-        refusal(lambda: load_problem(folder), f"'{key}' is missing")
+        refusal(lambda: sdp.load_problem(folder), f"'{key}' is missing")
 
 
 @pytest.mark.parametrize("case", refusals("bounds"))
 def test_a_bad_table_of_bounds_is_refused(case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = problem_folder(Path("arm"), bounds=refusals("bounds")[case][0])
-    assert same_refusal("bounds", case, refusal(lambda: load_problem(folder)))
+    assert same_refusal("bounds", case, refusal(lambda: sdp.load_problem(folder)))
 
 
 @pytest.fixture(scope="module")
-def model(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def model(two_link: sdp.Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.json"
-    identify(two_link, small_run(two_link)).save(path)
+    sdp.identify(two_link, small_run(two_link)).save(path)
     return path
 
 
@@ -234,7 +227,7 @@ def test_a_bad_model_is_refused(case, model, tmp_path, monkeypatch):
     keys, value, _ = refusals("model")[case]
     monkeypatch.chdir(tmp_path)
     path = changed(model, Path("bad.json"), setter(*keys, value=value))
-    assert same_refusal("model", case, refusal(lambda: load_estimate(path)))
+    assert same_refusal("model", case, refusal(lambda: sdp.load_estimate(path)))
 
 
 def places(data: Any, *keys: Any) -> Iterator[tuple[Any, ...]]:
@@ -253,8 +246,8 @@ def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(value, 
     path, said = tmp_path / "bad.json", dict[str, str]()
     for keys in places(json.loads(model.read_text())):
         try:
-            load_estimate(changed(model, path, setter(*keys, value=value)))
-        except InputError as error:
+            sdp.load_estimate(changed(model, path, setter(*keys, value=value)))
+        except sdp.InputError as error:
             said[".".join(map(str, keys))] = str(error)
     assert all(message.startswith(f"{path}: ") for message in said.values())
     joint = {f"robot.joints.0.{name}" for name in ("kind", "axis", "placement")}
@@ -271,7 +264,7 @@ def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(value, 
 def test_files_that_are_no_models(content, words, tmp_path):
     path = tmp_path / "model.json"
     path.write_bytes(content)
-    refusal(lambda: load_estimate(path), str(path), *words)
+    refusal(lambda: sdp.load_estimate(path), str(path), *words)
 
 
 def test_an_archive_of_a_later_version_is_refused(tmp_path):
@@ -281,7 +274,7 @@ def test_an_archive_of_a_later_version_is_refused(tmp_path):
     at = content.index(b"PK\x01\x02") + 6  # "version needed" of the central directory
     path.write_bytes(content[:at] + b"\x40" + content[at + 1 :])
     assert load_answers([path]) is None
-    refusal(lambda: load_measurements(path), "box.npz")
+    refusal(lambda: sdp.load_measurements(path), "box.npz")
 
 
 def test_numbers_that_no_sensor_resolves_are_zeros(two_link, tmp_path):
@@ -305,7 +298,7 @@ def ros1_chunk(compression: bytes, packed: bytes, claimed: int) -> bytes:
 @pytest.mark.parametrize("kind", ["npz", "mat", "parquet", "bz2", "lz4"])
 def test_no_bomb_takes_more_than_its_size_allows(kind, tmp_path, monkeypatch):
     """128 MB of zeros, where reading may take 32: whatever sizes its headers claim."""
-    monkeypatch.setattr(files, "_ROOM", 32 * 2**20)
+    monkeypatch.setattr(sdp.files, "_ROOM", 32 * 2**20)
     path = tmp_path / f"bomb.{kind}"
     zeros = np.zeros(2**24)
     if kind == "npz":
@@ -324,7 +317,7 @@ def test_no_bomb_takes_more_than_its_size_allows(kind, tmp_path, monkeypatch):
         chunk = ros1_chunk(kind.encode(), packed, zeros.nbytes)
         path.write_bytes(b"#ROSBAG V2.0\n" + chunk)
     del zeros
-    with peak_memory() as peak, pytest.raises(InputError):
+    with peak_memory() as peak, pytest.raises(sdp.InputError):
         read_run(path)
     assert peak[0] < 68 * 2**20
 

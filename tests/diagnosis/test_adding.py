@@ -9,37 +9,26 @@ import pytest
 from arms import HEAVY, THREE, run_of_widths, write_urdf
 from small_runs import small_run
 
-from sdp_vs_penalty import (
-    Estimate,
-    InputError,
-    Measurements,
-    Problem,
-    add,
-    compare,
-    diagnose,
-    identify,
-    load_estimate,
-    load_problem,
-)
+import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 
-def reloaded(estimate: Estimate, folder: Path) -> Estimate:
+def reloaded(estimate: sdp.Estimate, folder: Path) -> sdp.Estimate:
     estimate.save(folder / "model.json")
-    return load_estimate(folder / "model.json")
+    return sdp.load_estimate(folder / "model.json")
 
 
 @pytest.mark.parametrize(("name", "axes"), [("two_link", HEAVY), ("panda", THREE)])
 def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(name, axes, tmp_path):
-    problem = load_problem(write_urdf(tmp_path / "arm.urdf", name, axes))
+    problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", name, axes))
     made = hidden_runs(problem, [("joint_spring", [1])], "strong", seed=7)
     data = concatenate(made.runs[:3])
-    estimate = identify(problem, data, effects=made.truth["model_effects"])
-    bigger = add(reloaded(estimate, tmp_path), "joint_spring:2", data)
-    before, after = compare({"before": estimate, "after": bigger}, made.runs[3])
+    estimate = sdp.identify(problem, data, effects=made.truth["model_effects"])
+    bigger = sdp.add(reloaded(estimate, tmp_path), "joint_spring:2", data)
+    before, after = sdp.compare({"before": estimate, "after": bigger}, made.runs[3])
     assert after.rmse[1] < 0.5 * before.rmse[1]
     assert bigger.certificate.worst == 0.0
     assert bigger.certificate.gap is not None
@@ -48,12 +37,12 @@ def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(name, axes, tmp_path)
 
 def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path):
     """Least squares ends outside the constraints; a payload beside it does not mend that."""
-    problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
+    problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     data = small_run(problem)
-    estimate = identify(problem, data, "ols")
+    estimate = sdp.identify(problem, data, "ols")
     broken = {f: v for f, v in estimate.certificate.violations.items() if v > 0.0}
     assert broken
-    loaded = add(estimate, "payload", data)
+    loaded = sdp.add(estimate, "payload", data)
     for family, violation in broken.items():
         assert loaded.certificate.violations[family] >= violation
     assert loaded.certificate.violations == problem.constraints(loaded.model).worst(loaded.theta)
@@ -66,20 +55,20 @@ def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path):
 
 def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path):
     """A payload is the last link's twin: refitted together, neither would be determined."""
-    problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
+    problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     data = small_run(problem)
-    loaded = add(identify(problem, data), "payload", data)
-    more = add(reloaded(loaded, tmp_path), "joint_spring:2", data)
+    loaded = sdp.add(sdp.identify(problem, data), "payload", data)
+    more = sdp.add(reloaded(loaded, tmp_path), "joint_spring:2", data)
     np.testing.assert_array_equal(more.theta[:-1], loaded.theta)
     assert [e.name for e in more.model.effects[-2:]] == ["payload", "joint_spring"]
-    mixed = add(identify(problem, data), "payload,joint_spring:2", data)
+    mixed = sdp.add(sdp.identify(problem, data), "payload,joint_spring:2", data)
     np.testing.assert_array_equal(mixed.theta[: -10 - 1], loaded.theta[:-10])
 
 
 def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypatch):
     """The defaults of a robot without published bounds are written into its model."""
-    problem = load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
-    estimate = identify(problem, small_run(problem), "ols")
+    problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
+    estimate = sdp.identify(problem, small_run(problem), "ols")
     before = problem.constraints(estimate.model)
     monkeypatch.setattr("sdp_vs_penalty.problem.constants.DEFAULT_RADIUS", 9.0)
     monkeypatch.setattr("sdp_vs_penalty.problem.constants.DEFAULT_LINK_MASS", (1.0, 7.0))
@@ -89,14 +78,14 @@ def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypa
         assert (old.family, old.name, old.cone) == (new.family, new.name, new.cone)
         np.testing.assert_array_equal(old.constant, new.constant)
         np.testing.assert_array_equal(old.coefficients, new.coefficients)
-    fresh = load_problem(tmp_path / "arm.urdf").link_sizes[0]
+    fresh = sdp.load_problem(tmp_path / "arm.urdf").link_sizes[0]
     assert fresh[0] != estimate.problem.link_sizes[0][0]
 
 
 @pytest.mark.parametrize("width", [0.01, 0.002])
 def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
     """Without Stribeck friction in the model, Coulomb friction turns over another velocity."""
-    problem = load_problem("two_link")
+    problem = sdp.load_problem("two_link")
     trajectory = random_trajectory(problem.robot, seed=3, duration=20.0)
     t = np.arange(0.0, 20.0, 0.005)
     q, dq, ddq = trajectory.states(t)
@@ -104,10 +93,10 @@ def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
     size, noise = 0.6 * tau[:, 1].std(), 0.05 * tau.std(axis=0)
     tau += 0.4 * dq + 0.8 * np.tanh(dq / width) + 0.3
     tau[:, 1] += size * np.tanh(dq[:, 1] / width) * np.exp(-((dq[:, 1] / 0.07) ** 2))
-    data = Measurements(t, q, tau + noise * np.random.default_rng(0).normal(size=tau.shape))
+    data = sdp.Measurements(t, q, tau + noise * np.random.default_rng(0).normal(size=tau.shape))
     effects = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
-    before = identify(problem, data, "ols", effects=effects)
-    after = add(before, "stribeck_friction:2", data)
+    before = sdp.identify(problem, data, "ols", effects=effects)
+    after = sdp.add(before, "stribeck_friction:2", data)
     assert after.model.sign_width[1] == pytest.approx(width, rel=0.1)
     found = after.uncertainty.standard[-1]
     assert found.value == pytest.approx(size, rel=0.05)
@@ -120,19 +109,19 @@ WIDTHS = (0.003, 0.0001, 0.01, 0.08)
 
 
 @pytest.fixture(scope="module")
-def run(scara_arm: Problem) -> Measurements:
+def run(scara_arm: sdp.Problem) -> sdp.Measurements:
     """A motion that repeats."""
     return run_of_widths(scara_arm, WIDTHS, 24.0)
 
 
 @pytest.fixture(scope="module")
-def estimate(run: Measurements, scara_arm: Problem) -> Estimate:
-    return identify(scara_arm, run, "ols", effects=EFFECTS)
+def estimate(run: sdp.Measurements, scara_arm: sdp.Problem) -> sdp.Estimate:
+    return sdp.identify(scara_arm, run, "ols", effects=EFFECTS)
 
 
 @pytest.fixture(scope="module")
-def found(estimate: Estimate, run: Measurements) -> Diagnosis:
-    return diagnose(estimate, run, run)
+def found(estimate: sdp.Estimate, run: sdp.Measurements) -> Diagnosis:
+    return sdp.diagnose(estimate, run, run)
 
 
 def test_no_effect_is_named_for_a_wrong_constant(found):
@@ -150,12 +139,12 @@ def test_no_effect_is_named_for_a_wrong_constant(found):
 
 def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
     again = Diagnosis.from_dict(json.loads(json.dumps(found.to_dict(), allow_nan=False)))
-    from_file = add(estimate, again, run)
-    by_name = add(estimate, ",".join(r.text for r in found.retuned), run)
+    from_file = sdp.add(estimate, again, run)
+    by_name = sdp.add(estimate, ",".join(r.text for r in found.retuned), run)
     np.testing.assert_array_equal(from_file.theta, by_name.theta)
     assert from_file.model.sign_width[3] == pytest.approx(WIDTHS[3], rel=0.15)
-    with pytest.raises(InputError, match="list effect coulomb_friction only once"):
-        add(estimate, "coulomb_friction:1", run)
+    with pytest.raises(sdp.InputError, match="list effect coulomb_friction only once"):
+        sdp.add(estimate, "coulomb_friction:1", run)
 
 
 def test_changed_constants_are_chosen_by_confidence(found):

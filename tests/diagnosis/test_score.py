@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import identify
+from sdp_vs_penalty import Problem, identify
 from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Columns
 from sdp_vs_penalty.diagnosis.library import Batch, Form, library
@@ -148,13 +148,18 @@ def test_a_misfit_is_noise_that_its_columns_make():
     assert alone.drop > 2.0 * term.drop > 0.0
 
 
-def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
-    """Beyond the model, on each joint, as the misfits' deviations expect it: FORM of its squares."""
+def searched(two_link: Problem) -> Search:
+    """A search that has not begun."""
     run = small_run(two_link, seed=2)
     estimate = identify(two_link, run, "ols")
     settings = estimate.preprocessing.resolve(run)
     data = prepare(diagnosis_rows(run, estimate, settings), estimate)
-    search = Search(data, library(data))
+    return Search(data, library(data))
+
+
+def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
+    """Beyond the model, on each joint, as the misfits' deviations expect it: FORM of its squares."""
+    search = searched(two_link)
     forms = [f for b in search.library.batches for f in b.forms if f.constants and not f.own]
     term = max((search.judged(search.fit, f) for f in forms), key=lambda t: t.squares.sum())
     misfits = search.misfits(term)
@@ -172,11 +177,7 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
 def test_beside_another_width_of_the_models_own_all_candidates_turn_round_with_it(two_link):
     """As if the library had been made beside that model; dry friction that bends is judged beside the
     sign that the model has."""
-    run = small_run(two_link, seed=2)
-    estimate = identify(two_link, run, "ols")
-    settings = estimate.preprocessing.resolve(run)
-    data = prepare(diagnosis_rows(run, estimate, settings), estimate)
-    search, wide = Search(data, library(data)), 0.1
+    search, wide = searched(two_link), 0.1
     every = {f.effect.text: f for b in search.library.batches for f in b.forms}
     own = next(f for f in every.values() if f.own and f.effect.joints == (0,)).with_shape(v_s=wide)
     bends = next(f for f in every.values() if f.key == ("presliding_hysteresis", 0))
@@ -200,6 +201,20 @@ def test_beside_another_width_of_the_models_own_all_candidates_turn_round_with_i
     assert moved > 20
 
 
+def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(two_link, monkeypatch):
+    """And the search goes on to exchange them."""
+    search, asked = searched(two_link), []
+    forms = [f for b in search.library.batches for f in b.forms if not f.own]
+    stays, goes = (replace(search.judged(search.fit, f), drop=1e6) for f in (forms[0], forms[-1]))
+    found = {"top_candidates": lambda *_: [] if search.refused else [goes], "exchanged": asked.append}
+    for name, step in {**found, "settled": lambda _: []}.items():
+        monkeypatch.setattr(search, name, step)
+    search.terms = [stays]
+    assert search.run() == [stays]
+    assert asked == [[stays]]
+    assert search.refused == {goes.key}
+
+
 def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
     """Not by how many rows the sandwich finds each of them worth."""
     one = Term(form(), {0: np.zeros((M, 1))}, drop=3000.0, worth=1.5, price=20.0)
@@ -210,11 +225,7 @@ def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
 
 def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
     """Whatever the rows are found to be worth there: that is as uncertain as the evidence is."""
-    run = small_run(two_link, seed=2)
-    estimate = identify(two_link, run, "ols")
-    settings = estimate.preprocessing.resolve(run)
-    data = prepare(diagnosis_rows(run, estimate, settings), estimate)
-    search = Search(data, library(data))
+    search = searched(two_link)
     forms = [f for b in search.library.batches for f in b.forms if f.key == ("sigmoid_friction", 0)]
     refined = search.refined(search.fit, search.judged(search.fit, forms[0]))
     assert refined.drop >= max(search.judged(search.fit, f).drop for f in forms if f.law == forms[0].law)

@@ -131,3 +131,11 @@ def test_torque_is_that_of_the_columns_over_the_models_own_width():
     sign, dip = np.tanh(motion.dq / 0.3), np.exp(-((motion.dq / 0.1) ** 2))
     np.testing.assert_allclose(torque, sign * (theta[:3] + theta[3:] * dip), atol=1e-12)
     np.testing.assert_allclose(model.torque(theta, motion), torque, atol=1e-12)
+
+
+def test_what_is_smoothed_is_the_motion_without_what_is_faster():
+    """To its ends, where Butterworth's filter there and back lies twice as far beside it."""
+    t = np.arange(1501) / 1000.0
+    slow, fast = np.sin(5.0 * t + 0.3), 0.1 * np.sin(2.0 * np.pi * 80.0 * t)
+    left = Motion(t, *[slow[:, None]] * 3).smoothed(slow + fast, 20.0) - slow
+    assert np.abs(left).max() < 5e-4

@@ -10,16 +10,7 @@ import pytest
 from recorded import refusal
 from servo_log import COULOMB, EFFECTS, KD, KP, MASS, OFFSET, VISCOUS, log, write_slide
 
-from sdp_vs_penalty import (
-    Estimate,
-    InputError,
-    Measurements,
-    compare,
-    cross_validate,
-    follow,
-    identify,
-    load_estimate,
-)
+import sdp_vs_penalty as sdp
 from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Runs
@@ -35,11 +26,11 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(scope="module")
-def found(arm: str) -> Estimate:
-    return identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
+def found(arm: str) -> sdp.Estimate:
+    return sdp.identify(arm, log(), effects=EFFECTS, known={"m1": MASS})
 
 
-def value(estimate: Estimate, name: str) -> float:
+def value(estimate: sdp.Estimate, name: str) -> float:
     return float(estimate.theta[[p.name for p in estimate.model.parameters].index(name)])
 
 
@@ -56,12 +47,12 @@ def test_a_known_mass_gives_the_gains_and_friction(found, tmp_path):
     assert value(found, "f_c1") == pytest.approx(COULOMB, rel=0.05)
     assert value(found, "f_o1") == pytest.approx(OFFSET, rel=0.05)
     found.save(tmp_path / "model.json")
-    again = load_estimate(tmp_path / "model.json")
+    again = sdp.load_estimate(tmp_path / "model.json")
     np.testing.assert_array_equal(again.theta, found.theta)
-    (shown,) = compare(again, log())
+    (shown,) = sdp.compare(again, log())
     assert shown.relative_error_percent < 3.0
     other = log(seed=3).window(0.0, 2.5)
-    told = follow(found, other, drive="servo")
+    told = sdp.follow(found, other, drive="servo")
     assert float(told.free[0].rms[0]) < 1e-3
 
 
@@ -75,7 +66,7 @@ def test_a_known_mass_gives_the_gains_and_friction(found, tmp_path):
 )
 def test_what_sets_the_scale(arm, known, load, times, said):
     loads = [(log(seed=5, load=load), load)] if load else []
-    found = identify(arm, log(), effects=EFFECTS, known=known, known_loads=loads)
+    found = sdp.identify(arm, log(), effects=EFFECTS, known=known, known_loads=loads)
     assert found.details["servo"]["scale"].startswith(said)
     gain, mass = value(found, "kp1"), value(found, "m1")
     assert gain / mass == pytest.approx(KP / MASS, rel=0.02)
@@ -88,23 +79,27 @@ def test_what_sets_the_scale(arm, known, load, times, said):
 def test_a_motor_constant_sets_the_scale(arm):
     run = log(torque=True)
     groups = {"q": run.q, "qcmd": run.commanded["qcmd"], "current": run.tau / 2.5}
-    found = identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
+    found = sdp.identify(
+        arm, sdp.Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5}
+    )
     assert found.details["servo"]["scale"] == "kt1 = 2.5"
     assert value(found, "kp1") == pytest.approx(KP, rel=0.02)
     assert value(found, "m1") == pytest.approx(MASS, rel=0.02)
     groups["current"] = -groups["current"]
-    with pytest.raises(InputError, match="current1 is not what this servo makes of its error"):
-        identify(arm, Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5})
+    with pytest.raises(sdp.InputError, match="current1 is not what this servo makes of its error"):
+        sdp.identify(
+            arm, sdp.Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5}
+        )
 
 
 def test_the_law_is_chosen_and_its_delay_found(arm):
-    pid = identify(arm, log(ki=700.0, delay=0.03), effects=EFFECTS, known={"m1": MASS})
+    pid = sdp.identify(arm, log(ki=700.0, delay=0.03), effects=EFFECTS, known={"m1": MASS})
     assert pid.details["servo"]["law"] == "PID"
     assert pid.details["servo"]["delay"] == pytest.approx(0.03, abs=2e-3)
     assert value(pid, "ki1") == pytest.approx(700.0, rel=0.05)
-    ahead = follow(pid, log(ki=700.0, delay=0.03, seed=3).window(0.0, 4.0), drive="servo")
+    ahead = sdp.follow(pid, log(ki=700.0, delay=0.03, seed=3).window(0.0, 4.0), drive="servo")
     assert float(ahead.free[0].rms[0]) < 3e-3
-    loop = identify(arm, log(ki=1000.0, kh=80.0), effects=EFFECTS, known={"m1": MASS})
+    loop = sdp.identify(arm, log(ki=1000.0, kh=80.0), effects=EFFECTS, known={"m1": MASS})
     assert loop.details["servo"]["law"] == "cascade"
     assert value(loop, "kh1") == pytest.approx(80.0, rel=0.05)
 
@@ -120,7 +115,7 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
         for s in (1, 2, 3) if torque else (1, 2):
             run = log(3e-3 if torque else 2e-3, seed=s, torque=torque)
             asked = {"known": known, "instruments": how, "preprocessing": wide}
-            own.append(value(identify(arm, run, effects=EFFECTS, **asked), "m1") / MASS - 1.0)
+            own.append(value(sdp.identify(arm, run, effects=EFFECTS, **asked), "m1") / MASS - 1.0)
     with_them, without = (np.abs(np.mean(errors[how])) for how in ("command", "none"))
     assert with_them < (0.02 if torque else 0.05)
     assert without > 3.0 * with_them
@@ -128,19 +123,19 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
 
 def test_neither_torque_nor_command_is_refused(arm):
     run = log()
-    silent = Measurements.of(run.t, {"q": run.q, "current": run.q}, ("run",))
-    refusal(lambda: identify(arm, silent, effects=EFFECTS), "neither torque nor commands")
-    with_torque = Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
-    plain = identify(arm, with_torque, effects=EFFECTS, check=False)
-    refusal(lambda: cross_validate(arm, silent, effects=EFFECTS), "neither torque nor commands")
+    silent = sdp.Measurements.of(run.t, {"q": run.q, "current": run.q}, ("run",))
+    refusal(lambda: sdp.identify(arm, silent, effects=EFFECTS), "neither torque nor commands")
+    with_torque = sdp.Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
+    plain = sdp.identify(arm, with_torque, effects=EFFECTS, check=False)
+    refusal(lambda: sdp.cross_validate(arm, silent, effects=EFFECTS), "neither torque nor commands")
     refusal(lambda: driven(plain, run), "no servo that would stand for it")
 
 
 def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, capsys):
     run = log(1e-4, ki=700.0, delay=0.02, torque=True)
     loop = f"{EFFECTS},servo_position,servo_integral"
-    found = identify(arm, run, effects=loop, check=False)
-    plain = identify(arm, run, effects=EFFECTS, check=False)
+    found = sdp.identify(arm, run, effects=loop, check=False)
+    plain = sdp.identify(arm, run, effects=EFFECTS, check=False)
     np.testing.assert_array_equal(found.theta, plain.theta)
     told = found.details["loop"]
     assert told["delay"] == pytest.approx(0.02, abs=1e-3)
@@ -150,10 +145,10 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
         assert gain["value"] == pytest.approx(true, abs=max(4.0 * gain["std"], 0.01 * true))
     printing.estimate(found, None, 0.0)
     assert "of the joints' logged torque" in capsys.readouterr().out
-    folds = [cross_validate(arm, run, effects=x).relative_error_percent for x in (loop, EFFECTS)]
+    folds = [sdp.cross_validate(arm, run, effects=x).relative_error_percent for x in (loop, EFFECTS)]
     assert folds[0] == folds[1]
-    silent = Measurements.of(run.t, {"q": run.q, "tau": run.tau}, ("run",))
-    refusal(lambda: identify(arm, silent, effects=loop, check=False), "needs the command")
+    silent = sdp.Measurements.of(run.t, {"q": run.q, "tau": run.tau}, ("run",))
+    refusal(lambda: sdp.identify(arm, silent, effects=loop, check=False), "needs the command")
 
 
 @pytest.mark.parametrize(
@@ -162,7 +157,7 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
 def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     """The law, its delay and the instruments are found again from what was asked."""
     path, run = tmp_path / "proof.json", log(1e-3, delay=0.02, torque=scale == "torque")
-    identify(
+    sdp.identify(
         arm,
         run,
         effects="rigid_body,coulomb_friction",
@@ -171,7 +166,7 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
         instruments="command",
         proof=path,
     ).save(tmp_path / "model.json")
-    model = load_estimate(tmp_path / "model.json")
+    model = sdp.load_estimate(tmp_path / "model.json")
     holds, said = verify_proof_file(path, model, run)
     assert holds
     assert "these measurements make its numbers" in said
@@ -203,7 +198,7 @@ def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
 
 def test_folds_judge_the_links_by_the_drives(arm):
     """Friction that is left out of the model is the error that unseen motion shows."""
-    whole = cross_validate(arm, log(), effects=EFFECTS, folds=3)
+    whole = sdp.cross_validate(arm, log(), effects=EFFECTS, folds=3)
     assert whole.relative_error_percent < 3.0
     bare = EFFECTS.replace("coulomb_friction@v_s=0.05,", "")
-    assert cross_validate(arm, log(), effects=bare, folds=3).relative_error_percent > 10.0
+    assert sdp.cross_validate(arm, log(), effects=bare, folds=3).relative_error_percent > 10.0

@@ -16,18 +16,7 @@ from servo_log import EFFECTS as LOOP
 from servo_log import log, write_slide
 from small_runs import small_run
 
-from sdp_vs_penalty import (
-    Estimate,
-    Measurements,
-    add,
-    compare,
-    cross_validate,
-    diagnose,
-    follow,
-    identify,
-    load_problem,
-    where_it_fails,
-)
+import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
@@ -39,7 +28,7 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 PASSING = "versions", "data_hash"
 
 
-def model(estimate: Estimate) -> dict[str, Any]:
+def model(estimate: sdp.Estimate) -> dict[str, Any]:
     """What model.json holds but for what was put in, and a band of torques."""
     text = json.dumps(estimate.to_dict())
     said = json.loads(text.replace(str(estimate.provenance["data_hash"]), "log"))
@@ -51,8 +40,8 @@ def model(estimate: Estimate) -> dict[str, Any]:
     return {**kept, "base": base, "provenance": provenance, "band": [torque[::20], std[::20]]}
 
 
-def two_link_with(tau: Callable[[Measurements], Any], seconds: float = 24.0) -> Measurements:
-    run = repeating_run(load_problem("two_link"), 0, noise=0.05, seconds=seconds)
+def two_link_with(tau: Callable[[sdp.Measurements], Any], seconds: float = 24.0) -> sdp.Measurements:
+    run = repeating_run(sdp.load_problem("two_link"), 0, noise=0.05, seconds=seconds)
     return replace(run, tau=run.tau + tau(run))
 
 
@@ -80,17 +69,17 @@ def effects_of(which: str) -> dict[str, Any]:
 
 
 def identified(folder: Path) -> dict[str, Any]:
-    two, run, heard = load_problem("two_link"), two_link_with(lambda r: 0.0), list[str]()
-    plain, told = identify(two, run), {"effects": "rigid_body", "progress": heard.append}
-    problem = load_problem(scara(folder))
+    two, run, heard = sdp.load_problem("two_link"), two_link_with(lambda r: 0.0), list[str]()
+    plain, told = sdp.identify(two, run), {"effects": "rigid_body", "progress": heard.append}
+    problem = sdp.load_problem(scara(folder))
     widths = run_of_widths(problem, (0.02, 0.003, 0.001, 0.08), 12.0)
     return {
         "two_link": model(plain),
-        "gains": model(identify(two, run, "ols", gain_uncertainty=0.02)),
-        "widths": model(identify(problem, widths, "ols", check=False)),
+        "gains": model(sdp.identify(two, run, "ols", gain_uncertainty=0.02)),
+        "widths": model(sdp.identify(problem, widths, "ols", check=False)),
         "drawn": bootstrap(two, run, 2).to_numpy(),
-        "folds": cross_validate(two, run, "ols", folds=3, progress=heard.append).to_dict(),
-        "simulated": model(identify(two, run.window(0.0, 4.0), "output-error", **told, check=False)),
+        "folds": sdp.cross_validate(two, run, "ols", folds=3, progress=heard.append).to_dict(),
+        "simulated": model(sdp.identify(two, run.window(0.0, 4.0), "output-error", **told, check=False)),
         "heard": heard,
     }
 
@@ -99,44 +88,44 @@ def of_servos(folder: Path) -> dict[str, Any]:
     arm, run, heard = write_slide(folder), log(1e-4, ki=700.0, delay=0.02, torque=True), list[str]()
     noise = 20.0 * np.random.default_rng(3).normal(size=run.tau.shape)  # a part that no loop makes
     noisy = replace(run, tau=run.tau + noise)
-    beside = identify(arm, noisy, effects=f"{LOOP},servo_position,servo_integral", check=False)
-    silent = Measurements.of(run.t, {"q": run.q, "qcmd": run.commanded["qcmd"]}, ("run",))
-    found = identify(arm, silent, effects=LOOP, known={"m1": 3.0}, progress=heard.append)
+    beside = sdp.identify(arm, noisy, effects=f"{LOOP},servo_position,servo_integral", check=False)
+    silent = sdp.Measurements.of(run.t, {"q": run.q, "qcmd": run.commanded["qcmd"]}, ("run",))
+    found = sdp.identify(arm, silent, effects=LOOP, known={"m1": 3.0}, progress=heard.append)
     loads = [(log(1e-4, seed=5, load=1.5), 1.5)]
-    loaded = identify(arm, log(1e-4), effects=LOOP, known_loads=loads, instruments="none")
-    open_ = identify(arm, log(1e-4, kh=50.0, ki=500.0))
+    loaded = sdp.identify(arm, log(1e-4), effects=LOOP, known_loads=loads, instruments="none")
+    open_ = sdp.identify(arm, log(1e-4, kh=50.0, ki=500.0))
     return {
         "beside": beside.details,
         "silent": model(found),
         "loaded": model(loaded),
         "open": model(open_),
-        "followed": follow(found, log(seed=3).window(0.0, 2.0), drive="servo").free[0].rms,
-        "compared": compare(found, silent)[0].to_dict(),
+        "followed": sdp.follow(found, log(seed=3).window(0.0, 2.0), drive="servo").free[0].rms,
+        "compared": sdp.compare(found, silent)[0].to_dict(),
         "heard": heard,
     }
 
 
 def of_loads(folder: Path) -> dict[str, Any]:
-    problem = load_problem(write_urdf(folder / "arm.urdf", "arm", THREE))
+    problem = sdp.load_problem(write_urdf(folder / "arm.urdf", "arm", THREE))
     run, heavy = (small_run(problem, 16.0, seed) for seed in (0, 1))
     links = np.zeros((3, 10))
     links[-1] = 1.5 * np.array([1.0, 0.05, -0.02, 0.1, 0.013, 0, 0.013, 0, 0, 0.005])
     t = heavy.t
     rates = heavy.dq, np.gradient(heavy.dq, t, axis=0)
     more = replace(heavy, tau=heavy.tau + problem.robot.inverse_dynamics(links, heavy.q, *rates))
-    estimate = identify(problem, run, "ols", gain_uncertainty=0.01)
+    estimate = sdp.identify(problem, run, "ols", gain_uncertainty=0.01)
     return {
-        "gains": model(identify(problem, run, "ols", known_loads=[(more, 1.5)], check=False)),
-        "added": model(add(estimate, "payload", more)),
-        "found": diagnose(estimate, more, frozen=True).to_dict(),
+        "gains": model(sdp.identify(problem, run, "ols", known_loads=[(more, 1.5)], check=False)),
+        "added": model(sdp.add(estimate, "payload", more)),
+        "found": sdp.diagnose(estimate, more, frozen=True).to_dict(),
         "run": [*vars(excitation.payload_run(estimate, iterations=3)).values()][1:],
-        "compared": compare(estimate, more)[0].to_dict(),
+        "compared": sdp.compare(estimate, more)[0].to_dict(),
     }
 
 
 def motions() -> dict[str, Any]:
-    two, heard = load_problem("two_link"), list[str]()
-    estimate = identify(two, two_link_with(lambda r: 0.0), "ols")
+    two, heard = sdp.load_problem("two_link"), list[str]()
+    estimate = sdp.identify(two, two_link_with(lambda r: 0.0), "ols")
     known: dict[str, Any] = {"duration": 6.0, "progress": heard.append}
     found = [excitation.excite(two, iterations=3, objective=x, **known) for x in excitation.OBJECTIVES]
     told = separation.separate(estimate, "torque_ripple:2@k=2,joint_spring:2", iterations=10, **known)
@@ -153,41 +142,43 @@ def failures() -> dict[str, Any]:
     """Where a model fails: at reversals, with a wave, at rest; a bump that no effect is, beside what it
     holds."""
 
-    def missing(r: Measurements) -> Any:
+    def missing(r: sdp.Measurements) -> Any:
         late = np.tanh(np.gradient(r.q, r.t, axis=0) / 0.3) * [0.0, 1.0]
         return late + [[0.0, 0.6]] * np.sin(40.0 * r.q) + [[0.4, 0.0]] * np.sin(r.q[:, ::-1])
 
     run = two_link_with(missing)
-    estimate = identify(load_problem("two_link"), two_link_with(lambda r: 0.0), "ols")
-    shown = compare(estimate, run)
+    estimate = sdp.identify(sdp.load_problem("two_link"), two_link_with(lambda r: 0.0), "ols")
+    shown = sdp.compare(estimate, run)
     bump = two_link_with(lambda r: [[0.0, 0.5]] * np.exp(-(((r.q - 0.1) / 0.15) ** 2)))
-    held = diagnose(estimate, bump, frozen=True, check=False)
+    held = sdp.diagnose(estimate, bump, frozen=True, check=False)
     return {
         "held": held.to_dict(),
-        "causes": [f.to_dict() for f in where_it_fails(estimate, run)],
-        "said": where_it_fails(estimate, run)._summary(),
+        "causes": [f.to_dict() for f in sdp.where_it_fails(estimate, run)],
+        "said": sdp.where_it_fails(estimate, run)._summary(),
         "compared": shown[0].to_dict(),
         "frame": shown.to_frame().to_numpy(),
     }
 
 
 def hidden(*named: tuple[str, list[int]], test: bool, **told: Any) -> dict[str, Any]:
-    made = hidden_runs(load_problem("two_link"), list(named), "strong", seed=24)
+    made = hidden_runs(sdp.load_problem("two_link"), list(named), "strong", seed=24)
     data = concatenate(made.runs[:2])
     tau = data.tau.copy()
     tau[1200:1240, 1] += told.get("knock", 0.0)
     tau[:, 0] += told.get("hum", 0.0) * np.sin(2.0 * np.pi * 3.3 * data.t + (data.t > 30.0))
     data = replace(data, tau=tau)
-    estimate = identify(made.problem, data, "ols", effects=made.truth["model_effects"], check=False)
+    estimate = sdp.identify(made.problem, data, "ols", effects=made.truth["model_effects"], check=False)
     heard = list[str]()
-    found = diagnose(estimate, data, made.runs[3] if test else None, check=False, progress=heard.append)
+    found = sdp.diagnose(
+        estimate, data, made.runs[3] if test else None, check=False, progress=heard.append
+    )
     out = {"found": found.to_dict(), "said": [found.headline, found.advice, found.unknown]}
     rows = diagnosis_rows(data, estimate, estimate.preprocessing.resolve(data))
     every = library(prepare(rows, estimate)).batches
     out["searched"] = [[f.effect.text, f.own] for b in every for f in b.forms]
     out["white"] = [np.linalg.norm(b.white) for b in every]
     if found.effects or found.retuned:
-        out["added"] = model(add(estimate, found, data, progress=heard.append))
+        out["added"] = model(sdp.add(estimate, found, data, progress=heard.append))
     return out | {"heard": heard}
 
 
@@ -203,8 +194,8 @@ def in_a_curve() -> dict[str, Any]:
         extra[:, 0], extra[:, 1] = motion.q[:, 0] ** 3, 0.4 * motion.q[:, 1] * motion.dq[:, 1]
         runs.append(log_run(world, motion, rng, [extra]).run)
     data = concatenate(runs)
-    found = diagnose(
-        identify(load_problem(urdf_of("scara")), data, "ols", check=False), data, check=False
+    found = sdp.diagnose(
+        sdp.identify(sdp.load_problem(urdf_of("scara")), data, "ols", check=False), data, check=False
     )
     return {"found": found.to_dict(), "said": [found.headline, found.advice]}
 

@@ -19,7 +19,9 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 from sdp_vs_penalty import compare, load_estimate, load_measurements
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.diagnosis import Curve
+from sdp_vs_penalty.diagnosis.findings import Retune
 from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.files import problems_folder
@@ -276,7 +278,10 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     sure = replace(one, effect="joint_spring", text="joint_spring:2", joints=(2,))
     x = np.linspace(-1.0, 1.0, 9)
     curve = Curve(2, ("q2",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, None, 0.2, 0.1)
-    every = replace(found, effects=(sure, one, rival), curves=(curve,), noise_source="residual")
+    other = ShapeEstimate("coulomb_friction", 0, "v_s", 0.01, 0.03)
+    own = {"retuned": (width := Retune(other, "confident", 0.2, 0.1, "another width"),)}
+    own |= {"curves": (curve,), "noise_source": "residual"}
+    every = replace(found, effects=(sure, one, rival), **own)
     session.history[:] = [replace(steps[0], findings=every, curve_texts=["measured_curve:2"])]
     problem = {"kind": "gravity", "what": "it is turned", "remedy": "turn it", "severity": "warning",
                "can_fix": True, "gravity": [0.0, 0.0, 9.81]}  # fmt: skip
@@ -288,11 +293,12 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     called, first = recorded(screen, monkeypatch), session.runs[0]["file"]
     styles = [screen.at(key).classes for key in ("add-0", "add-1")]
     assert ["primary" in style for style in styles] == [True, False]
-    screen.click("add-2", "add-curve-0", "add-all", f"apply-{first}", f"mend-{first}")
+    screen.click("add-2", "add-curve-0", "add-constant-0", "add-all", f"apply-{first}", f"mend-{first}")
     screen.set("use-1", "test")
     assert called == [
         ("add", [rival.text], {}), ("add", ["measured_curve:2"], {}),
-        ("add", ["joint_spring:2", one.text], {}), ("mount", "0,0,9.81", {}), ("mend", first, {}),
+        ("add", [width.text], {}), ("add", [width.text, "joint_spring:2", one.text], {}),
+        ("mount", "0,0,9.81", {}), ("mend", first, {}),
     ]  # fmt: skip
     assert session.runs[1]["use"] == "test"
     assert session.history == []

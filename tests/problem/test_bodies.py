@@ -62,6 +62,19 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says():
         np.testing.assert_allclose(np.sort(body.half_axes), np.sort(expected), rtol=1e-6)
 
 
+def test_the_body_of_a_cylinder_is_not_for_rounding_to_choose():
+    """Its two equal moments have no axes of their own, but where rounding sets them apart."""
+    robot = Robot("pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),))
+    lifted, nowhere = np.array([0.4, 0.1, 0.0, 1.0]), np.tile([-np.inf, np.inf], (1, 3, 1))
+    second = np.pad(np.diag([0.02, 4e-4, 4e-4]), (0, 1)) + np.outer(lifted, lifted)
+    quadrics = []
+    for share in (-1e-12, 0.0, 1e-12):
+        second[1, 2] = second[2, 1] = 4e-4 * share
+        (body,) = link_bodies(robot, nowhere, inertia.from_pseudo_inertia(second)[None])
+        quadrics.append(body.quadric)
+    np.testing.assert_allclose(quadrics, quadrics[1:2] * 3, atol=1e-6 * np.abs(quadrics).max())
+
+
 @given(seeds)
 def test_truthful_arms_fit_whatever_their_file_says(seed):
     """Solid links of half a metre; the file knows nothing, or inertials that are a third wrong."""

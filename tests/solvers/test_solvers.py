@@ -8,23 +8,14 @@ from recorded import refusal
 from scipy import sparse
 from sdp_readers import read_cbf
 
+from sdp_vs_penalty import solvers
 from sdp_vs_penalty.estimators import Fit, PosedSdp, Task, make_estimator
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.research.shootout.instances import chain_task, shape_cones
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.solvers import (
-    ConicProblem,
-    Entropy,
-    Objective,
-    Solution,
-    least_squares_sdp,
-    repair,
-    rewrite,
-    solver,
-    solver_types,
-)
+from sdp_vs_penalty.solvers import repair, rewrite, solver
 from sdp_vs_penalty.solvers.identification import SdpProblem
 from sdp_vs_penalty.solvers.solver import Solver
 from sdp_vs_penalty.solvers.through_cvxpy import ThroughCvxpy
@@ -41,7 +32,7 @@ class WithoutLicence(ThroughCvxpy):
         return {"tol_gap_rel": accuracy}
 
 
-SOLVERS = {name: kind() for name, kind in solver_types().items()} | {"CVXPY's": WithoutLicence()}
+SOLVERS = {name: kind() for name, kind in solvers.solver_types().items()} | {"CVXPY's": WithoutLicence()}
 NAMES = list(SOLVERS)
 
 
@@ -67,18 +58,22 @@ class Link:
         R = rng.normal(size=(14, 10))
         rho = R @ thin + 0.05 * rng.normal(size=14)
         entropy = (
-            Entropy(1e-3, (link,), inertia.pseudo_inertia(self.nominal)[None]) if entropic else None
+            solvers.Entropy(1e-3, (link,), inertia.pseudo_inertia(self.nominal)[None])
+            if entropic
+            else None
         )
-        self.objective = Objective(LeastSquares(R, rho, 0.1, float(rho @ rho) + 0.01, 14), entropy)
+        self.objective = solvers.Objective(
+            LeastSquares(R, rho, 0.1, float(rho @ rho) + 0.01, 14), entropy
+        )
         self.bound = np.array([3.0, *[1.0] * 3, *[1.0] * 6])
 
     @property
     def sdp(self) -> SdpProblem:
-        return least_squares_sdp(
+        return solvers.least_squares_sdp(
             self.objective, self.constraints.convex, self.nominal, self.bound, self.nominal
         )
 
-    def gap(self, solution: Solution) -> tuple[float, float]:
+    def gap(self, solution: solvers.Solution) -> tuple[float, float]:
         """Certified relative gap after feasible repair, and the relative violation before it."""
         sdp = self.sdp
         theta = sdp.theta(solution)
@@ -128,7 +123,9 @@ def test_an_empty_feasible_set_is_never_called_solved(name):
     conic, link = usable(name), Link()
     heavy = build.linear("total mass", "robot", [0], [[1.0]], [-4.0])  # m >= 4 where m <= 3
     constraints = link.constraints.plus([heavy])
-    sdp = least_squares_sdp(link.objective, constraints.convex, link.nominal, link.bound, link.nominal)
+    sdp = solvers.least_squares_sdp(
+        link.objective, constraints.convex, link.nominal, link.bound, link.nominal
+    )
     solution = conic.solve(sdp.conic, 1e-7)
     assert solution.claims not in ("optimal", "inaccurate", "unbounded")
 
@@ -172,7 +169,7 @@ def test_a_quadratic_is_the_square_of_its_factor(root):
     """Of a diagonal and of a full matrix, both without full rank; only its upper triangle is told."""
     whole, x = root.T @ root, np.array([0.3, -1.0, 2.0])
     nothing = sparse.csc_matrix((0, 3))
-    told = ConicProblem(sparse.csc_matrix(np.triu(whole)), np.zeros(3), nothing, np.zeros(0), ())
+    told = solvers.ConicProblem(sparse.csc_matrix(np.triu(whole)), np.zeros(3), nothing, np.zeros(0), ())
     factor = rewrite.quadratic_factor(told)
     assert factor.shape == (2, 3)
     np.testing.assert_allclose((factor.T @ factor).toarray(), whole, atol=1e-12)
@@ -196,9 +193,9 @@ def test_exported_files_read_back_to_the_same_problem(tmp_path, entropic):
 
 
 def test_unknown_and_absent_solvers_are_named(monkeypatch):
-    monkeypatch.setattr(solver_types()["cvxopt"], "requires", ("package", "no_such_package"))
+    monkeypatch.setattr(solvers.solver_types()["cvxopt"], "requires", ("package", "no_such_package"))
     refusal(lambda: solver("cvxopt"), "no_such_package is not installed ", "the extra [solvers]")
-    monkeypatch.setattr(solver_types()["mosek"], "requires", ("package", "numpy"))
+    monkeypatch.setattr(solvers.solver_types()["mosek"], "requires", ("package", "numpy"))
     monkeypatch.delenv("MOSEKLM_LICENSE_FILE", raising=False)
     monkeypatch.setenv("HOME", "/nonexistent")
     refusal(lambda: solver("mosek"), "no licence")
@@ -250,7 +247,7 @@ def test_similar_data_take_fewer_steps_from_the_last_fit(method):
     data = objective.least_squares
     noise = 0.1 * np.linalg.norm(data.rho) / np.sqrt(len(data.rho) * data.rows)
     moved = replace(data, rho=data.rho + noise * np.random.default_rng(1).normal(size=len(data.rho)))
-    again = Objective(moved, objective.entropy)
+    again = solvers.Objective(moved, objective.entropy)
     cold, warm = posed.fit(again), posed.fit(again, near=first)
 
     def steps(fit: Fit) -> int:

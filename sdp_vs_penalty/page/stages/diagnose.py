@@ -56,11 +56,11 @@ def findings(view: View) -> None:
             "that did not select it."
         )
         return
-    added = session.added
-    sure = [f.text for f in found.effects if f.confidence == "confident" and f.text not in added]
+    sure = [f.text for f in found.sure if f.text not in session.added]
     with draw.tag("ol", style="findings"):
-        for k, finding in enumerate(found.effects):
-            _card(view, found, k, finding.text in added)
+        for k in range(len(found.effects)):
+            _card(view, found, k)
+    _constants(session, found)
     _curves(view, found)
     if len(sure) > 1:
         add = partial(session.start, session.add, sure)
@@ -68,10 +68,10 @@ def findings(view: View) -> None:
     _rest(found)
 
 
-def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
+def _card(view: View, found: Diagnosis, k: int) -> None:
     session, finding = view.session, found.effects[k]
-    units = session.robot["units"]
-    with draw.tag("li", style="card finding-card" + (" done" if added else "")):
+    units, done = session.robot["units"], " done" if finding.text in session.added else ""
+    with draw.tag("li", style=f"card finding-card{done}"):
         with draw.tag("div", style="head"):
             draw.tag("h4", f"{draw.plain_name(finding.effect)} · {_where(finding.joints)}")
             draw.tag("span", finding.confidence, f"badge {finding.confidence}")
@@ -96,16 +96,31 @@ def _card(view: View, found: Diagnosis, k: int, added: bool) -> None:
         what = "Held-out error, refitted at each step,"
         fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1], what)
         ui.html(fall, sanitize=False)
-        if added:
-            draw.tag("p", "Added to the model.", "chosen")
-        else:
-            name = f"Add {draw.plain_name(finding.effect)} on {_where(finding.joints)}"
-            first, add = "primary" if k == 0 else "", partial(session.start, session.add, [finding.text])
-            draw.button("Add", add, f"add-{k}", first, aria_label=name)
+        name = f"Add {draw.plain_name(finding.effect)} on {_where(finding.joints)}"
+        _adding(session, finding.text, f"add-{k}", "primary" if k == 0 else "", aria_label=name)
+
+
+def _adding(session: Session, text: str, key: str, style: str = "", **more: str) -> None:
+    """The button that adds something, or that it has been added."""
+    if text in session.added:
+        draw.tag("p", "Added to the model.", "chosen")
+    else:
+        draw.button("Add", partial(session.start, session.add, [text]), key, style, **more)
 
 
 def _where(joints: Sequence[int]) -> str:
     return formatting.joints(joints) if joints else "whole robot"
+
+
+def _constants(session: Session, found: Diagnosis) -> None:
+    """Other constants of the model's own effects."""
+    for k, constant in enumerate(found.retuned):
+        with draw.tag("div", style="card finding-card"):
+            draw.tag("h4", f"{draw.plain_name(constant.effect)} · joint {constant.joint}")
+            draw.tag("p", constant.explanation)
+            if constant.remarks:
+                draw.note(f"Weak: {'; '.join(constant.remarks)}.")
+            _adding(session, constant.text, f"add-constant-{k}")
 
 
 def _curves(view: View, found: Diagnosis) -> None:
@@ -118,10 +133,7 @@ def _curves(view: View, found: Diagnosis) -> None:
             draw.tag("p", curve.sentence(units))
             drawn = missing_chart(curve, units, session.recording(session.current, view.run))
             draw.chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
-            if text in session.added:
-                draw.tag("p", "Added to the model.", "chosen")
-            else:
-                draw.button("Add", partial(session.start, session.add, [text]), f"add-curve-{k}")
+            _adding(session, text, f"add-curve-{k}")
 
 
 def _by_hand(view: View) -> None:

@@ -15,13 +15,7 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.published import real_data_folder
-from sdp_vs_penalty.research.shootout.instances import (
-    Instance,
-    chain_task,
-    in_units,
-    posed,
-    recorded,
-)
+from sdp_vs_penalty.research.shootout.instances import Instance, chain_task, in_units, posed, recorded
 from sdp_vs_penalty.robot import constraint as build
 
 Change = Callable[[Instance], Instance]
