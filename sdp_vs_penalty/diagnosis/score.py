@@ -244,7 +244,7 @@ class Score:
             theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
             last, level = level, np.sqrt(np.maximum(rss / degrees, self.floor))
-            if np.allclose(last, level, rtol=1e-2):
+            if np.all(np.abs(level - last) < 1e-2 * level):
                 break
         root = scipy.linalg.solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False).T
         p = design.A.shape[2]

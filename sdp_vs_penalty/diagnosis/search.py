@@ -338,14 +338,14 @@ class Search:
         return out
 
     def limited(self, terms: Sequence[Term]) -> Search:
-        """The search with some of its terms only, each judged beside those; where some have not enough
-        left, the one with the least goes, and the rest is judged again."""
+        """The search with some of its terms only, each judged beside those; where there is evidence
+        against some, the one against which it is most goes, and the rest is judged again."""
         out = copy(self)
         while True:
             out.fit = out.score.fit(out.with_misfits(terms), self.fit)
             out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
             least = min(out.terms, key=lambda t: t.J, default=None)
-            if least is None or least.J > APART:
+            if least is None or least.J > 0.0:
                 break
             terms = [t for t in out.terms if t is not least]
         out.fit = out.score.fit(out.terms)
