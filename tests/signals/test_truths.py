@@ -6,17 +6,8 @@ from hypothesis import given
 from random_robots import seeds
 from scipy import signal
 
-from sdp_vs_penalty import Measurements
-from sdp_vs_penalty.signals import (
-    Preprocessing,
-    coloured_noise,
-    noise,
-    repetition,
-    runs,
-    segmented,
-    spectrum,
-    standstill,
-)
+from sdp_vs_penalty import Measurements, signals
+from sdp_vs_penalty.signals import noise, repetition, runs, segmented, spectrum, standstill
 
 
 def log(t: np.ndarray, q: np.ndarray | None = None, tau: np.ndarray | None = None) -> Measurements:
@@ -98,7 +89,7 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     for tau, flags in ((low, (True, False)), (louder, (False, True))):  # as of a UR10, of a TX40
         other = log(run.t, run.q, tau)
         assert spectrum.torque_spectrum(list(runs.stretches(other)), 8.0)[2:] == flags
-        assert noise.spectral_floor(segmented(other, Preprocessing(5.0, 8.0))) is None
+        assert noise.spectral_floor(segmented(other, signals.Preprocessing(5.0, 8.0))) is None
     # What fits into the motion's band, or into two windows, shows nothing.
     assert spectrum.torque_spectrum(parts, 60.0) is None
     assert spectrum.torque_spectrum(list(runs.stretches(run.window(0.0, 0.5))), 8.0) is None
@@ -109,7 +100,7 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
 def test_an_autoregression_filters_row_by_row(seed):
     rng = np.random.default_rng(seed)
     ends = np.sort(rng.choice(np.arange(1, 80), 5, replace=False))  # some too short to predict
-    pieces = coloured_noise.Pieces(p[1:] for p in np.split(np.arange(80), ends))
+    pieces = signals.coloured_noise.Pieces(p[1:] for p in np.split(np.arange(80), ends))
     x, ar = rng.normal(size=(80, 3)), rng.normal(size=4)
     expected = np.zeros_like(x)
     for piece in pieces:
@@ -132,13 +123,13 @@ def test_an_autoregression_filters_row_by_row(seed):
 def test_an_autoregression_is_found_and_what_is_too_short_for_one_is_white():
     truth = np.array([0.9, -0.5, 0.2, 0.1])
     x = signal.lfilter([0.7], np.append(1.0, -truth), np.random.default_rng(2).normal(size=40_000))
-    pieces = coloured_noise.Pieces(np.array_split(np.arange(len(x)), 10))
-    ar, sigma, degrees = coloured_noise.autoregression(x, pieces)
+    pieces = signals.coloured_noise.Pieces(np.array_split(np.arange(len(x)), 10))
+    ar, sigma, degrees = signals.coloured_noise.autoregression(x, pieces)
     np.testing.assert_allclose(ar, truth, atol=0.02)
     assert sigma == pytest.approx(0.7, rel=0.02)
     assert degrees == 40_000 - 10 * 4 - 4
-    few = coloured_noise.Pieces([np.arange(3, 18)])
-    ar, sigma, degrees = coloured_noise.autoregression(x, few)
+    few = signals.coloured_noise.Pieces([np.arange(3, 18)])
+    ar, sigma, degrees = signals.coloured_noise.autoregression(x, few)
     assert (ar.any(), sigma, degrees) == (False, pytest.approx(x[3:18].std()), 14.0)
 
 
@@ -147,18 +138,18 @@ def test_events_are_what_noise_does_not_reach():
     rows = [np.arange(2000), np.arange(2001, 4000)]
     for seed in range(10):
         white = np.random.default_rng(seed).normal(size=4000)
-        assert not coloured_noise.local_excess(white, rows, 6, 4000.0).any()
+        assert not signals.coloured_noise.local_excess(white, rows, 6, 4000.0).any()
         for length, size in ((1, 7.0), (4, 5.0), (16, 3.2)):
             odd = white.copy()
             odd[700 : 700 + length] = size
-            found = np.flatnonzero(coloured_noise.local_excess(odd, rows, 6, 4000.0))
+            found = np.flatnonzero(signals.coloured_noise.local_excess(odd, rows, 6, 4000.0))
             assert {*range(700, 700 + length)} <= {*found.tolist()}
             assert np.abs(found - 700).max() < 32
         slow = np.arange(4000) % 400 < 100
-        assert not coloured_noise.lone_windows(white, rows, slow, 16.0, 6).any()
+        assert not signals.coloured_noise.lone_windows(white, rows, slow, 16.0, 6).any()
         odd = white.copy()
         odd[1000:1008] = 40.0
-        found = np.flatnonzero(coloured_noise.lone_windows(odd, rows, slow, 16.0, 6))
+        found = np.flatnonzero(signals.coloured_noise.lone_windows(odd, rows, slow, 16.0, 6))
         assert {*range(1000, 1008)} <= {*found.tolist()} <= {*range(984, 1024)}
 
 
@@ -167,10 +158,10 @@ def test_noise_that_swells_with_a_rate_has_its_law():
     rates = rng.uniform(0.0, 1.0, (20_000, 2)) ** 2
     variance = 0.3 + 2.0 * rates[:, 1]
     white = np.sqrt(variance) * rng.normal(size=20_000)
-    found = coloured_noise.noise_profile(white, rates, rates) ** 2
+    found = signals.coloured_noise.noise_profile(white, rates, rates) ** 2
     np.testing.assert_allclose(found, variance / variance.mean(), rtol=0.3)
-    assert np.all(coloured_noise.noise_profile(white[:59], rates[:59], rates) == 1.0)
-    assert coloured_noise.robust_scale(white / np.sqrt(variance)) == pytest.approx(1.0, abs=0.02)
+    assert np.all(signals.coloured_noise.noise_profile(white[:59], rates[:59], rates) == 1.0)
+    assert signals.coloured_noise.robust_scale(white / np.sqrt(variance)) == pytest.approx(1.0, abs=0.02)
 
 
 @given(seeds)
