@@ -171,6 +171,13 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
     start = min(float(s.motion.t[0]) for s in rows.segments)
     warm = all(s.motion.temperature is not None for s in rows.segments)
     motors = all(s.motion.motors is not None for s in rows.segments)
+    seen = [rows.seen(joint) for joint in range(rows.n)]
+
+    def tells(effect: Effect) -> bool:
+        """Whether what it needs was measured, and nothing else passes for it, whatever its size."""
+        measured = warm or not effect.needs_temperature
+        return measured and not effect.looks_like(0.0, seen[effect.joints[0]])
+
     for name, kind in effect_types().items():
         if (kind.frozen_only and not frozen) or (kind.needs_motors and not motors):
             continue
@@ -178,7 +185,7 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
             key = (name, joint)
             if key not in taken and _at_rest(kind, rows, joint):
                 every = kind.candidates(model.robot, joint, start)
-                yield from (Form(key, e) for e in every if warm or not e.needs_temperature)
+                yield from (Form(key, e) for e in every if tells(e))
 
 
 def _own_forms(data: WhiteData) -> Iterator[Form]:
