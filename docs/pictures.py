@@ -1,5 +1,7 @@
 """The docs' pictures of page and report, made again: python docs/pictures.py (some minutes)."""
 
+import re
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -30,12 +32,15 @@ def keep(page: Any, name: str) -> None:
 
 folder = tempfile.mkdtemp()
 demo(folder)
+command = [sys.executable, "-m", "sdp_vs_penalty", "page", "--no-browser"]
 with (
-    driver.serving(Path(tempfile.mkdtemp())) as server,
+    subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process,
     driver.browsing() as browser,
     driver.a_context(browser) as context,
 ):
-    page = driver.open_page(context, server)
+    assert process.stdout is not None
+    port, key = re.findall(r"http://127\.0\.0\.1:(\d+)/\?key=(\S+)", process.stdout.readline())[0]
+    page = driver.open_page(context, driver.Server(process, int(port), key))
     page.click(driver.key("show-me"))
     page.wait_for_selector("table.history", state="attached")
     driver.idle(page)
@@ -46,3 +51,4 @@ with (
     report.goto((Path(folder) / "report.html").as_uri())
     report.wait_for_selector("body[data-ready]")
     keep(report, "report")
+    process.terminate()
