@@ -1,7 +1,5 @@
 """The docs' pictures of page and report, made again: python docs/pictures.py (some minutes)."""
 
-import re
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -32,15 +30,9 @@ def keep(page: Any, name: str) -> None:
 
 folder = tempfile.mkdtemp()
 demo(folder)
-command = [sys.executable, "-m", "sdp_vs_penalty", "page", "--no-browser"]
-with (
-    subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process,
-    driver.browsing() as browser,
-    driver.a_context(browser) as context,
-):
-    assert process.stdout is not None
-    port, key = re.findall(r"http://127\.0\.0\.1:(\d+)/\?key=(\S+)", process.stdout.readline())[0]
-    page = driver.open_page(context, driver.Server(process, int(port), key))
+server = driver.started(Path(tempfile.mkdtemp()))
+with server.process, driver.browsing() as browser, driver.a_context(browser) as context:
+    page = driver.open_page(context, server)
     page.click(driver.key("show-me"))
     page.wait_for_selector("table.history", state="attached")
     driver.idle(page)
@@ -51,4 +43,4 @@ with (
     report.goto((Path(folder) / "report.html").as_uri())
     report.wait_for_selector("body[data-ready]")
     keep(report, "report")
-    process.terminate()
+    server.process.terminate()

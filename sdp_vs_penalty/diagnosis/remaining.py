@@ -34,6 +34,7 @@ from sdp_vs_penalty.signals.coloured_noise import (
 from sdp_vs_penalty.signals.constants import SAME_PHASE
 from sdp_vs_penalty.signals.noise import REPETITION, differences
 from sdp_vs_penalty.signals.repetition import consecutive
+from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 
@@ -227,10 +228,8 @@ def spectral_lines(
     if length < 2.0 * rate:
         return []
     pieces = [s[k : k + length] for s in series for k in range(0, len(s) - length + 1, length)]
-    level = np.mean(pieces, axis=1, keepdims=True)
-    hann = 1.0 - np.cos(2.0 * np.pi * np.arange(length) / length)
-    each = np.abs(np.fft.rfft((np.array(pieces) - level) * hann)) ** 2
-    frequency, power, pooled = np.fft.rfftfreq(length, 1.0 / rate), each.sum(axis=0), len(pieces)
+    power, pooled = periodograms(np.stack(pieces, axis=1), length)[0].sum(axis=1), len(pieces)
+    frequency = np.fft.rfftfreq(length, 1.0 / rate)
     half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
     level = ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
     level = level / float(special.gammaincinv(pooled, 0.5)) * pooled

@@ -291,11 +291,9 @@ class Search:
             best = self.simplest([t for t in found if t.J > APART])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
-                after = self.settled([*self.terms, best])
-            elif (other := self.exchanged(self.terms)) is None:
+            after = self.settled([*self.terms, best]) if best else self.exchanged(self.terms)
+            if after is None:
                 break
-            else:
-                after = other
             state = tuple(sorted(str(t.key) for t in after))
             if best is not None and (state in seen or all(t.key != best.key for t in after)):
                 self.refused.add(best.key)

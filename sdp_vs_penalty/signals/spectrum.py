@@ -41,12 +41,12 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     its frequencies [Hz]."""
     length = min(part.count, c.SAMPLES)
     starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
-    found = (_periodograms(part.resampled(values, k, k + length), length)[0] for k in starts)
+    found = (periodograms(part.resampled(values, k, k + length), length)[0] for k in starts)
     frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
     return np.asarray(np.mean(list(found), axis=0)), frequency
 
 
-def _periodograms(x: Array, length: int, degree: int = 0) -> Array:
+def periodograms(x: Array, length: int, degree: int = 0) -> Array:
     """(W, F, n) of windows of ``length`` samples of x (N, n), without their course of that degree, as
     what leaks of it hides that a torque was smoothed: of unit mean for white noise of unit variance."""
     window = np.hanning(length)[:, None]
@@ -122,7 +122,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> tuple[Array, Arr
     part = parts[0]
     length = 2 * round(1.0 / cutoff / part.dt)  # as far as the low-pass reaches
     known = [
-        _periodograms(p.resampled(p.tau, 0, min(p.count, c.SAMPLES)), length, degree=3)
+        periodograms(p.resampled(p.tau, 0, min(p.count, c.SAMPLES)), length, degree=3)
         for p in parts
         if p.count >= length and p.dt == part.dt
     ]

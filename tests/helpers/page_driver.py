@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from commands import PROGRAM
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -51,6 +53,15 @@ class Server:
             except (psutil.NoSuchProcess, ProcessLookupError):
                 continue
         return found
+
+
+def started(folder: Path, *options: str) -> Server:
+    """The verb, which has said where it is; its files are in the folder."""
+    command = [sys.executable, *PROGRAM, "page", "--no-browser", *options]
+    environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": ROOT}
+    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+    printed = re.search(r"http://127\.0\.0\.1:(\d+)/\?key=(\S+)", process.stdout.readline())
+    return Server(process, int(printed[1]), printed[2])
 
 
 @contextmanager

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import http.client
-import os
 import re
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import page_driver as driver
 import pytest
-from commands import HOME, PROGRAM, python
+from commands import PROGRAM, python
 from page_driver import act, expect, go, idle, key, open_page, pick
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
@@ -38,17 +35,12 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[driver.Server]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, *PROGRAM, "page", "--no-browser", "--port", str(port)]
-    environment = {**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": HOME}
-    process = subprocess.Popen(
-        command, cwd=temporary, env=environment, stdout=subprocess.PIPE, text=True
-    )
-    printed = re.search(rf"http://127\.0\.0\.1:{port}/\?key=(\S+)", process.stdout.readline())
-    made = driver.Server(process, port, printed[1])
+    made = driver.started(temporary, "--port", str(port))
+    assert made.port == port
     yield made
-    family = driver.psutil.Process(process.pid).children(recursive=True)
-    process.terminate()
-    process.wait(60)
+    family = driver.psutil.Process(made.process.pid).children(recursive=True)
+    made.process.terminate()
+    made.process.wait(60)
     _, alive = driver.psutil.wait_procs(family, 30)
     assert not alive, alive
     assert list(temporary.glob("sdp-vs-penalty-page-*")) == []
