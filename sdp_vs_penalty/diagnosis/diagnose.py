@@ -25,7 +25,6 @@ from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.segments import segmented, subsample_sentence, window_subsample
 
 
@@ -116,7 +115,7 @@ def _offered(search: Search, judge: Judge) -> Found:
     effects = [t.form.effect for t in terms]
     held_out = judge.of(final.data.rows, effects, replace(first, theta=now.theta))
     # Evidence against a noise that is guessed proves nothing by itself.
-    order = held_out.offered(range(len(terms)), needed=search.data.noise.source != REPETITION)
+    order = held_out.offered(range(len(terms)), needed=not search.data.known)
     kept, left_in = ([terms[k] for k in order if (k < len(own)) is x] for x in (True, False))
     if len(kept) < len(own):
         now, final = beside_model(kept, left_in)

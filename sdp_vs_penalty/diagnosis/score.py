@@ -128,6 +128,7 @@ class Fit:
     degrees: Array
     floor: float
     apart: dict[Key, Fit] = field(default_factory=dict)
+    moved: dict[tuple[str, int], Array] = field(default_factory=dict)
 
     @property
     def target(self) -> Array:
@@ -256,23 +257,54 @@ class Score:
         return Fit(design, columns, W, every, last, residual, rss, degrees, self.floor)
 
     def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
-        """A form beside a fit; another constant of the model's own effect stands in that one's place."""
-        none, least = Term(form, columns, beta=np.zeros(form.k)), fit
-        fit = self.without(fit, form)
-        T, known = self.apart(fit, form, columns)
-        flat = T.reshape(-1, form.k)
+        """A form beside a fit, the better of two: the model's constants on its joints stay as they are,
+        or move with it. Another constant of the model's own effect stands in that one's place."""
+        beside = self.without(fit, form)
+        parts = self.apart(beside, form, columns)
+        fixed = self._judged(fit, beside, form, columns, *parts)
+        if form.own or not fixed.squares.size:
+            return fixed
+        there = set(fit.kept)
+        keys = [
+            k for k in self.data.constants if k[1] in columns and there.issuperset(fit.design.model[k])
+        ]
+        if not keys:
+            return fixed
+        for name, j in keys:
+            if (name, j) not in fit.moved:
+                fit.moved[name, j] = fit.beside(fit.scaled({j: self.data.constants[name, j]}))
+        T = np.concatenate([parts[0], *(fit.moved[k] for k in keys)], axis=2)
+        known = np.append(parts[1], np.ones(T.shape[2] - form.k))
+        return max(fixed, self._judged(fit, fit, form, columns, T, known), key=lambda t: t.J)
+
+    def _judged(
+        self, least: Fit, fit: Fit, form: Form, columns: dict[int, Array], T: Array, known: Array
+    ) -> Term:
+        """least : the fit that it has to better, fit : the one beside which it stands; T (n, M, K) :
+        what that leaves of its columns and of what else may move, known (K,) : what is known of sizes."""
+        none, K = Term(form, columns, beta=np.zeros(form.k)), T.shape[2]
+        low = np.append(form.nonnegative, np.zeros(K - form.k, bool))
+        flat = T.reshape(-1, K)
         D = flat.T @ flat
-        if not D.any():
+        if not np.any(D[: form.k]):
             return none
         A = D + np.diag(known**-2.0)
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
-        beta = _bounded(A, flat.T @ fit.residual.ravel(), form.nonnegative)
+        beta = _bounded(A, flat.T @ fit.residual.ravel(), low)
         torque = T @ beta
         left = fit.residual - torque
-        drop = fit.deviance(least.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
-        drop -= float(np.sum((beta / known) ** 2))
-        on, free = list(columns), np.flatnonzero((beta != 0.0) | ~np.array(form.nonnegative))
-        part = np.ix_(free, free)
+
+        def gained(before: Fit, left: Array, beta: Array, known: Array) -> float:
+            after = fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
+            return float(fit.deviance(before.rss) - after - np.sum((beta / known) ** 2))
+
+        drop = gained(least, left, beta, known)
+        if form.k < K:  # what those would do without the form is not its merit
+            more = flat[:, form.k :].T @ fit.residual.ravel()
+            b = np.asarray(np.linalg.solve(A[form.k :, form.k :], more), float)
+            drop -= gained(fit, fit.residual - T[:, :, form.k :] @ b, b, known[form.k :])
+        on, some = list(columns), np.flatnonzero((beta != 0.0) | ~low)
+        part = np.ix_(some, some)
         size = float(np.trace(np.linalg.solve(_ridged(A[part]), D[part])))
         count = float(fit.degrees[on].mean())
         if form.own:  # what its other constant makes of it
@@ -282,7 +314,10 @@ class Score:
                 return none
             inverse, torque = np.array([[1.0 / energy]]), T[:, :, 0]
             left = left - torque * float(np.sum(torque * left)) / energy
-        v = self.worth_of_one(T, left, inverse, form.k) + count / ALPHA
+        else:
+            beta = beta[: form.k]
+            torque = T[:, :, : form.k] @ beta
+        v = self.worth_of_one(T, left, inverse, K) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
         looked = self.choices(fit, form) * self.laws.get(form.key, 1)
         price = float((size + form.constants) * np.log(N) + 2.0 * np.log(looked))
@@ -363,7 +398,7 @@ class Score:
         beta = (inverse @ pull[:, :, None])[:, :, 0]
         low = np.array([f.nonnegative for f in batch.forms])
         for f in np.flatnonzero(np.any(low & (beta < 0.0), axis=1)).tolist():
-            beta[f] = _bounded(A[f], pull[f], low[f].tolist())
+            beta[f] = _bounded(A[f], pull[f], low[f])
         drop = 2.0 * np.sum(beta * pull, axis=1) - np.einsum("fa,fab,fb->f", beta, A, beta)
         return np.asarray(drop - np.einsum("fab,fba->f", inverse, D) * price)
 
@@ -402,10 +437,9 @@ def _ridged(A: Array) -> Array:
     return np.asarray(A + 1e-10 * (diagonal + 1e-300)[..., None] * np.eye(A.shape[-1]))
 
 
-def _bounded(A: Array, pull: Array, nonnegative: Sequence[bool]) -> Array:
-    """(k,) minimiser of b'A b / 2 - pull'b, those that may not be negative at least zero."""
+def _bounded(A: Array, pull: Array, low: NDArray[np.bool_]) -> Array:
+    """(k,) minimiser of b'A b / 2 - pull'b, those that may not be negative (``low``) at least zero."""
     beta = np.linalg.solve(_ridged(A), pull)
-    low = np.array(nonnegative)
     if not np.any(beta[low] < 0.0):
         return np.asarray(beta)
     if len(beta) == 1:

@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FORGETS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.sensitivity import sensitivities
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks
@@ -86,6 +87,17 @@ class WhiteData:
             if e.estimated and len(columns) == len(e.joints)
             for j, column in zip(e.joints, columns, strict=True)
         }
+
+    @cached_property
+    def constants(self) -> dict[tuple[str, int], Array]:
+        """(M, s) by name and joint: what errors of such constants make of the joint's white torque, in
+        units of what is known of them before anything is measured."""
+        if not self.own:
+            return {}
+        model = self.estimate.model
+        thetas = [self.estimate.theta[k] for k in model.indices]
+        every = ((s.effect.name, self.columns(s)) for s in sensitivities(model.effects, thetas))
+        return {(name, j): z for name, by in every for j, z in by.items() if (name, j) in self.own}
 
     @cached_property
     def raw(self) -> Array:
