@@ -25,11 +25,17 @@ from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums, model_columns, spread_columns
+from sdp_vs_penalty.diagnosis.whitening import (
+    Moved,
+    WhiteData,
+    cluster_sums,
+    model_columns,
+    spread_columns,
+)
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, prior_deviation, sensitivities
+from sdp_vs_penalty.estimation.sensitivity import prior_deviation
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.formatting import plain_unit
@@ -78,7 +84,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     own = len(offered) - len(search.terms)
     errors = np.array([held_out.errors(offered[:k]) for k in range(own, len(offered) + 1)])
     doubt = torque_errors(data, found.estimate, gain_errors)
-    moved = shape_columns(search)
+    moved = data.moved([t.form.effect for t in search.terms], [t.beta for t in search.terms])
     sizes = [size_of_term(search, t, doubt, moved) for t in search.terms]
     weak = [
         _reasons(found, *both, errors[k : k + 2])
@@ -265,21 +271,6 @@ class Size:
     given: Array
 
 
-#: What an error of an effect's free shape constants makes of torque, white.
-Moved = tuple[ShapeSensitivity, dict[int, Array]]
-
-
-def shape_columns(search: Search) -> list[Moved]:
-    """Of all terms of a search, and of the effects that the model has beside them: what turns round over
-    another velocity than the model's looks like friction that is smaller or larger."""
-    data, terms = search.data, search.terms
-    effects, thetas = [t.form.effect for t in terms], [t.beta for t in terms]
-    if not data.frozen:
-        effects += data.estimate.model.effects
-        thetas += [data.estimate.theta[k] for k in data.estimate.model.indices]
-    return [(s, data.columns(s)) for s in sensitivities(effects, thetas)]
-
-
 def spread(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
     """Standard deviation of a constant of the model beside the findings; infinite where the rows do not
     bound it."""
@@ -294,7 +285,7 @@ def spread(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
 
 def size_of_term(search: Search, term: Term, errors: Array, moved: Sequence[Moved]) -> Size:
     """errors (n, M, e) : a factor of the covariance of white rows' torque, from
-    :func:`torque_errors`; moved : of :func:`shape_columns`."""
+    :func:`torque_errors`; moved : of :meth:`WhiteData.moved`."""
     data, k = search.data, term.form.k
     others = [t for t in search.terms if t != term]
     fit = search.score.fit(others, search.fit)

@@ -280,8 +280,8 @@ class Score:
     def _judged(
         self, least: Fit, fit: Fit, form: Form, columns: dict[int, Array], T: Array, known: Array
     ) -> Term:
-        """least : the fit that it has to better, fit : the one beside which it stands; T (n, M, K) :
-        what that leaves of its columns and of what else may move, known (K,) : what is known of sizes."""
+        """least : the fit that it has to better, fit : beside which it stands; T (n, M, K) : what that
+        leaves of its columns and of what else may move; known (K,) : standard deviations of sizes."""
         none, K = Term(form, columns, beta=np.zeros(form.k)), T.shape[2]
         low = np.append(form.nonnegative, np.zeros(K - form.k, bool))
         flat = T.reshape(-1, K)

@@ -15,7 +15,7 @@ from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FORGETS
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sensitivity import sensitivities
+from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, sensitivities
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks
@@ -45,6 +45,10 @@ def with_estimate(runs: SegmentedRuns, estimate: Estimate) -> SegmentedRuns:
     model = estimate.model
     along = runs.with_model(lambda motion: model.seen_along(estimate.theta, motion))
     return replace(along, gains=model.gains)
+
+
+#: What an error of an effect's free shape constants makes of torque, white.
+Moved = tuple[ShapeSensitivity, dict[int, Array]]
 
 
 @dataclass(frozen=True)
@@ -88,15 +92,19 @@ class WhiteData:
             for j, column in zip(e.joints, columns, strict=True)
         }
 
+    def moved(self, effects: Sequence[Effect] = (), thetas: Sequence[Array] = ()) -> list[Moved]:
+        """What errors of the free shape constants of effects, and of the model's own beside them, make of
+        white torque: what turns round over another velocity looks like friction of another size."""
+        model, own = self.estimate.model, self.estimate.theta
+        if not self.frozen:
+            effects = [*effects, *model.effects]
+            thetas = [*thetas, *(own[k] for k in model.indices)]
+        return [(s, self.columns(s)) for s in sensitivities(effects, thetas)]
+
     @cached_property
     def constants(self) -> dict[tuple[str, int], Array]:
-        """(M, s) by name and joint: what errors of such constants make of the joint's white torque, in
-        units of what is known of them before anything is measured."""
-        if not self.own:
-            return {}
-        model = self.estimate.model
-        thetas = [self.estimate.theta[k] for k in model.indices]
-        every = ((s.effect.name, self.columns(s)) for s in sensitivities(model.effects, thetas))
+        """(M, s) by name and joint the same of the model's own effects in ``own``."""
+        every = ((s.effect.name, columns) for s, columns in self.moved())
         return {(name, j): z for name, by in every for j, z in by.items() if (name, j) in self.own}
 
     @cached_property
