@@ -47,7 +47,7 @@ def with_estimate(runs: SegmentedRuns, estimate: Estimate) -> SegmentedRuns:
     return replace(along, gains=model.gains)
 
 
-#: What an error of an effect's free shape constants makes of torque, white.
+#: What errors of an effect's free shape constants make of torque, white.
 Moved = tuple[ShapeSensitivity, dict[int, Array]]
 
 
@@ -93,8 +93,8 @@ class WhiteData:
         }
 
     def moved(self, effects: Sequence[Effect] = (), thetas: Sequence[Array] = ()) -> list[Moved]:
-        """What errors of the free shape constants of effects, and of the model's own beside them, make of
-        white torque: what turns round over another velocity looks like friction of another size."""
+        """What errors of the free shape constants of effects, and of the model's own beside them, make
+        of white torque: what turns over another velocity looks like friction of another size."""
         model, own = self.estimate.model, self.estimate.theta
         if not self.frozen:
             effects = [*effects, *model.effects]
