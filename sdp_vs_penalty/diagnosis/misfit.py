@@ -1,4 +1,7 @@
-"""What a law gets wrong: columns beside a term, of which little is expected.
+"""What a law and a mounting get wrong: columns beside terms, of which little is expected.
+
+Nobody mounts an arm exactly: what a term explains has to show beside placements of the joints that are
+off by as much as their effect says is plausible, unless that is what the term says.
 
 No law is exact (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001). Beside a term that makes the torque c of
 a joint a fit has
@@ -24,7 +27,7 @@ from sdp_vs_penalty.robot.arrays import Array, or_one
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """White columns (M, k) of one joint, and the deviations (k,) of their coefficients about zero."""
+    """White columns (M, k) by joint, and the deviations (k,) of their coefficients about zero."""
 
     text: str
     columns: dict[int, Array]

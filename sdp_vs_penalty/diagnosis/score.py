@@ -85,7 +85,7 @@ class Design:
     (n, p, p), pull (n, p) : A'A, A'y; model : by key the column of each of its own effects whose
     constant may be another one, under None those of all others; at : each term's columns, by text.
     keys : of a term's column; extra (n,) : rows of a joint behind its own, each saying that a misfit's
-    coefficient is zero.
+    coefficient is zero, or its share of one that several joints say.
     """
 
     A: Array
@@ -95,7 +95,7 @@ class Design:
     model: Mapping[Key | None, list[int]]
     at: dict[str, list[int]]
     keys: dict[int, Key]
-    extra: NDArray[np.intp]
+    extra: Array
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def holds(self, terms: Sequence[Term | Misfit]) -> bool:
@@ -208,10 +208,13 @@ class Score:
         n, M, r = B.shape
         ends = np.cumsum([r, *(next(iter(t.columns.values())).shape[1] for t in terms)]).tolist()
         blocks = list(zip(terms, ends, ends[1:], strict=False))
-        extra = np.zeros(n, int)
+        extra, behind = np.zeros(n), np.full(n, M)
         for t, first, stop in blocks:
-            extra[[*t.columns]] += (stop - first) * isinstance(t, Misfit)
-        A, behind = np.zeros((n, M + extra.max(initial=0), ends[-1])), np.full(n, M)
+            if isinstance(t, Misfit):
+                extra[[*t.columns]] += (stop - first) / len(t.columns)
+                behind[[*t.columns]] += stop - first
+        A = np.zeros((n, behind.max(initial=M), ends[-1]))
+        behind[:] = M
         A[:, :M, :r] = B
         at = dict[str, list[int]]()
         for t, first, stop in blocks:
@@ -220,7 +223,7 @@ class Score:
                 A[j, :M, first:stop] = z
                 if isinstance(t, Misfit):
                     row = behind[j] + np.arange(stop - first)
-                    A[j, row, at[t.text]] = 1.0 / t.deviations
+                    A[j, row, at[t.text]] = 1.0 / t.deviations / len(t.columns) ** 0.5
                     behind[j] += len(row)
         A[:, :, r:] = _unit(A[:, :, r:])
         G = np.zeros((n, ends[-1], ends[-1]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence, Set
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -59,7 +60,7 @@ class Search:
 
     def beside(self, term: Term, others: Sequence[Term]) -> Term:
         """A term judged anew beside others, with the rivals that it had."""
-        fit = self.score.fit(self.with_misfits(others), self.fit)
+        fit = self.score.fit(self.around(term, others), self.fit)
         return replace(self.score.judged(fit, term.form, term.columns), rivals=term.rivals)
 
     def refined(self, fit: Fit, start: Term, fixed: Set[str] = frozenset()) -> Term:
@@ -119,6 +120,18 @@ class Search:
     def with_misfits(self, terms: Sequence[Term]) -> list[Term | Misfit]:
         """Terms, and what the laws of those that explain much may get wrong."""
         return [*terms, *(m for t in terms if FORM * t.J > EQUIVALENT for m in self.misfits(t))]
+
+    def around(self, term: Term, others: Sequence[Term]) -> list[Term | Misfit]:
+        """Beside what a term has to show: others, what their laws may get wrong, and as much of what is
+        in every machine as is plausible, where neither says it."""
+        said = {term.form.effect.form_of, term.key[0], *(t.key[0] for t in others)}
+        return [*self.with_misfits(others), *(m for x, m in self.tolerances.items() if x not in said)]
+
+    @cached_property
+    def tolerances(self) -> dict[str, Misfit]:
+        """By the effect's name."""
+        forms = (f for b in self.library.batches for f in b.forms if f.effect.tolerance)
+        return {f.key[0]: Misfit(f"misfit of {f.key[0]}", self.columns(f), f.plausible) for f in forms}
 
     def misfits(self, term: Term) -> list[Misfit]:
         """By joint; none of another constant of the model's own effect."""
@@ -214,7 +227,7 @@ class Search:
             moved = False
             for term in list(terms):
                 others = [t for t in terms if t != term]
-                fit = self.score.fit(self.with_misfits(others), full)
+                fit = self.score.fit(self.around(term, others), full)
                 again = self.score.judged(fit, term.form, term.columns)
                 if term.joints & newest:
                     again = self.refined(fit, again)
@@ -241,7 +254,8 @@ class Search:
         for group in [*([t] for t in terms), *self.one_effect(terms)]:
             rest = [t for t in terms if t not in group]
             on = frozenset[int]().union(*(t.joints for t in group))
-            fit, judged = self.score.fit(self.with_misfits(rest), self.fit), self.together(group, rest)
+            fit = self.score.fit(self.around(group[0], rest), self.fit)
+            judged = self.together(group, rest)
             J, now = sum(t.J for t in judged), judged[0]
             found = self.top_candidates(fit, rest, on, J, whole=len(group) > 1)
             if len(group) == 1:

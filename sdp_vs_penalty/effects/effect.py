@@ -125,6 +125,8 @@ class Effect(ABC):
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: tuple[str, ...] = ()
 
+    #: True where as much of it as is plausible is in every machine, whether it is named or not.
+    tolerance: ClassVar[bool] = False
     #: The effect of whose cause this is another form: as good as that, it speaks not against it.
     form_of: ClassVar[str] = ""
 

@@ -157,6 +157,7 @@ class BaseTilt(Effect):
     )
     reference = "Luh, Walker, Paul, ASME J. Dynamic Systems 1980 (gravity as the base's acceleration)"
     usual = (0.5, 0.5)  # three degrees, which an eye sees
+    form_of = "kinematic_error"
     needs_links = True
     whole_robot = True
     signless = True
@@ -214,6 +215,7 @@ class JointZeroError(LinkDeviation):
     symbol = "e_0"
     units = ("rad", "m")
     usual = (0.05, 0.01)  # an arm that was homed by eye
+    form_of = "kinematic_error"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
         by_q, _, _ = motion.derivatives
@@ -313,6 +315,7 @@ class KinematicError(Effect):
     needs_links = True
     whole_robot = True
     signless = True
+    tolerance = True
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         kinds = [("slip", "m") if k < 3 else ("turn", "rad") for _, k in self._places]
