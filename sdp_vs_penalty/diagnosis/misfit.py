@@ -6,11 +6,12 @@ off by as much as their effect says is plausible, unless that is what the term s
 No law is exact (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001). Beside a term that makes the torque c of
 a joint a fit has
 
-    sum_i a_i c g_i + sum_s a_s dc/ds,    a ~ N(0, diag(d)^2),    g = v, |v|, v^2, q, q^2, q v
+    sum_i a_i c g_i + sum_s a_s dc/ds,    a ~ N(0, diag(d)^2),    g = t, v, |v|, v^2, q, q^2, q v
 
-with the joint's velocity v and position q in units of their largest, s its free shape constants, and c
-by itself where the term acts on several joints. Together they are expected to make, beyond the model,
-the share FORM of the squares that the term makes there. What is found besides has to show beyond that.
+with the time t and the joint's velocity v and position q in units of their largest, s its free shape
+constants, and c by itself where the term acts on several joints. Together they are expected to make,
+beyond the model, the share FORM of the squares that the term makes there. What is found besides has to
+show beyond that.
 """
 
 from __future__ import annotations
@@ -44,7 +45,17 @@ def distorted(data: WhiteData, effect: Effect, beta: Array) -> dict[int, Array]:
         moved = spread_columns(rows, ShapeSensitivity(effect, beta))
     joints = np.flatnonzero(made.any(axis=1)).tolist()
     for j in joints:
-        v, q = (x / or_one(np.abs(x).max()) for x in (rows.dq[:, j], rows.q[:, j] - rows.q[:, j].mean()))
-        factors = [v, np.abs(v), v**2, q, q**2, q * v, *([np.ones(len(v))] if len(joints) > 1 else [])]
+        every = rows.t - rows.t.mean(), rows.dq[:, j], rows.q[:, j] - rows.q[:, j].mean()
+        t, v, q = (x / or_one(np.abs(x).max()) for x in every)
+        factors = [
+            t,
+            v,
+            np.abs(v),
+            v**2,
+            q,
+            q**2,
+            q * v,
+            *([np.ones(len(v))] if len(joints) > 1 else []),
+        ]
         out[j] = data.white(np.column_stack([*(made[j] * g for g in factors), moved[j]]), j)
     return out

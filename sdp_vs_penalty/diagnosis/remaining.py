@@ -66,14 +66,17 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
         return np.asarray((which * squares).sum(axis=0) / degrees)
 
     variance = mean(white**2, slides)
-    beyond = np.sqrt(np.maximum(mean(residual**2, slides) - noise.floor**2, 0.0))
-    more = (1.0 + MATTERS) ** 2
+    squares, floor, more = mean(residual**2, slides), noise.floor, (1.0 + MATTERS) ** 2
+    raised = np.flatnonzero((squares > more * floor**2) & data.known)
+    if raised.size:  # not all encoders are fine
+        floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
+        raised = raised[squares[raised] > more * floor[raised] ** 2]
+    beyond = np.sqrt(np.maximum(squares - floor**2, 0.0))
     least = np.full(len(variance), WITHIN**2 * more)
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
-        more_error = np.hypot(beyond, noise.floor) / noise.floor - 1.0
-    raised = np.flatnonzero((more_error > MATTERS) & data.known)
+        variance *= (noise.floor / floor) ** 2
     matters = raised[variance[raised] > least[raised]]
     share = mean(white**2, keep) - 1.0
     return Remainder(share, beyond, tuple(raised.tolist()), tuple(matters.tolist()), residual, odd)

@@ -29,6 +29,7 @@ from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import Pieces
 from sdp_vs_penalty.signals.constants import SLIDES
+from sdp_vs_penalty.signals.encoder import read_again
 from sdp_vs_penalty.signals.filtered import low_passed
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter
@@ -114,7 +115,8 @@ class SegmentedRuns:
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
     gains (n,) : what the torque channels read over the true torque, where the model knows it;
-    columns : of effects on the rows; repeats : says which rows come back where.
+    columns : of effects on the rows; repeats : says which rows come back where; again : the same read by
+    encoders whose steps lie elsewhere.
     """
 
     segments: tuple[Segment, ...]
@@ -124,6 +126,7 @@ class SegmentedRuns:
     names: tuple[str, ...]
     columns: Columns
     repeats: Callable[[], tuple[Repeat, ...]]
+    again: Callable[[], SegmentedRuns]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     gains: tuple[float, ...] | None = None
 
@@ -206,6 +209,11 @@ class SegmentedRuns:
         return np.asarray(size * self.still)
 
     @cached_property
+    def steps(self) -> Array:
+        """(M, n) an example of what the encoders' steps make of the model's torque."""
+        return np.asarray((self.residual - self.again().residual) / np.sqrt(2.0))
+
+    @cached_property
     def lawless(self) -> tuple[Array, NDArray[np.bool_]]:
         """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding friction can say,
         and whether a row is of a standstill of which no law of friction says anything."""
@@ -238,7 +246,8 @@ class SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         columns = Columns([(s.low_pass, s.motion) for s in segments], (self.columns.kept[0], {}))
-        return replace(self, segments=segments, columns=columns)
+        again = cache(lambda: self.again().with_model(attach))
+        return replace(self, segments=segments, columns=columns, again=again)
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k); keep : them for who asks again."""
@@ -262,8 +271,9 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
                 rate = 1.0 / (filters.dt * filters.step(0.5 * OVERSAMPLING))
     columns = Columns([(s.low_pass, s.motion) for s in segments])
     repeats = cache(partial(find_repeats, segments))  # a report whose noise is known never asks
+    again = cache(lambda: segmented(read_again(measurements), settings))
     who = measurements.n, settings.torque_cutoff, rate, measurements.names
-    return SegmentedRuns(tuple(segments), *who, columns, repeats)
+    return SegmentedRuns(tuple(segments), *who, columns, repeats, again)
 
 
 def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:

@@ -1,0 +1,29 @@
+"""What the steps of encoders make of a motion."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Of a step a: the errors of two encoders whose steps lie so far apart are not correlated, as
+#: 1 - 6 a (1 - a) = 0.
+_APART = 0.5 - 12.0**-0.5
+
+
+def read_again(measurements: Measurements) -> Measurements:
+    """The same motion, read by encoders whose steps lie elsewhere."""
+    runs = measurements.runs()
+    return concatenate([replace(r, q=np.column_stack([_again(r.t, x) for x in r.q.T])) for r in runs])
+
+
+def _again(t: Array, q: Array) -> Array:
+    """(N,) positions: on straight lines between the instants at which the encoder counted, and from
+    there counted anew. A step is the least that it counted: nearly nothing where it has none."""
+    change = np.flatnonzero(np.diff(q))
+    if not len(change):
+        return q
+    step = float(np.min(np.abs(np.diff(q)[change])))
+    between = np.interp(t, 0.5 * (t[change] + t[change + 1]), 0.5 * (q[change] + q[change + 1]))
+    return np.asarray(step * (np.round(between / step + _APART) - _APART))
