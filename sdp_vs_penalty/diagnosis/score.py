@@ -262,23 +262,18 @@ class Score:
     def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
         """A form beside a fit, the better of two: the model's constants on its joints stay as they are,
         or move with it. Another constant of the model's own effect stands in that one's place."""
-        beside = self.without(fit, form)
-        parts = self.apart(beside, form, columns)
-        fixed = self._judged(fit, beside, form, columns, *parts)
-        if form.own or not fixed.squares.size:
-            return fixed
-        there = set(fit.kept)
-        keys = [
-            k for k in self.data.constants if k[1] in columns and there.issuperset(fit.design.model[k])
-        ]
-        if not keys:
-            return fixed
-        for name, j in keys:
+        beside, there = self.without(fit, form), set(fit.kept)
+        T, known = self.apart(beside, form, columns)
+        term = self._judged(fit, beside, form, columns, T, known)
+        moving = [] if form.own else [key for key in self.data.constants if key[1] in columns]
+        for name, j in (key for key in moving if there.issuperset(fit.design.model[key])):
             if (name, j) not in fit.moved:
                 fit.moved[name, j] = fit.beside(fit.scaled({j: self.data.constants[name, j]}))
-        T = np.concatenate([parts[0], *(fit.moved[k] for k in keys)], axis=2)
-        known = np.append(parts[1], np.ones(T.shape[2] - form.k))
-        return max(fixed, self._judged(fit, fit, form, columns, T, known), key=lambda t: t.J)
+            T = np.concatenate([T, fit.moved[name, j]], axis=2)
+        if T.shape[2] == form.k or not T[:, :, : form.k].any():
+            return term
+        known = np.append(known, np.ones(T.shape[2] - form.k))
+        return max(term, self._judged(fit, fit, form, columns, T, known), key=lambda t: t.J)
 
     def _judged(
         self, least: Fit, fit: Fit, form: Form, columns: dict[int, Array], T: Array, known: Array
@@ -291,25 +286,25 @@ class Score:
         D = flat.T @ flat
         if not np.any(D[: form.k]):
             return none
-        A = D + np.diag(known**-2.0)
+        A, pull = D + np.diag(known**-2.0), flat.T @ fit.residual.ravel()
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
-        beta = _bounded(A, flat.T @ fit.residual.ravel(), low)
-        torque = T @ beta
-        left = fit.residual - torque
+        beta = _bounded(A, pull, low)
 
-        def gained(before: Fit, left: Array, beta: Array, known: Array) -> float:
+        def gained(before: Fit, beta: Array) -> float:
+            left = fit.residual - T @ beta
             after = fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
             return float(fit.deviance(before.rss) - after - np.sum((beta / known) ** 2))
 
-        drop = gained(least, left, beta, known)
+        drop = gained(least, beta)
         if form.k < K:  # what those would do without the form is not its merit
-            more = flat[:, form.k :].T @ fit.residual.ravel()
-            b = np.asarray(np.linalg.solve(A[form.k :, form.k :], more), float)
-            drop -= gained(fit, fit.residual - T[:, :, form.k :] @ b, b, known[form.k :])
+            more = np.linalg.solve(A[form.k :, form.k :], pull[form.k :])
+            drop -= gained(fit, np.append(np.zeros(form.k), more))
         on, some = list(columns), np.flatnonzero((beta != 0.0) | ~low)
         part = np.ix_(some, some)
         size = float(np.trace(np.linalg.solve(_ridged(A[part]), D[part])))
         count = float(fit.degrees[on].mean())
+        left, beta = fit.residual - T @ beta, beta[: form.k]
+        torque = T[:, :, : form.k] @ beta
         if form.own:  # what its other constant makes of it
             T = least.beside(least.scaled(columns))
             energy = float(np.sum(T**2))
@@ -317,15 +312,12 @@ class Score:
                 return none
             inverse, torque = np.array([[1.0 / energy]]), T[:, :, 0]
             left = left - torque * float(np.sum(torque * left)) / energy
-        else:
-            beta = beta[: form.k]
-            torque = T[:, :, : form.k] @ beta
         v = self.worth_of_one(T, left, inverse, K) + count / ALPHA
         N = max(count * len(on) / v, 3.0)
         looked = self.choices(fit, form) * self.laws.get(form.key, 1)
         price = float((size + form.constants) * np.log(N) + 2.0 * np.log(looked))
         squares = np.sum((torque * fit.level[:, None]) ** 2, axis=1)
-        return replace(none, drop=float(drop), worth=v, price=price, beta=beta, squares=squares)
+        return replace(none, drop=drop, worth=v, price=price, beta=beta, squares=squares)
 
     def apart(self, fit: Fit, form: Form, columns: dict[int, Array]) -> tuple[Array, Array]:
         """(n, M, k) what a fit leaves of a form's columns, all of them weighted, nothing of those that
