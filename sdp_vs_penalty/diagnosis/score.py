@@ -273,7 +273,8 @@ class Score:
         if T.shape[2] == form.k or not T[:, :, : form.k].any():
             return term
         known = np.append(known, np.ones(T.shape[2] - form.k))
-        return max(term, self._judged(fit, fit, form, columns, T, known), key=lambda t: t.J)
+        moved = self._judged(fit, fit, form, columns, T, known)
+        return max(term, moved, key=lambda t: t.against(term))
 
     def _judged(
         self, least: Fit, fit: Fit, form: Form, columns: dict[int, Array], T: Array, known: Array

@@ -7,10 +7,6 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Of a step a: the errors of two encoders whose steps lie so far apart are not correlated, as
-#: 1 - 6 a (1 - a) = 0.
-_APART = 0.5 - 12.0**-0.5
-
 
 def read_again(measurements: Measurements) -> Measurements:
     """The same motion, read by encoders whose steps lie elsewhere."""
@@ -26,4 +22,7 @@ def _again(t: Array, q: Array) -> Array:
         return q
     step = float(np.min(np.abs(np.diff(q)[change])))
     between = np.interp(t, 0.5 * (t[change] + t[change + 1]), 0.5 * (q[change] + q[change + 1]))
-    return np.asarray(step * (np.round(between / step + _APART) - _APART))
+    # Errors of encoders whose steps lie apart by such a share a of one are not correlated, as
+    # 1 - 6 a (1 - a) = 0.
+    apart = 0.5 - 12.0**-0.5
+    return np.asarray(step * (np.round(between / step + apart) - apart))

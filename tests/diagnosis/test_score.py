@@ -40,7 +40,7 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
     y[0] += size * z
     clusters = (np.arange(M) // 10, np.arange(M) % 30)
     data = SimpleNamespace(X=X, y=y, n=n, clusters=clusters, count=np.full(n, float(M)), known=True)
-    data.own = {}
+    data.own = data.constants = {}
     return data, z[:, None]
 
 
@@ -126,25 +126,27 @@ def test_noise_is_not_taken_for_an_effect():
     assert max(highest) < 0.0
 
 
-def test_a_misfit_is_noise_that_its_columns_make():
+@pytest.mark.parametrize("joints", [1, 2])
+def test_a_misfit_is_noise_that_its_columns_make(joints):
     """Beside it a form is judged by generalised least squares with the covariance I + D diag(d)^2 D'."""
     data, z = made(size=0.2)
     data.y = 0.5 * data.y  # less than the noise that is known: every row counts as it is
     rng = np.random.default_rng(3)
-    D, d = rng.normal(size=(M, 4)) + z, np.array([0.05, 0.2, 0.02, 0.3])
-    score = Score(data, 10)
-    fit = score.fit([Misfit("misfit", {0: D}, d)])
-    term = score.judged(fit, form(), {0: z})
-    root = np.linalg.cholesky(np.linalg.inv(np.eye(M) + (D * d**2) @ D.T)).T
-    X, y = np.vstack([root @ data.X[0], data.X[1]]), np.append(root @ data.y[0], data.y[1])
+    D, d = np.zeros((n * M, 4)), np.array([0.05, 0.2, 0.02, 0.3])
+    D[: joints * M] = rng.normal(size=(joints * M, 4)) + np.tile(z, (joints, 1))
+    score, z = Score(data, 10), np.vstack([z, 0.0 * z])
+    fit = score.fit([Misfit("misfit", dict(enumerate(D[: joints * M].reshape(joints, M, 4))), d)])
+    term = score.judged(fit, form(), {0: z[:M]})
+    root = np.linalg.cholesky(np.linalg.inv(np.eye(n * M) + (D * d**2) @ D.T)).T
+    X, y = root @ data.X.reshape(n * M, p), root @ data.y.ravel()
 
     def left(A: np.ndarray) -> float:
         return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
     assert fit.rss.sum() == pytest.approx(left(X), rel=1e-9)
-    with_form = left(np.column_stack([X, np.append(root @ z, np.zeros((M, 1)))]))
+    with_form = left(np.column_stack([X, root @ z]))
     assert term.drop == pytest.approx(left(X) - with_form, rel=1e-2)  # but for its prior
-    alone = score.judged(score.fit(()), form(), {0: z})
+    alone = score.judged(score.fit(()), form(), {0: z[:M]})
     assert alone.drop > 2.0 * term.drop > 0.0
 
 
@@ -172,6 +174,19 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
     assert search.with_misfits([term]) == [term]  # what explains little is wrong by less than a rival
     much = replace(term, drop=1.0 + term.worth * (EQUIVALENT / FORM + term.price))
     assert len(search.with_misfits([much])) > 1
+
+
+def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(two_link):
+    search = searched(two_link)
+    forms = {f.key[0]: f for b in search.library.batches for f in b.forms}
+    spring, tilt, placed = (
+        search.judged(search.fit, forms[x]) for x in ("joint_spring", "base_tilt", "kinematic_error")
+    )
+    (misfit,) = search.around(spring, [])
+    assert misfit.text == "misfit of kinematic_error"
+    assert search.around(spring, [tilt]) == [tilt, misfit]
+    assert search.around(spring, [placed]) == [placed]
+    assert search.around(tilt, []) == search.around(placed, []) == []
 
 
 def test_beside_another_width_of_the_models_own_all_candidates_turn_round_with_it(two_link):
@@ -226,6 +241,7 @@ def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
 def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
     """Whatever the rows are found to be worth there: that is as uncertain as the evidence is."""
     search = searched(two_link)
+    vars(search.data)["constants"] = {}  # what they add is chosen by what rows are worth
     forms = [f for b in search.library.batches for f in b.forms if f.key == ("sigmoid_friction", 0)]
     refined = search.refined(search.fit, search.judged(search.fit, forms[0]))
     assert refined.drop >= max(search.judged(search.fit, f).drop for f in forms if f.law == forms[0].law)

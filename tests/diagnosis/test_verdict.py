@@ -28,6 +28,7 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     fit = SimpleNamespace(residual=(white / level).T, level=level, basis=Q)
     keep, none = np.ones((M, 2), bool), np.zeros((M, 2))
     rows = SimpleNamespace(keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white)
+    rows.steps = none.copy()
     noise = SimpleNamespace(
         worth=np.ones((M, 2)), floor=FLOOR, source=REPETITION, degrees=np.full(2, 1000.0)
     )
@@ -43,7 +44,8 @@ def test_what_is_beyond_the_noise_matters(size, change, matters):
     data, fit, residual, none = left(size)
     data.known = change.get("known", True)
     data.noise.degrees[:] = change.get("degrees", 1000.0)
-    data.rows.still[:, 0], data.rows.slow[:, 0] = (change.get(x, 0.0) for x in ("still", "slow"))
+    for name in ("still", "slow", "steps"):
+        getattr(data.rows, name)[:, 0] = change.get(name, 0.0)
     found = remainder(data, fit, residual, none)
     assert found.matters == matters
     assert found.raised == (0,) or "degrees" not in change  # a curve may show it all the same

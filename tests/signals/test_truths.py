@@ -8,6 +8,7 @@ from scipy import signal
 
 from sdp_vs_penalty import Measurements, signals
 from sdp_vs_penalty.signals import noise, repetition, runs, segmented, spectrum, standstill
+from sdp_vs_penalty.signals.encoder import read_again
 
 
 def log(t: np.ndarray, q: np.ndarray | None = None, tau: np.ndarray | None = None) -> Measurements:
@@ -196,3 +197,15 @@ def test_the_resolution_of_positions_is_four_of_their_noises_deviations():
     t = np.arange(0.0, 60.0, 0.004)[:, None]
     q = np.sin(t) + 1e-4 * np.random.default_rng(5).normal(size=(len(t), 3))
     np.testing.assert_allclose(standstill.resolution(q), 4e-4, rtol=0.03)
+
+
+def test_the_same_motion_read_again_has_errors_of_other_steps():
+    """Uniform and not correlated; what has no steps stays as it is."""
+    t = np.arange(0.0, 40.0, 0.002)
+    q, errors = np.sin(0.7 * t)[:, None], []
+    for step in (1e-2, 1e-7):
+        read = step * np.round(q / step)
+        errors.append(np.hstack([read, read_again(log(t, read)).q]) - q)
+    np.testing.assert_allclose(errors[0].std(axis=0), 1e-2 / np.sqrt(12.0), rtol=0.1)
+    assert abs(np.corrcoef(errors[0].T)[0, 1]) < 0.15
+    assert np.abs(errors[1]).max() < 1e-4
