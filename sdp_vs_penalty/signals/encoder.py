@@ -21,7 +21,8 @@ def _again(t: Array, q: Array) -> Array:
     if not len(change):
         return q
     step = float(np.min(np.abs(np.diff(q)[change])))
-    between = np.interp(t, 0.5 * (t[change] + t[change + 1]), 0.5 * (q[change] + q[change + 1]))
+    when, where = (np.concatenate([x[:1], 0.5 * (x[change] + x[change + 1]), x[-1:]]) for x in (t, q))
+    between = np.interp(t, when, where)
     # Errors of encoders whose steps lie apart by such a share a of one are not correlated, as
     # 1 - 6 a (1 - a) = 0.
     apart = 0.5 - 12.0**-0.5

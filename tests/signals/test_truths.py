@@ -208,4 +208,4 @@ def test_the_same_motion_read_again_has_errors_of_other_steps():
         errors.append(np.hstack([read, read_again(log(t, read)).q]) - q)
     np.testing.assert_allclose(errors[0].std(axis=0), 1e-2 / np.sqrt(12.0), rtol=0.1)
     assert abs(np.corrcoef(errors[0].T)[0, 1]) < 0.15
-    assert np.abs(errors[1]).max() < 1e-4
+    assert np.abs(errors[1]).max() < 1e-6
