@@ -122,14 +122,16 @@ class Search:
         return [*terms, *(m for t in terms if FORM * t.J > EQUIVALENT for m in self.misfits(t))]
 
     def around(self, term: Term, others: Sequence[Term]) -> list[Term | Misfit]:
-        """Beside what a term has to show: others, what their laws may get wrong, and as much of what is
-        in every machine as is plausible, where neither says it."""
+        """Beside what a term has to show: others, what their laws get wrong, and what is tolerated."""
+        return [*self.with_misfits(others), *self.tolerated(term, others)]
+
+    def tolerated(self, term: Term, others: Sequence[Term]) -> list[Misfit]:
+        """As much of what is in every machine as is plausible, where neither says it."""
         said = {term.form.effect.form_of, term.key[0], *(t.key[0] for t in others)}
-        return [*self.with_misfits(others), *(m for x, m in self.tolerances.items() if x not in said)]
+        return [m for name, m in self._tolerances.items() if name not in said]
 
     @cached_property
-    def tolerances(self) -> dict[str, Misfit]:
-        """By the effect's name."""
+    def _tolerances(self) -> dict[str, Misfit]:
         forms = (f for b in self.library.batches for f in b.forms if f.effect.tolerance)
         return {f.key[0]: Misfit(f"misfit of {f.key[0]}", self.columns(f), f.plausible) for f in forms}
 
