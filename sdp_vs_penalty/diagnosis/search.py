@@ -287,16 +287,8 @@ class Search:
     @staticmethod
     def equivalent(term: Term, found: Sequence[Term]) -> tuple[Term, ...]:
         """The forms that these rows do not tell from a term."""
-        own = term.form
-
-        def rivals(t: Term) -> bool:
-            # A form with more to it, which does no better, does not speak against the plain one.
-            more = t.form.k + t.form.constants > own.k + own.constants
-            more |= t.form.effect.form_of == own.effect.name
-            more |= len(t.joints) > len(term.joints)
-            return term.J + (EQUIVALENT if more else -EQUIVALENT) < t.against(term)
-
-        return tuple(t for t in found if t.key != term.key and not t.form.own and rivals(t))
+        near = (t for t in found if t.key != term.key and not t.form.own)
+        return tuple(t for t in near if t.against(term) > term.J - EQUIVALENT)
 
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""

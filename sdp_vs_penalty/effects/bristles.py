@@ -166,7 +166,6 @@ class MaxwellSlip(Remembering, JointEffect):
     reference = "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip), sec. III"
     symbol = "f_m"
     refines: tuple[str, ...] = ("presliding_hysteresis", "coulomb_friction")
-    form_of = "presliding_hysteresis"
     at_rest = "turns"
     shapes = {
         "d": Shape(

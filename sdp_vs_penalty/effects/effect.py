@@ -127,7 +127,7 @@ class Effect(ABC):
 
     #: True where as much of it as is plausible is in every machine, whether it is named or not.
     tolerance: ClassVar[bool] = False
-    #: The effect of whose cause this is another form: as good as that, it speaks not against it.
+    #: The effect of which this is a special case: beside it nothing of that is tolerated.
     form_of: ClassVar[str] = ""
 
     #: The effect whose shape constants it has as well, without any of its own.

@@ -1,8 +1,6 @@
 """The score against plain least squares, and what it promises."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,7 +19,6 @@ from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.signals import coloured_noise
 
-CASES = Path(__file__).parents[1] / "data" / "verdicts.json"
 n, M, p = 2, 300, 5
 
 
@@ -350,17 +347,11 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
         assert {*range(begin, begin + 4)} <= {*found.tolist()} <= {*range(begin - 40, begin + 40)}
 
 
-@pytest.mark.parametrize(
-    ("k", "constants", "joints", "form_of", "lead", "rival"),
-    [case[:6] for case in json.loads(CASES.read_text())["rivals"]],
-)
-def test_a_rival_is_what_the_rows_do_not_tell_from_a_term(k, constants, joints, form_of, lead, rival):
-    def term(name: str, k: int, constants: int, joints: tuple[int, ...], J: float) -> Any:
-        effect = SimpleNamespace(name=name, form_of=form_of)
-        form = SimpleNamespace(k=k, constants=constants, own=False, effect=effect)
-        return SimpleNamespace(key=(name, 0), form=form, joints=joints, J=J, against=lambda other: J)
+def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
+    def term(name: str, lead: float) -> Any:
+        J = 50.0 + EQUIVALENT * lead
+        form = SimpleNamespace(own=name == "own")
+        return SimpleNamespace(key=(name, 0), form=form, J=J, against=lambda other: J)
 
-    mine = term("mine", 1, 0, (0,), 50.0)
-    other = (k, constants, joints, 50.0 + EQUIVALENT * lead)
-    others = [mine, term("other", *other)]
-    assert [t.key[0] for t in Search.equivalent(mine, others)] == ["other"] * rival
+    mine, near, far = term("mine", 0.0), term("near", -0.9), term("far", -1.1)
+    assert Search.equivalent(mine, [mine, near, far, term("own", 0.9)]) == (near,)
