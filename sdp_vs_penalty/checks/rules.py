@@ -19,6 +19,7 @@ from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.encoder import lattice_step
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
@@ -89,14 +90,6 @@ class Glance:
         where = ", ".join(filter(None, (named, rows_text(np.flatnonzero(gone) + 2))))
         severity, what = "warning" if seconds < brief else "error", what.format(**figures)
         yield Issue(kind, severity, where, what, sure, remedy, lambda r: r.rows(~gone), figures)
-
-
-def lattice_step(values: Array) -> float:
-    """The smallest step between different values of a channel, rounding errors of the file apart."""
-    levels = np.unique(values)
-    steps = np.diff(levels)
-    steps = steps[steps > 1e-9 * (levels[-1] - levels[0])]
-    return float(steps.min()) if len(steps) else 0.0
 
 
 def stepping(run: Measurements, where: Rows, steps: float | Array) -> Measurements:

@@ -1,4 +1,4 @@
-"""What the steps of encoders make of a motion."""
+"""The steps of encoders, and what they make of a motion."""
 
 from dataclasses import replace
 
@@ -6,6 +6,14 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.robot.arrays import Array
+
+
+def lattice_step(values: Array) -> float:
+    """The smallest step between different values of a channel, rounding errors of the file apart."""
+    levels = np.unique(values)
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * (levels[-1] - levels[0])]
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def read_again(measurements: Measurements) -> Measurements:
@@ -16,11 +24,10 @@ def read_again(measurements: Measurements) -> Measurements:
 
 def _again(t: Array, q: Array) -> Array:
     """(N,) positions: on straight lines between the instants at which the encoder counted, and from
-    there counted anew. A step is the least that it counted: nearly nothing where it has none."""
-    change = np.flatnonzero(np.diff(q))
-    if not len(change):
+    there counted anew."""
+    step, change = lattice_step(q), np.flatnonzero(np.diff(q))
+    if not step:
         return q
-    step = float(np.min(np.abs(np.diff(q)[change])))
     when, where = (np.concatenate([x[:1], 0.5 * (x[change] + x[change + 1]), x[-1:]]) for x in (t, q))
     between = np.interp(t, when, where)
     # Errors of encoders whose steps lie apart by such a share a of one are not correlated, as

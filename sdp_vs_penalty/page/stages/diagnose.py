@@ -174,8 +174,9 @@ def _diagnosed(session: Session) -> Verdict | None:
     found, added = session.findings, session.added
     said = ""
     if found is not None:
-        left = sum(f.text not in added for f in found.effects)
-        said = f"{formatting.count(left, 'more finding')} can be added." if left else ""
+        every = [*(f.text for f in found.effects), *(c.text for c in found.retuned)]
+        left = sum(text not in added for text in every)
+        said = f"{left} more can be added." if left else ""
         said = (said or "Diagnose again to see what is missing now.") if added else found.headline
     if len(session.history) > 1:
         first, last = (session.history[k].comparison for k in (0, -1))
