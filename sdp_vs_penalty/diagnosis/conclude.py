@@ -1,10 +1,10 @@
 """From the end of a search to a diagnosis: sizes, findings, verdict, what is left, what happened once.
 
-Sizes are least squares on white rows beside the model and all other findings. Their covariance is the
-sandwich A^-1 S A^-1 with a column for each shape constant
-(:mod:`~sdp_vs_penalty.estimation.sensitivity`), and for each placement that is tolerated, and S over the
-clusters of rows that make it largest, at least that of independent rows; the torque channels' gains and
-a model that is held fixed are in doubt.
+Sizes are least squares on white rows beside the model, all other findings and what is tolerated of a
+mounting. Their covariance is the sandwich A^-1 S A^-1 with a column for each shape constant
+(:mod:`~sdp_vs_penalty.estimation.sensitivity`) and S over the clusters of rows that make it largest,
+at least that of independent rows; the gains of the torque channels and a model that is held fixed are in
+doubt.
 """
 
 from __future__ import annotations
@@ -288,21 +288,19 @@ def size_of_term(search: Search, term: Term, errors: Array, moved: Sequence[Move
     :func:`torque_errors`; moved : of :meth:`WhiteData.moved`."""
     data, k = search.data, term.form.k
     others = [t for t in search.terms if t != term]
-    fit = search.score.fit(others, search.fit)
+    fit = search.score.fit([*others, *search.tolerated(term, others)], search.fit)
     apart, known = search.score.apart(fit, term.form, term.columns)
     near = [fit.beside(fit.scaled(z)) for _, z in moved if not term.joints.isdisjoint(z)]
-    taken = k + sum(z.shape[2] for z in near)
-    for m in search.tolerated(term, others):
-        near.append(fit.beside(fit.scaled(m.columns)) * m.deviations)
     T = np.concatenate([apart, *near], axis=2)
     prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
     A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
     beta = term.beta
     left = fit.residual - T[:, :, :k] @ beta
-    sums = cluster_sums(data.clusters, np.sum(T * left[:, :, None], axis=0))
+    scores = np.sum(T * left[:, :, None], axis=0)[: len(data.clusters[0])]
+    sums = cluster_sums(data.clusters, scores)
     # As many degrees of freedom as there are clusters, less those that the fit has taken.
-    every = (u.T * np.sqrt(len(u) / max(len(u) - taken, 1.0)) for u in sums)
+    every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
     inside = [max(every, key=lambda u: float(np.sum(u**2)))]
     if errors.shape[2]:
         doubt = fit.beside(fit.scaled(dict(enumerate(errors))))
