@@ -91,7 +91,7 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         for k, both in enumerate(zip(search.terms, sizes, strict=True))
     ]
     # Data left out have the last word on those that are sure, too, as a whole.
-    sure = [k for k, why in zip(offered[own:], weak, strict=True) if not why]
+    sure = [k for k, why in zip(offered[own:], weak, strict=True) if {*why} <= {"rivals"}]
     alone = set(sure).union(offered[:own]).difference(held_out.offered([*offered[:own], *sure]))
     for k in alone.intersection(sure):
         weak[offered.index(k) - own]["alone"] = REASONS["alone"]
@@ -339,7 +339,7 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
 
 def retune(s: ShapeEstimate, robot: Robot, before: Array, after: Array, alone: bool = False) -> Retune:
     """before, after (n,) : held-out errors of all findings without the new constant, and with it;
-    alone : whether it does harm beside the confident findings alone."""
+    alone : whether it does harm beside the sure findings alone."""
     shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
     values = [shape.said(v, kind) for v in (s.after, s.before)]
     unit = plain_unit(robot.torque_units[s.joint])

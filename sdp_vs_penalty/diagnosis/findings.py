@@ -28,7 +28,7 @@ REASONS: Mapping[str, str] = {
     "uncertain": "its size is uncertain by > 20 %",
     "small": "its gain is small",
     "not_held_out": "no joint's held-out error falls by 1 %",
-    "alone": "the confident findings alone raise a held-out error with it",
+    "alone": "what is sure raises a held-out error with it",
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",
@@ -116,6 +116,12 @@ class Remaining(Plain):
     rmse: float
 
 
+def is_sure(found: Finding | Retune) -> bool:
+    """Whether its torque is there, whatever its name: confident, or weak only as another effect fits as
+    well."""
+    return {*found.remarks} <= {REASONS["rivals"]}
+
+
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown, Plain):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
@@ -151,9 +157,9 @@ class Diagnosis(Shown, Plain):
     remains: tuple[Remaining, ...] = ()
 
     def selected(self, numbers: Sequence[float] | None = None, confident: bool = False) -> Diagnosis:
-        """Only the findings of these numbers (from 1, in the order of adding), or the confident ones.
+        """Only the findings of these numbers (from 1, in the order of adding), or those that are sure.
 
-        Changed shape constants are not numbered: they stay, the confident ones or all. Curves, which
+        Changed shape constants are not numbered: they stay, the sure ones or all. Curves, which
         were measured beside all findings, stay where all of these do.
         Raises InputError for a number that is not there, and where no finding is left.
         """
@@ -166,9 +172,9 @@ class Diagnosis(Shown, Plain):
         chosen = tuple(
             f
             for k, f in enumerate(self.effects, start=1)
-            if (numbers is None or k in numbers) and (not confident or f.confidence == "confident")
+            if (numbers is None or k in numbers) and (not confident or is_sure(f))
         )
-        retuned = tuple(r for r in self.retuned if not confident or r.confidence == "confident")
+        retuned = tuple(r for r in self.retuned if not confident or is_sure(r))
         whole = numbers is None and all(any(f is g for g in chosen) for f in self.effects)
         curves = self.curves if whole else ()
         if not chosen and not retuned and not curves:
@@ -180,9 +186,9 @@ class Diagnosis(Shown, Plain):
 
     @property
     def sure(self) -> tuple[Finding | Retune, ...]:
-        """What is confident of constants and findings: what to add."""
+        """Constants and findings whose torque is sure: what to add."""
         every: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
-        return tuple(f for f in every if f.confidence == "confident")
+        return tuple(f for f in every if is_sure(f))
 
     @property
     def noise_known(self) -> bool:
@@ -240,9 +246,9 @@ class Diagnosis(Shown, Plain):
             return "Look first at what the error that is left depends on: `compare` says it."
         if self.noise_source != REPETITION:
             record = "record a run with more than one period: only repetition tells noise from error."
-            return f"Add the confident findings; {record}" if self.sure else record.capitalize()
+            return f"Add what is sure; {record}" if self.sure else record.capitalize()
         if self.sure:
-            return "Add the confident findings, and diagnose the model that results."
+            return "Add what is sure, and diagnose the model that results."
         if self.effects or self.retuned:
             return "Record a run that tells the findings from what fits as well: none is sure."
         return "Use the model, or record motion that excites more."

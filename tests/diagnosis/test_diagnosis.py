@@ -161,9 +161,9 @@ def test_a_joint_that_does_not_move(panda):
 def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     first = replace(found.effects[0], indistinguishable_from=(), confidence="confident")
     assert first.undecided is None
-    weak = replace(first, confidence="weak")
+    weak = replace(first, confidence="weak", remarks=("its gain is small",))
     assert weak.undecided == first.text
-    for effects, said in (((first, weak), "confident findings"), ((weak,), "none is sure"), ((), "Use")):
+    for effects, said in (((first, weak), "what is sure"), ((weak,), "none is sure"), ((), "Use")):
         assert said in replace(found, effects=effects, retuned=(), verdict="effect_missing").advice
     printing.undecided(replace(found, effects=(weak,)), Path("m.json"))
     said = " ".join(capsys.readouterr().out.split())

@@ -27,7 +27,7 @@ def verb(
     --out model2.json: File to write the model to.
     effect EFFECT[:joints][@shape=value]: Effects, separated by commas.
     --from findings.json: Effects found by `diagnose --json`.
-    --confident: Confident findings only.
+    --confident: Only what is sure: confident, or weak only because another effect fits as well.
     --only 1,3: Numbers of the findings to add.
     """
     from sdp_vs_penalty.checks.first import consented

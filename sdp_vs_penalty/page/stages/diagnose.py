@@ -64,7 +64,7 @@ def findings(view: View) -> None:
     _curves(view, found)
     if len(sure) > 1:
         add = partial(session.start, session.add, sure)
-        draw.button(f"Add the {len(sure)} confident ones", add, "add-all")
+        draw.button(f"Add the {len(sure)} that are sure", add, "add-all")
     _rest(found)
 
 
