@@ -206,10 +206,6 @@ def test_a_bag_that_was_cut_off_is_refused(mcap, share, tmp_path):
 UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
 
 
-def columns(*patterns: str, first: int = 0, n: int = 6) -> list[str]:
-    return [p.format(k) for p in patterns for k in range(first, first + n)]
-
-
 #: Columns of other programs' logs of six joints, by what writes them.
 LAYOUTS = json.loads(Path(__file__).with_name("layouts.json").read_text())
 
@@ -236,7 +232,7 @@ def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
 def test_what_is_no_log_is_not_recognised():
     assert recognised(["a", "b", "c"]) is None
     assert recognised(["time", "price", "volume"]) is None
-    assert recognised(["time", *columns("q_{}", first=3)]) is None  # three joints are missing
+    assert recognised(["time", *(f"q_{k}" for k in range(3, 9))]) is None  # three joints are missing
 
 
 def test_a_log_is_read_and_converted(tmp_path):
