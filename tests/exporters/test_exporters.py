@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from lxml import etree
 from recorded import changed, refusal, said
 
-from sdp_vs_penalty import Estimate, InputError, load_problem
+from sdp_vs_penalty import Estimate, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
@@ -223,10 +223,9 @@ def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path):
     refusal(lambda: export(estimate, out, urdf=theirs), "second")
     theirs.write_text(text.replace('xyz="0 0 0.8"', 'xyz="5e-5 0 0.8"'))  # as rounded tables lie
     export(estimate, out, urdf=theirs)
-    for apart, far in (("0.01", r"9\.55"), ("1.5e-4", r"0\.14")):
+    for apart, far in (("0.01", "9.55"), ("1.5e-4", "0.14")):
         theirs.write_text(text.replace('xyz="0 0 0.8"', f'xyz="{apart} 0 0.8"'))
-        with pytest.raises(InputError, match=rf"its axis lies {far}\d* mm away"):
-            export(estimate, out, urdf=theirs)
+        refusal(lambda: export(estimate, out, urdf=theirs), f"its axis lies {far}", " mm away")
     theirs.write_text(TREE)
     refusal(lambda: export(estimate, out, urdf=theirs), "3 moving joint")
 
