@@ -17,13 +17,12 @@ import numpy as np
 import pytest
 from arms import SCARA, write_urdf
 from commands import run_cli
-from small_runs import small_run, write_run
+from small_runs import write_run
 
 import sdp_vs_penalty
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.cli.main import VERBS, named
 from sdp_vs_penalty.cli.options import Parser
-from sdp_vs_penalty.data import save
 from sdp_vs_penalty.reports.demo import HIDDEN
 from sdp_vs_penalty.simulation import experiment
 
@@ -69,7 +68,7 @@ def test_every_command_runs_in_order(tmp_path, two_link, monkeypatch, capsys):
     for seed, name in enumerate(("run1.csv", "run2.csv", "test.csv")):
         write_run(tmp_path / name, two_link, seed=seed)
     shutil.copy(DOCS / "my_arm.urdf", tmp_path)
-    save(small_run(load_problem(tmp_path / "my_arm.urdf")), tmp_path / "my_run.csv")
+    write_run(tmp_path / "my_run.csv", load_problem(tmp_path / "my_arm.urdf"))
     monkeypatch.chdir(tmp_path)
     lines = [x for x in commands("commands.md") if shlex.split(x)[1] not in TESTED_ELSEWHERE]
     run_all([x.replace("panda", "two_link").replace("friction:3", "friction:2") for x in lines], capsys)

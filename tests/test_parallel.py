@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_runs import small_run
+from small_runs import write_run
 
-from sdp_vs_penalty import InputError, Measurements, cross_validate, load_problem
-from sdp_vs_penalty.data import save
+from sdp_vs_penalty import InputError, Measurements, Problem, cross_validate
 from sdp_vs_penalty.data.files import load_measurements
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
@@ -20,10 +19,10 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
+def runs(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Measurements:
     folder = tmp_path_factory.mktemp("runs")
     for seed in range(4):
-        save(small_run(load_problem("two_link"), 8.0, seed), folder / f"run{seed}.csv")
+        write_run(folder / f"run{seed}.csv", two_link, 8.0, seed)
     return load_measurements(folder)
 
 

@@ -52,12 +52,11 @@ def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
 
 
 @pytest.mark.parametrize(("second", "fourth"), [(0.5, -0.5), (-0.5, 1.0)])
-def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth):
+def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda):
     """Also where neither joint's own torque shows it."""
-    problem = load_problem("panda")
-    run = replace(small_run(problem, seconds=8.0), dq=None)
+    run = replace(small_run(panda, seconds=8.0), dq=None)
     turned = np.pi * np.array([0.0, second, 0.0, fourth, 0.0, 0.0, 0.0])
-    (report,) = check(problem, replace(run, q=run.q + turned), thorough=False)
+    (report,) = check(panda, replace(run, q=run.q + turned), thorough=False)
     told = {f.where: f.figures["shifts"] for f in report.problems if f.kind == "encoder offset"}
     away = {f"joint {j}": [np.pi * (abs(x) if x == 1.0 else -x)] for j, x in ((2, second), (4, fourth))}
     assert told == away
@@ -104,16 +103,15 @@ STRONG = {
         ("hysteresis", 4, 8.0),
     ],
 )
-def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(law, joint, size):
+def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(law, joint, size, panda):
     """A spring larger than its joint's weight was called a gain sixteen times too small."""
-    problem = load_problem("panda")
-    run = replace(small_run(problem, seconds=8.0), dq=None)
+    run = replace(small_run(panda, seconds=8.0), dq=None)
     q = run.q[:, joint - 1]
     dq = np.gradient(q, run.t)
     more = np.zeros_like(run.tau)
     more[:, joint - 1] = size * STRONG[law](q, dq)
     clean, spoiled = (
-        check(problem, r, thorough=False)[0] for r in (run, replace(run, tau=run.tau + more))
+        check(panda, r, thorough=False)[0] for r in (run, replace(run, tau=run.tau + more))
     )
     assert [f.kind for f in spoiled.problems] == [f.kind for f in clean.problems]
     notes = [(f.kind, f.where) for f in spoiled.issues if f.severity == "note"]

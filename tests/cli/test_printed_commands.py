@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import HEAVY, SCARA, write_folder, write_urdf
+from commands import run_cli
 from page_sessions import do
 from small_runs import small_run, write_run
 
 from sdp_vs_penalty import Problem, diagnose, load_estimate, load_problem
-from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.findings import Finding, Invisible
@@ -37,11 +37,10 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     def call(line: str) -> str:
         program, *words = shlex.split(line)
         assert program == PROGRAM
-        with pytest.raises(SystemExit) as stop:
-            main(words)
+        code = run_cli(*words)
         out, err = capsys.readouterr()
         allowed = (0, 1) if words[0] == "check" else (0,)  # 1: a check that found errors
-        assert stop.value.code in allowed, f"{line}\n{out}{err}"
+        assert code in allowed, f"{line}\n{out}{err}"
         assert not re.search(r"\bNone\b(?! of)|\bnan\b", out), f"{line}\n{out}"
         for command in printed(out + err):
             # The diagnosis that `identify` prints is run where `compare` prints it.

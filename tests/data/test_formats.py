@@ -14,7 +14,7 @@ from recorded import refusal
 from scipy.io import savemat
 from small_runs import small_run, write_bag
 
-from sdp_vs_penalty import InputError, Measurements, convert, load_estimate, load_measurements
+from sdp_vs_penalty import Measurements, convert, load_estimate, load_measurements
 from sdp_vs_penalty.data import concatenate, read_run, save
 from sdp_vs_penalty.data.formats import suffixes
 from sdp_vs_penalty.data.formats.recognition import recognised
@@ -61,10 +61,8 @@ def test_a_sample_is_named_as_its_file_counts(tmp_path):
         path = tmp_path / f"run{suffix}"
         save(run, path)
         where = "row 9" if suffix == ".csv" else "sample 8"
-        with pytest.raises(
-            InputError, match=rf"run\{suffix}: {where}, column q2 is not a finite number"
-        ):
-            load_measurements(path)
+        said = f"run{suffix}: {where}, column q2 is not a finite number"
+        refusal(lambda path=path: load_measurements(path), said)
 
 
 def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(tmp_path, capsys):
@@ -137,8 +135,7 @@ def test_bags_that_cannot_be_used(tmp_path):
     }
     for name, (change, words) in cases.items():
         write_bag(tmp_path / name, run, **change)
-        with pytest.raises(InputError, match=words):
-            load_measurements(tmp_path / name, names=["a", "b", "c"])
+        refusal(lambda name=name: load_measurements(tmp_path / name, names=["a", "b", "c"]), words)
     for number, side in enumerate(("left", "right")):
         got = read_run(tmp_path / "two", 3, ["a", "b", "c"], topic=f"/{side}/joint_states")
         assert np.array_equal(got.q, run.q + number)
@@ -147,8 +144,7 @@ def test_bags_that_cannot_be_used(tmp_path):
     assert np.abs(np.diff(unstamped.t) - np.diff(run.t)).max() < 2e-9
     metadata = tmp_path / "two" / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("two.db3", "../unstamped/unstamped.db3"))
-    with pytest.raises(InputError, match="not a file of this folder"):
-        load_measurements(tmp_path / "two", names=["a", "b", "c"])
+    refusal(lambda: load_measurements(tmp_path / "two"), "not a file of this folder")
     assert run_cli("convert", tmp_path / "x.csv", "--out", tmp_path / "y.csv") == 2
 
 
@@ -199,15 +195,10 @@ def test_a_bag_that_was_cut_off_is_refused(mcap, share, tmp_path):
     whole = file.read_bytes()
     file.write_bytes(whole[: int(share * len(whole))])
     for path in (folder, file):
-        with pytest.raises(InputError, match="not a readable ROS bag"):
-            read_run(path)
+        refusal(lambda path=path: read_run(path), "not a readable ROS bag")
 
 
 UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
-
-
-def columns(*patterns: str, first: int = 0, n: int = 6) -> list[str]:
-    return [p.format(k) for p in patterns for k in range(first, first + n)]
 
 
 #: Columns of other programs' logs of six joints, by what writes them.
@@ -236,7 +227,7 @@ def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
 def test_what_is_no_log_is_not_recognised():
     assert recognised(["a", "b", "c"]) is None
     assert recognised(["time", "price", "volume"]) is None
-    assert recognised(["time", *columns("q_{}", first=3)]) is None  # three joints are missing
+    assert recognised(["time", *(f"q_{k}" for k in range(3, 9))]) is None  # three joints are missing
 
 
 def test_a_log_is_read_and_converted(tmp_path):

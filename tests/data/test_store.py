@@ -8,7 +8,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from recorded import refusal
-from small_runs import small_run, write_bag
+from small_runs import small_run, write_bag, write_run
 
 from sdp_vs_penalty import Measurements, check, load_problem
 from sdp_vs_penalty.data import save, store
@@ -47,10 +47,8 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
 
 def test_the_same_estimate_from_disk_and_from_memory(two_link, tmp_path, monkeypatch):
     monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)  # everything is long
-    runs = [small_run(two_link, seconds=8.0, seed=seed) for seed in (0, 1)]
-    paths = [tmp_path / f"run{k}.parquet" for k in (0, 1)]
-    for run, path in zip(runs, paths, strict=True):
-        save(run, path)
+    for seed in (0, 1):
+        write_run(tmp_path / f"run{seed}.parquet", two_link, seconds=8.0, seed=seed)
     on_disk = load_measurements(tmp_path)
     assert mapped(on_disk.q)
     assert mapped(on_disk.runs()[1].tau)

@@ -25,16 +25,14 @@ EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
 
 def truth_of(problem: Problem, model: Model) -> np.ndarray:
-    theta = problem.nominal(model)
-    rest = [k for k in range(len(theta)) if k not in set(model.rigid_indices.tolist())]
-    theta[rest] = np.linspace(0.4, 1.1, len(rest))
+    theta, links = problem.nominal(model), len(model.rigid_indices)
+    theta[links:] = np.linspace(0.4, 1.1, len(theta) - links)
     return theta
 
 
-def measured(
-    problem: Problem, theta: np.ndarray, model: Model, seed: int, seconds: float
-) -> Measurements:
+def measured(problem: Problem, model: Model, seed: int, seconds: float) -> Measurements:
     """A run of exactly this model with white torque noise."""
+    theta = truth_of(problem, model)
     trajectory = random_trajectory(problem.robot, seed=3, duration=seconds)
     ideal = Sensor(200.0, np.zeros(problem.robot.n))
     clean = simulate(trajectory, lambda motion: model.torque(theta, motion), ideal, seed)
@@ -49,7 +47,7 @@ def told(problem: Problem, model: Model, run: Measurements) -> Uncertainty:
 
 def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     model = two_link.model(EFFECTS)
-    run = measured(two_link, truth_of(two_link, model), model, 0, 20.0)
+    run = measured(two_link, model, 0, 20.0)
     method = LmiSdp(joint_prior=0.0, total_spread=0.0)  # priors are no rows
     found, posed = bootstrap(two_link, run, 3, method), pose(two_link, run)
     theta, task = found.drop(columns="gap").to_numpy(), posed.task
@@ -74,7 +72,7 @@ def test_intervals_hold_the_truth(two_link):
     theta = truth_of(two_link, model)
     shares, spreads = [], []
     for seed in range(15):
-        run = measured(two_link, theta, model, seed, 40.0)
+        run = measured(two_link, model, seed, 40.0)
         known = told(two_link, model, run)
         base = [i for i in known.base if np.isfinite(i.lower)]
         values = base_rows(two_link, model).rows @ theta
@@ -90,7 +88,7 @@ def test_intervals_hold_the_truth(two_link):
 def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     """Of white noise and of friction that is known beforehand to 0.02, each in its unit."""
     model = two_link.model(EFFECTS)
-    run = measured(two_link, truth_of(two_link, model), model, 1, 20.0)
+    run = measured(two_link, model, 1, 20.0)
     data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
     weights = make_task(two_link, model, data).weights
     scale = np.where(np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02)
@@ -107,7 +105,7 @@ def test_intervals_end_where_what_is_possible_does(two_link):
     """Of torque that is noise: masses within their bounds, no moment of inertia below zero, no brake
     that drives; whichever way a combination of them goes."""
     model = two_link.model(EFFECTS)
-    run = measured(two_link, truth_of(two_link, model), model, 0, 20.0)
+    run = measured(two_link, model, 0, 20.0)
     run = replace(run, tau=run.tau + 60.0 * np.random.default_rng(9).normal(size=run.tau.shape))
     data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
     base = base_rows(two_link, model)
@@ -129,8 +127,7 @@ def test_intervals_end_where_what_is_possible_does(two_link):
 def test_what_cannot_be_seen_is_said(two_link):
     """Link 1 of the 2R turns about a vertical axis: of its ten parameters one makes torque."""
     model = two_link.model(EFFECTS)
-    theta = truth_of(two_link, model)
-    known = told(two_link, model, measured(two_link, theta, model, 0, 40.0))
+    known = told(two_link, model, measured(two_link, model, 0, 40.0))
     verdicts = {i.name: i for i in known.standard}
     for name in inertia.parameter_names(1):
         if name != "Iyy1":  # its link frame's y axis is the joint's

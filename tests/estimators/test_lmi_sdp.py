@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import random_robots
 from arms import random_arm, random_run
 from cvxpy_model import cvxpy_optimum
 from hypothesis import given, settings
@@ -17,7 +18,6 @@ from sdp_vs_penalty.estimation.pose import pose
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, Task, interior_point, make_estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep, essential
 from sdp_vs_penalty.problem import published_links
-from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.research.shootout.instances import Instance, in_units
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.solvers import ConicProblem, Objective, Solution
@@ -197,12 +197,8 @@ def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
 
 def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, monkeypatch):
     """The panda's nominal links are thinner than 7 cm: an interior point has to be searched."""
-    model = panda.model()
-    p = len(model.parameters)
-    data = LeastSquares(np.eye(p), np.ones(p), 0.0, float(p), p)
-    demands = panda.constraints(model)
-    task = Task(model, data, demands, panda.parameter_bound(model), panda.nominal(model), panda.box)
-    demands = demands.plus(task.minimum_thickness(0.07))
+    task = random_robots.task_of(panda)
+    demands = task.constraints.plus(task.minimum_thickness(0.07))
     assert demands.margin(task.nominal) < 0.0
     without_answers(monkeypatch, 1)
     assert demands.margin(interior_point(task, demands)) > 0.0

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -20,7 +21,7 @@ from hypothesis import strategies as st
 from lxml import etree
 from recorded import changed, refusal, said
 
-from sdp_vs_penalty import Estimate, InputError, load_problem
+from sdp_vs_penalty import Estimate, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.estimation import Certificate
 from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
@@ -55,6 +56,7 @@ def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None 
     return Estimate(random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings)
 
 
+@cache
 def robots() -> dict[str, Robot]:
     return {
         **{name: load_problem(name).robot for name in ("panda", "two_link", "emps")},
@@ -63,7 +65,6 @@ def robots() -> dict[str, Robot]:
     }
 
 
-NAMES = ["panda", "two_link", "emps", "tree", "random"]
 FULL = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia"
 
 
@@ -154,7 +155,7 @@ def check_parity(path: Path, estimate: Estimate, ending: str = ".urdf") -> None:
 
 
 @pytest.mark.parametrize("ending", READERS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", robots())
 def test_every_file_of_dynamics_makes_the_models_torques(name, ending, tmp_path):
     estimate = estimate_of(robots()[name], f"{FULL},torque_offset", 3)
     left_out = export(estimate, tmp_path / f"out{ending}")
@@ -223,10 +224,9 @@ def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path):
     refusal(lambda: export(estimate, out, urdf=theirs), "second")
     theirs.write_text(text.replace('xyz="0 0 0.8"', 'xyz="5e-5 0 0.8"'))  # as rounded tables lie
     export(estimate, out, urdf=theirs)
-    for apart, far in (("0.01", r"9\.55"), ("1.5e-4", r"0\.14")):
+    for apart, far in (("0.01", "9.55"), ("1.5e-4", "0.14")):
         theirs.write_text(text.replace('xyz="0 0 0.8"', f'xyz="{apart} 0 0.8"'))
-        with pytest.raises(InputError, match=rf"its axis lies {far}\d* mm away"):
-            export(estimate, out, urdf=theirs)
+        refusal(lambda: export(estimate, out, urdf=theirs), f"its axis lies {far}", " mm away")
     theirs.write_text(TREE)
     refusal(lambda: export(estimate, out, urdf=theirs), "3 moving joint")
 
@@ -308,7 +308,6 @@ def test_check_urdf_names_the_link_and_mends_it(tmp_path):
     checks = {c.link: c for c in check_urdf(path)}
     assert not checks["upper"].consistent
     assert checks["upper"].triangle_margin == pytest.approx(0.02 + 0.02 - 0.05)
-    assert checks["upper"].nearest is not None
     # Moments (0.02, 0.02, 0.05): the nearest with D1 + D2 = D3 moves each by 0.01 / 3.
     assert checks["upper"].distance == pytest.approx(0.01 / np.sqrt(3.0))
     assert all(c.consistent for name, c in checks.items() if name not in ("upper",))

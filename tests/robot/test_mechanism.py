@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_robots import link_parameters
+from random_robots import link_parameters, states
 from recorded import refusal, refusals, same_refusal
 
-from sdp_vs_penalty import InputError, Measurements, convert, identify, load_problem
+from sdp_vs_penalty import Measurements, convert, identify, load_problem
 from sdp_vs_penalty.data import check_plausible
 from sdp_vs_penalty.data.datasets import to_joints
 from sdp_vs_penalty.effects import Motion
@@ -30,10 +30,6 @@ def urdf(tmp_path: Path) -> Path:
     return Path(shutil.copy(LIFT, tmp_path))
 
 
-def states(robot: Robot, rows: int = 20) -> np.ndarray:
-    return np.random.default_rng(0).normal(size=(3, rows, robot.n))
-
-
 def some_links(robot: Robot) -> np.ndarray:
     rng = np.random.default_rng(1)
     return np.array([link_parameters(rng, 0.4) for _ in range(robot.links)])
@@ -42,15 +38,14 @@ def some_links(robot: Robot) -> np.ndarray:
 def test_what_moves_and_what_has_parameters(urdf):
     robot, nominal = load_urdf(urdf)
     assert robot.joint_names == ("lift_joint", "swing_joint", "roll_joint")
-    assert robot.n == 3
     assert robot.links == len(nominal) == 6  # of seven links: one has no mass
     q = np.array([[0.1, 0.5, 0.8]])
     (tree,) = robot.tree_state(q)  # depth first: the bar comes last
     np.testing.assert_allclose(tree[0], [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5], atol=1e-15)
     restored = Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
     links = some_links(robot)
-    for a, b in zip(*(r.inverse_dynamics(links, *states(r)) for r in (robot, restored)), strict=True):
-        assert np.array_equal(a, b)
+    torques = (r.inverse_dynamics(links, *states(r, 20)) for r in (robot, restored))
+    np.testing.assert_array_equal(*torques)
 
 
 def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
@@ -65,8 +60,8 @@ def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
     data = mujoco.MjData(model)
     assert model.neq == 4
-    ours = heavy.inverse_dynamics(links, *states(heavy))
-    for row, expected in zip(np.stack(heavy.tree_state(*states(heavy)), axis=1), ours, strict=True):
+    ours = heavy.inverse_dynamics(links, *states(heavy, 20))
+    for row, expected in zip(np.stack(heavy.tree_state(*states(heavy, 20)), axis=1), ours, strict=True):
         data.qpos, data.qvel, data.qacc = row
         mujoco.mj_inverse(model, data)
         assert np.abs(data.efc_pos).max() < 1e-12  # the constraints hold where we say the tree is
@@ -82,10 +77,9 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf):
     q, dq, ddq = random_trajectory(robot, 5, 20.0, frequency=0.6).states(t)
     tau = robot.inverse_dynamics(links, q, dq, ddq) + 2.0 * dq
     estimate = identify(problem, Measurements(t, q, tau), effects="rigid_body,viscous_friction")
-    truth = np.concatenate([links.ravel(), np.full(robot.n, 2.0)])
     torque = estimate.model.torque(estimate.theta, Motion(t, q, dq, ddq))
     assert np.linalg.norm(torque - tau) < 0.01 * np.linalg.norm(tau)
-    assert len(estimate.theta) == len(truth)
+    assert len(estimate.theta) == links.size + robot.n
     assert estimate.certificate.worst == 0.0
     content = Content.of(estimate)
     for name, text in (("new", make_urdf(robot, content)), ("own", edit_urdf(urdf, robot, content))):
@@ -134,8 +128,7 @@ def test_tables_without_header_are_read_at_their_rate(tmp_path):
     np.testing.assert_allclose(np.diff(run.t), 0.005)
     for text, words in (("1,2\n3,4\n", "three a joint"), ("1,2,x\n", "not a number")):
         path.write_text(text)
-        with pytest.raises(InputError, match=words):
-            convert(path, rate=200.0)
+        refusal(lambda: convert(path, rate=200.0), words)
     refusal(lambda: convert(tmp_path / "none.csv", rate=200.0), "No such file")
 
 
