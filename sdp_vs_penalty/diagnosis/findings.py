@@ -119,7 +119,7 @@ class Remaining(Plain):
 def is_sure(found: Finding | Retune) -> bool:
     """Whether its torque is there, whatever its name: confident, or weak only as another effect fits as
     well."""
-    return {*found.remarks} <= {REASONS["rivals"]}
+    return found.confidence == "confident" or [*found.remarks] == [REASONS["rivals"]]
 
 
 @dataclass(frozen=True, repr=False)
