@@ -159,7 +159,7 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     """Each step in turn; what was found for sure is added."""
     (one,) = story.session.history[0].findings.effects
     found = replace(
-        story.session.history[0].findings, effects=(one, replace(one, remarks=("small",), text="x"))
+        story.session.history[0].findings, effects=(one, replace(one, confidence="weak", text="x"))
     )
     session = Sessions(Here()).new()
     called: list[tuple[Any, ...]] = []
