@@ -239,8 +239,8 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
 
 
 def worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:
-    """The history without the weak findings at its end, but for the first two of them."""
-    last = max((k for k, f in enumerate(effects) if f.confidence == "confident"), default=-1)
+    """The history without the findings at its end that are not sure, but for the first two of them."""
+    last = max((k for k, f in enumerate(effects) if f.sure), default=-1)
     return effects[: last + 3]
 
 

@@ -23,7 +23,7 @@ from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding, Invisible, Remaining, Retune
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
-from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.score import Fit, Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import (
     Moved,
@@ -85,16 +85,19 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     errors = np.array([held_out.errors(offered[:k]) for k in range(own, len(offered) + 1)])
     doubt = torque_errors(data, found.estimate, gain_errors)
     moved = data.moved([t.form.effect for t in search.terms], [t.beta for t in search.terms])
-    sizes = [size_of_term(search, t, doubt, moved) for t in search.terms]
-    weak = [
-        _reasons(found, *both, errors[k : k + 2])
+    near = search.score.fit([*search.terms, *search.tolerances.values()], search.fit)
+    sizes = [size_of_term(search, t, near, doubt, moved) for t in search.terms]
+    findings = [
+        _finding(*both, _reasons(found, *both, errors[k : k + 2]), errors[k : k + 2])
         for k, both in enumerate(zip(search.terms, sizes, strict=True))
     ]
     # Data left out have the last word on those that are sure, too, as a whole.
-    sure = [k for k, why in zip(offered[own:], weak, strict=True) if {*why} <= {"rivals"}]
-    alone = set(sure).union(offered[:own]).difference(held_out.offered([*offered[:own], *sure]))
-    for k in alone.intersection(sure):
-        weak[offered.index(k) - own]["alone"] = REASONS["alone"]
+    sure = [*offered[:own], *(k for k, f in zip(offered[own:], findings, strict=True) if f.sure)]
+    alone = set(sure).difference(held_out.offered(sure))
+    for i, k in enumerate(offered[own:]):
+        if k in alone:
+            why = *findings[i].remarks, REASONS["alone"]
+            findings[i] = replace(findings[i], confidence="weak", remarks=why)
     retuned = tuple(
         retune(
             replace(s, std=spread(search, moved, s)),
@@ -105,17 +108,13 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         )
         for k, s in zip(offered, found.shapes, strict=False)
     )
-    findings = tuple(
-        _finding(*each, errors[k : k + 2])
-        for k, each in enumerate(zip(search.terms, sizes, weak, strict=True))
-    )
     floor = noise.floor if data.known else np.zeros(data.n)
     curves = tuple(c.told(seed + k, float(floor[c.joint])) for k, c in enumerate(found.curves))
     known: Literal["effect_missing", "nothing_missing"]
     known = "effect_missing" if findings else "nothing_missing"
     return Diagnosis(
         "unknown_effect" if unnamed else known,
-        findings,
+        tuple(findings),
         noise.floor,
         invisible_effects(search),
         tuple(happened),
@@ -283,15 +282,15 @@ def spread(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
     return np.inf
 
 
-def size_of_term(search: Search, term: Term, errors: Array, moved: Sequence[Moved]) -> Size:
-    """errors (n, M, e) : a factor of the covariance of white rows' torque, from
-    :func:`torque_errors`; moved : of :meth:`WhiteData.moved`."""
+def size_of_term(search: Search, term: Term, near: Fit, errors: Array, moved: Sequence[Moved]) -> Size:
+    """near : a fit of all terms and all that is tolerated; errors (n, M, e) : a factor of the covariance
+    of white rows' torque, from :func:`torque_errors`; moved : of :meth:`WhiteData.moved`."""
     data, k = search.data, term.form.k
     others = [t for t in search.terms if t != term]
-    fit = search.score.fit([*others, *search.tolerated(term, others)], search.fit)
+    fit = search.score.fit([*others, *search.tolerated(term, others)], near)
     apart, known = search.score.apart(fit, term.form, term.columns)
-    near = [fit.beside(fit.scaled(z)) for _, z in moved if not term.joints.isdisjoint(z)]
-    T = np.concatenate([apart, *near], axis=2)
+    moving = [fit.beside(fit.scaled(z)) for _, z in moved if not term.joints.isdisjoint(z)]
+    T = np.concatenate([apart, *moving], axis=2)
     prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
     A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)

@@ -99,7 +99,7 @@ def diagnose(
 
 def _offered(search: Search, judge: Judge) -> Found:
     """Findings and constants in order that data left out do not speak against."""
-    first, own = judge.first, search.constants
+    first, own = judge.first, [t for t in search.terms if t.form.own]
 
     def beside_model(kept: Sequence[Term], findings: Sequence[Term]) -> tuple[Estimate, Search]:
         """Findings beside the model with other constants of its own."""

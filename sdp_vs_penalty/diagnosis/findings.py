@@ -37,8 +37,21 @@ REASONS: Mapping[str, str] = {
 }
 
 
+class Told(Plain):
+    """What is told with its confidence, and why that is weak."""
+
+    confidence: str
+    remarks: tuple[str, ...]
+
+    @property
+    def sure(self) -> bool:
+        """Whether its torque is there, whatever its name: confident, or weak only as another effect fits
+        as well."""
+        return self.confidence == "confident" or [*self.remarks] == [REASONS["rivals"]]
+
+
 @dataclass(frozen=True)
-class Finding(Plain):
+class Finding(Told):
     """One missing effect.
 
     joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
@@ -116,12 +129,6 @@ class Remaining(Plain):
     rmse: float
 
 
-def is_sure(found: Finding | Retune) -> bool:
-    """Whether its torque is there, whatever its name: confident, or weak only as another effect fits as
-    well."""
-    return found.confidence == "confident" or [*found.remarks] == [REASONS["rivals"]]
-
-
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown, Plain):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
@@ -172,13 +179,13 @@ class Diagnosis(Shown, Plain):
         chosen = tuple(
             f
             for k, f in enumerate(self.effects, start=1)
-            if (numbers is None or k in numbers) and (not confident or is_sure(f))
+            if (numbers is None or k in numbers) and (not confident or f.sure)
         )
-        retuned = tuple(r for r in self.retuned if not confident or is_sure(r))
+        retuned = tuple(r for r in self.retuned if not confident or r.sure)
         whole = numbers is None and all(any(f is g for g in chosen) for f in self.effects)
         curves = self.curves if whole else ()
         if not chosen and not retuned and not curves:
-            kind = "confident finding" if confident and self.effects else "finding"
+            kind = "sure finding" if confident and self.effects else "finding"
             raise InputError(
                 f"there is no {kind} to add", "name the effect itself, or leave the model as it is"
             )
@@ -188,7 +195,7 @@ class Diagnosis(Shown, Plain):
     def sure(self) -> tuple[Finding | Retune, ...]:
         """Constants and findings whose torque is sure: what to add."""
         every: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
-        return tuple(f for f in every if is_sure(f))
+        return tuple(f for f in every if f.sure)
 
     @property
     def noise_known(self) -> bool:
@@ -307,7 +314,7 @@ def load_diagnosis(path: str | Path) -> Diagnosis:
 
 
 @dataclass(frozen=True)
-class Retune(Plain):
+class Retune(Told):
     """A shape constant of the model's own effect on one joint, as it explains most beside the findings.
 
     rmse_before, rmse_after : held-out error of the joint, with the model's constants and with the new

@@ -118,38 +118,14 @@ class Library:
 
 def library(data: WhiteData) -> Library:
     """All candidates beside the model; their columns white."""
-    batches = _batches(
-        data, [*_forms(data.rows, data.estimate.model, data.frozen), *_own_forms(data)], {}
-    )
-    laws = {f.law: f for b in batches for f in b.forms}
-    return Library(batches, Counter(f.key for f in laws.values()))
-
-
-def renewed(old: Library, data: WhiteData) -> Library:
-    """Beside a model whose friction turns round otherwise: what follows its signs is made again."""
-    forms = [f for b in old.batches for f in b.forms if not f.own]
-    same = {
-        f.effect.text: b.columns(k)
-        for b in old.batches
-        for k, f in enumerate(b.forms)
-        if f.effect.signless and not f.effect.needs_torque
-    }
-    return replace(old, batches=_batches(data, [*forms, *_own_forms(data)], same))
-
-
-def _batches(
-    data: WhiteData, forms: Sequence[Form], known: Mapping[str, dict[int, Array]]
-) -> tuple[Batch, ...]:
-    """known : by the effect's text columns that need not be made."""
     groups: dict[tuple[tuple[int, ...], int, Key | None], list[tuple[Form, dict[int, Array]]]] = {}
-    for form in forms:
-        if (white := known.get(form.effect.text)) is None:
-            blocks = data.rows.blocks(form.effect, keep=False)
-            white = {b.joint: data.white(b.columns, b.joint) for b in blocks}
+    for form in (*_forms(data.rows, data.estimate.model, data.frozen), *_own_forms(data)):
+        blocks = data.rows.blocks(form.effect, keep=False)
+        white = {b.joint: data.white(b.columns, b.joint) for b in blocks}
         if white:
             key = tuple(sorted(white)), form.k, form.key if form.own else None
             groups.setdefault(key, []).append((form, white))
-    return tuple(
+    batches = tuple(
         Batch(
             joints,
             tuple(form for form, _ in group),
@@ -157,6 +133,8 @@ def _batches(
         )
         for (joints, _, _), group in groups.items()
     )
+    laws = {f.law: f for b in batches for f in b.forms}
+    return Library(batches, Counter(f.key for f in laws.values()))
 
 
 def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:

@@ -12,28 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible, library, renewed
+from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible, library
 from sdp_vs_penalty.diagnosis.misfit import Misfit, distorted
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end, with_shapes
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Times that a constant that is as large as its effect follows it: what is left of an error falls by the
 #: share of the effect that is not of first order, a quarter for the softest gears.
 _SIZED = 3
-#: Times that a search goes on beside constants that it has found of the model itself.
-ROUNDS = 3
 
 
 class Search:
-    """Forward selection with exchange over one library; afterwards ``terms`` and ``fit``.
-
-    own : other constants of the first model's effects that the model in question has already.
-    """
+    """Forward selection with exchange over one library; afterwards ``terms`` and ``fit``."""
 
     def __init__(self, data: WhiteData, library: Library) -> None:
         self.data, self.library = data, library
@@ -41,7 +36,6 @@ class Search:
         self._kept: dict[str, dict[int, Array]] = {}
         self._distorted: dict[str, list[tuple[int, Array, Array]]] = {}
         self.terms: list[Term] = []
-        self.own: tuple[Term, ...] = ()
         #: Candidates that had not enough left once they had joined.
         self.refused = set[Key]()
         self.fit = self.bare = self.score.fit(())
@@ -128,10 +122,10 @@ class Search:
     def tolerated(self, term: Term, others: Sequence[Term]) -> list[Misfit]:
         """As much of what is in every machine as is plausible, where neither says it."""
         said = {term.form.effect.form_of, term.key[0], *(t.key[0] for t in others)}
-        return [m for name, m in self._tolerances.items() if name not in said]
+        return [m for name, m in self.tolerances.items() if name not in said]
 
     @cached_property
-    def _tolerances(self) -> dict[str, Misfit]:
+    def tolerances(self) -> dict[str, Misfit]:
         forms = (f for b in self.library.batches for f in b.forms if f.effect.tolerance)
         return {f.key[0]: Misfit(f"misfit of {f.key[0]}", self.columns(f), f.plausible) for f in forms}
 
@@ -205,17 +199,6 @@ class Search:
         tied = [t for t in found if _as_good(t, found[0])]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
         return min(plain, key=lambda t: (simplicity(t.form), -t.against(found[0])))
-
-    @property
-    def constants(self) -> tuple[Term, ...]:
-        """Other constants of the first model's own effects: the newest of each."""
-        new = {t.key: t for t in self.terms if t.form.own}
-        return (*(t for t in self.own if t.key not in new), *new.values())
-
-    @property
-    def found(self) -> set[Key]:
-        """Whatever their constants."""
-        return {t.key for t in self.terms if not t.form.own}
 
     # The steps.
 
@@ -315,21 +298,6 @@ class Search:
 
     # The same search beside something else.
 
-    def retuned(self) -> Search | None:
-        """The search to go on with beside the model that has the constants of its own which were found,
-        where a finding acts on their joints; else None."""
-        new = [t for t in self.terms if t.form.own]
-        joints = frozenset[int]().union(*(t.joints for t in new))
-        if all(t.form.own or t.joints.isdisjoint(joints) for t in self.terms):
-            return None
-        estimate = self.data.estimate
-        effects = with_shapes(estimate.model.effects, changed(new, estimate.model))
-        model = replace(estimate.model, effects=effects)
-        out = self.carried(replace(estimate, model=model))
-        out.library, out.own = renewed(self.library, out.data), self.constants
-        out.terms = out.settled([t for t in out.terms if not t.form.own], joints)
-        return out
-
     def carried(self, estimate: Estimate, without: NDArray[np.bool_] | None = None) -> Search:
         """The same findings beside another model, in the columns that this one makes; without : rows
         (M, n) that are no evidence."""
@@ -359,18 +327,9 @@ class Search:
 
 
 def run_search(data: WhiteData, progress: Progress = no_progress) -> Search:
-    """Beside the model, and again beside that with the constants of its own that were found: columns of
-    what rubs turn round with the model's own sign of the velocity."""
+    """Beside a library of all candidates."""
     search = Search(data, library(data))
     search.run(progress)
-    for _ in range(ROUNDS):
-        again = search.retuned()
-        if again is None:
-            break
-        known, search = search.found, again
-        search.run(progress)
-        if search.found == known:
-            break
     return search
 
 

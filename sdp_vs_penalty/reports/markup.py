@@ -72,10 +72,10 @@ def bars(
 
 
 def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:
-    """By confident finding the share of each joint's held-out error variance that it takes away."""
+    """By sure finding the share of each joint's held-out error variance that it takes away."""
     out: dict[str, list[float]] = {}
     for f in () if diagnosis is None else diagnosis.effects:
-        row = out.setdefault(f"found: {f.effect}", [0.0] * n) if f.confidence == "confident" else []
+        row = out.setdefault(f"found: {f.effect}", [0.0] * n) if f.sure else []
         for j in [j - 1 for j in f.joints] or range(n) if row else ():
             a, b = f.held_out_rmse_before[j], f.held_out_rmse_after[j]
             row[j] = max(row[j], 1.0 - (b / a) ** 2 if a > 0.0 else 0.0)

@@ -108,6 +108,11 @@ class Segment(Filtered):
     torque_dense: Array
     dense: Decimator
 
+    @property
+    def residual(self) -> Array:
+        """(M, n) filtered measured less modelled torque."""
+        return np.asarray(self.torque - self.low_pass @ self.motion.model_torque)
+
 
 @dataclass(frozen=True)
 class SegmentedRuns:
@@ -160,7 +165,7 @@ class SegmentedRuns:
     @cached_property
     def residual(self) -> Array:
         """(M, n) filtered measured less modelled torque."""
-        return np.concatenate([s.torque - s.low_pass @ s.motion.model_torque for s in self.segments])
+        return np.concatenate([s.residual for s in self.segments])
 
     @cached_property
     def still(self) -> Array:
@@ -211,7 +216,9 @@ class SegmentedRuns:
     @cached_property
     def steps(self) -> Array:
         """(M, n) an example of what the encoders' steps make of the model's torque."""
-        return np.asarray((self.residual - self.again().residual) / np.sqrt(2.0))
+        again = {(s.run, s.t[0]): s for s in self.again().segments}  # but those that seem to stand then
+        pairs = ((s, again.get((s.run, s.t[0]), s)) for s in self.segments)
+        return np.concatenate([s.residual - a.residual for s, a in pairs]) / np.sqrt(2.0)
 
     @cached_property
     def lawless(self) -> tuple[Array, NDArray[np.bool_]]:

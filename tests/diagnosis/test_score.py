@@ -186,33 +186,6 @@ def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(
     assert search.around(tilt, []) == search.around(placed, []) == []
 
 
-def test_beside_another_width_of_the_models_own_all_candidates_turn_round_with_it(two_link):
-    """As if the library had been made beside that model; dry friction that bends is judged beside the
-    sign that the model has."""
-    search, wide = searched(two_link), 0.1
-    every = {f.effect.text: f for b in search.library.batches for f in b.forms}
-    own = next(f for f in every.values() if f.own and f.effect.joints == (0,)).with_shape(v_s=wide)
-    bends = next(f for f in every.values() if f.key == ("presliding_hysteresis", 0))
-    search.terms = [search.judged(search.fit, own)]
-    assert search.retuned() is None  # nothing is named that would turn round otherwise
-    search.terms.append(replace(search.judged(search.fit, bends), drop=1e6))
-    again = search.retuned()
-    assert again is not None
-    assert [t.form.effect.text for t in again.own] == [own.effect.text]
-    assert again.data.rows.segments[0].motion.width(0) == wide
-    made, fresh = (
-        {f.effect.text: b.columns(k) for b in x.batches for k, f in enumerate(b.forms)}
-        for x in (again.library, library(again.data))
-    )
-    assert made.keys() == fresh.keys()
-    moved = 0
-    for text, columns in fresh.items():
-        for j, z in columns.items():
-            np.testing.assert_allclose(made[text][j], z, atol=1e-12 * np.abs(z).max(), err_msg=text)
-        moved += text in every and not np.array_equal(search.columns(every[text])[j], z)
-    assert moved > 20
-
-
 def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(two_link, monkeypatch):
     """And the search goes on to exchange them."""
     search, asked = searched(two_link), []
