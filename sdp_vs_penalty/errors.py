@@ -51,18 +51,21 @@ class Infeasible(InputError):  # noqa: N818 (the field's word)
         self.families, self.proof = tuple(families), proof
 
 
-def unknown(kind: str, name: object, known: Iterable[object], where: Any = None) -> InputError:
-    """The error of a name that does not exist: the nearest one that does, and all there are.
+def require_known(kind: str, name: object, known: Iterable[object], where: Any = None) -> None:
+    """InputError for a name that does not exist: the nearest one that does, and all there are.
 
-    >>> str(unknown("method", "lmi-spd", ["ols", "lmi-sdp"]))
-    "method 'lmi-spd' is unknown: did you mean lmi-sdp? There are: ols, lmi-sdp."
+    >>> require_known("table", "VI", ["IV", "VIII"])
+    Traceback (most recent call last):
+    sdp_vs_penalty.errors.InputError: table 'VI' is unknown: did you mean VIII? There are: IV, VIII.
     """
+    if name in (known := list(known)):
+        return
     import difflib
 
     there = [str(k) for k in known]
     near = difflib.get_close_matches(str(name), there, 1)
     guess = f"did you mean {near[0]}? There are" if near else "there are"
-    return InputError(f"{kind} {name!r} is unknown".strip(), f"{guess}: {', '.join(there)}", where)
+    raise InputError(f"{kind} {name!r} is unknown".strip(), f"{guess}: {', '.join(there)}", where)
 
 
 def unreadable(error: Exception, where: Any) -> InputError:

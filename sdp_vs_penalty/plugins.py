@@ -7,7 +7,7 @@ from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, require_known
 
 
 def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
@@ -31,14 +31,17 @@ def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
     )
 
 
-def named(package: str, path: Iterable[str], base: type, name: str) -> Any:
-    """The subclass of ``base`` called ``name`` of the file of that name, without an import of any other
-    file; None where there is no such file or class."""
+def named(kind: str, package: str, path: Iterable[str], base: type, name: str) -> Any:
+    """The subclass of ``base`` called ``name``, without an import of any other file where it is in the
+    file of that name. Raises InputError where there is none."""
     file = name.replace("-", "_")
-    if all(module.name != file for module in iter_modules(path)):
-        return None
-    own = (x for x in vars(import_module(f"{package}.{file}")).values() if inspect.isclass(x))
-    return next((x for x in own if issubclass(x, base) and getattr(x, "name", None) == name), None)
+    if any(module.name == file for module in iter_modules(path)):
+        for x in vars(import_module(f"{package}.{file}")).values():
+            if inspect.isclass(x) and issubclass(x, base) and getattr(x, "name", None) == name:
+                return x
+    every = classes(package, path, base)
+    require_known(kind, name, every)
+    return every[name]
 
 
 def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:

@@ -102,7 +102,8 @@ def test_an_error_is_one_line_that_can_be_printed():
     assert str(InputError("a").within("run.csv")) == "run.csv: a"
     assert len(str(InputError("x" * 1500))) == 1500
     assert str(InputError("x" * 1501)) == "x" * 1500 + " ..."
-    assert str(errors.unknown("method", "zzz", ["ols"])) == "method 'zzz' is unknown: there are: ols."
+    with pytest.raises(InputError, match=r"^method 'zzz' is unknown: there are: ols\.$"):
+        errors.require_known("method", "zzz", ["ols"])
     assert [len(errors.given("x" * k)) for k in (58, 59)] == [60, 60]
     assert errors.given("x" * 59).endswith("...")
     assert "(No such file)" in str(errors.unreadable(OSError(2, "No such file"), "x"))

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.cli.options import Parser
-from sdp_vs_penalty.errors import InputError, Remark, unknown
+from sdp_vs_penalty.errors import InputError, Remark, require_known
 from sdp_vs_penalty.files import opened, protecting
 from sdp_vs_penalty.version import __version__
 
@@ -82,8 +82,7 @@ def _help() -> str:
 def named(name: str) -> Callable[..., None]:
     """The verb of this name, imported. Raises InputError where there is none."""
     names = [name for verbs in VERBS.values() for name in verbs]
-    if name not in names:
-        raise unknown("command", name, names)
+    require_known("command", name, names)
     home = import_module(f"sdp_vs_penalty.cli.verbs.{name.replace('-', '_')}")
     return home.verb  # type: ignore[no-any-return]
 

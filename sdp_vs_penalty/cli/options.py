@@ -11,7 +11,7 @@ from enum import StrEnum
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError, require_known
 
 #: Flags, or an argument's name; limits; an example of a value; then what it is, for --help and the page.
 SHARED = """
@@ -135,9 +135,9 @@ class Parser(argparse.ArgumentParser):
     def given(self, words: Sequence[str]) -> dict[str, Any]:
         """The parameters by name."""
         known = [flag for option in self.options.values() for flag in option.option_strings]
-        for flag in (word.partition("=")[0] for word in words):
-            if flag.startswith("--") and flag not in (*known, "--help"):
-                raise unknown("option", flag, known, self.prog.partition(" ")[2])
+        for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
+            if flag != "--help":
+                require_known("option", flag, known, self.prog.partition(" ")[2])
         joined: list[str] = []
         for word in words:  # what begins like a number is a value: --gravity -9.81,0,0
             if re.match(r"-[\d.]", word) and joined and joined[-1] in known:

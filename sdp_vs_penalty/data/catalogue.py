@@ -4,7 +4,7 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from sdp_vs_penalty.errors import unknown
+from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.files import Plain
 
 #: Where GitHub serves single files of a commit.
@@ -57,6 +57,5 @@ DATASETS = {
 
 def dataset(name: str) -> Dataset:
     """The data set of a name; InputError where there is none."""
-    if name not in DATASETS:
-        raise unknown("dataset", name, DATASETS)
+    require_known("dataset", name, DATASETS)
     return DATASETS[name]

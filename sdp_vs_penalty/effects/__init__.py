@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any
 
 from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.plugins import classes, surface
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -67,8 +67,7 @@ def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
 
 
 def _lookup(name: str) -> type[Effect]:
-    if name not in effect_types():
-        raise unknown("effect", name, effect_types())
+    require_known("effect", name, effect_types())
     return effect_types()[name]
 
 

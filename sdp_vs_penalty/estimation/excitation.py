@@ -27,7 +27,7 @@ from scipy import optimize
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.links import Payload
 from sdp_vs_penalty.effects.model import Model, depends
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimation.constants import DIFFERENCE
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -178,8 +178,7 @@ def excite(
     Raises InputError for limits that admit no trajectory, or an objective that does not exist.
     """
     problem = as_problem(problem, "excite(problem=...)")
-    if objective not in OBJECTIVES:
-        raise unknown("objective", objective, OBJECTIVES)
+    require_known("objective", objective, OBJECTIVES)
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)

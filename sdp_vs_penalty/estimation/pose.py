@@ -22,7 +22,7 @@ from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.effects import effect_from_dict
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError, other_robot, unknown
+from sdp_vs_penalty.errors import InputError, other_robot, require_known
 from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import gains_from_loads, with_scale
 from sdp_vs_penalty.estimation.servo import loop_beside_torque, servo_filters, servo_log
@@ -114,8 +114,7 @@ def pose(
     """
     problem, options = as_problem(problem, "pose(problem=...)"), options or PoseOptions()
     data = readable(problem, measurements, "pose(measurements=...)")
-    if options.instruments not in (None, "command", "none"):
-        raise unknown("instruments", options.instruments, ("command", "none"))
+    require_known("instruments", options.instruments or "none", ("command", "none"))
     if isinstance(data, BlackBox):
         model = problem.model("rigid_body" if options.effects is None else options.effects)
         progress("compressing the black box's answers")

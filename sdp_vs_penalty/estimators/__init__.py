@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, cast
 
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.plugins import classes, named, surface
 from sdp_vs_penalty.solvers import solver
@@ -22,10 +22,7 @@ def make_estimator(method: str | Estimator) -> Estimator:
     """The estimator of a name, with its default settings, or the one given; InputError for no such."""
     if isinstance(method, Estimator):
         return method
-    found = named(__name__, __path__, Estimator, method) or estimator_types().get(method)
-    if found is None:
-        raise unknown("method", method, estimator_types())
-    return cast(Estimator, found())
+    return cast(Estimator, named("method", __name__, __path__, Estimator, method)())
 
 
 def with_solver(method: str, solver_name: str | None) -> Estimator | str:

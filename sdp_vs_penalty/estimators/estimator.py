@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import unknown
+from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
@@ -146,8 +146,7 @@ def make_task(
     masses = model.with_known(nominal)[links[:, :1]]  # a link of a known mass is scaled to it
     nominal[links] *= masses / nominal[links[:, :1]]
     nominal = model.with_known(nominal)
-    if weighting not in ("noise", "none"):
-        raise unknown("weighting", weighting, ("noise", "none"))
+    require_known("weighting", weighting, ("noise", "none"))
     data = with_plausible(regression.least_squares(), model, regression.oversampling)
     first, weights = smallest(data.R, data.rho, nominal), np.ones(regression.joints)
     if weighting == "noise":

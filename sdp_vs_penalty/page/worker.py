@@ -133,8 +133,7 @@ def main(server: Any, parent: int, limit: int) -> None:
 def do(job: Callable[[Any], dict[str, Any]], asked: Any) -> dict[str, Any]:
     """{"result": ...} of a request, or {"error": sentence}."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             return {"result": job(asked)}
     except Exception as error:
         return {"error": sentence(error)}

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.files import Plain, read_table
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem import constants as c
@@ -45,8 +45,7 @@ class CentreOfMassCone(Plain):
     slope: float
 
     def __post_init__(self) -> None:
-        if self.axis not in ("x", "y", "z"):
-            raise unknown("centre_of_mass_cone axis", self.axis, ("x", "y", "z"))
+        require_known("centre_of_mass_cone axis", self.axis, ("x", "y", "z"))
         if not np.all(np.isfinite([self.radius, self.slope])):
             raise InputError(f"the centre_of_mass_cone of link {self.link}", "correct its numbers")
 
@@ -128,8 +127,7 @@ class Problem(Shown):
         for link in (cone.link for cone in self.cones if not 1 <= cone.link <= n):
             what = f"centre_of_mass_cone names link {link}, there are {n}"
             raise InputError(what, "correct the link")
-        if self.torque_side not in _TORQUE_SIDES:
-            raise unknown("torque_side", self.torque_side, tuple(_TORQUE_SIDES))
+        require_known("torque_side", self.torque_side, tuple(_TORQUE_SIDES))
 
     @cached_property
     def link_defaults(self) -> Array:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 
@@ -37,8 +37,7 @@ class Body(Plain):
             raise InputError("a half axis of a body is not above 0", "correct it")
         if not np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6):
             raise InputError("the axes of a body are not orthonormal", "normalise them")
-        if self.source not in SOURCES:
-            raise unknown("body source", self.source, SOURCES)
+        require_known("body source", self.source, SOURCES)
 
     @property
     def quadric(self) -> Array:

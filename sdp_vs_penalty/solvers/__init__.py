@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.plugins import classes, named, surface
 from sdp_vs_penalty.solvers.solver import Solver
 
@@ -15,10 +15,7 @@ def solver_types() -> dict[str, type[Solver]]:
 
 def solver(name: str) -> Solver:
     """The solver of a name; InputError where it is unknown or absent, saying what installs it."""
-    kind = named(__name__, __path__, Solver, name) or solver_types().get(name)
-    if kind is None:
-        raise unknown("solver", name, solver_types())
-    found: Solver = kind()
+    found: Solver = named("solver", __name__, __path__, Solver, name)()
     if found.absent:
         raise InputError(f"solver {name} cannot be used here", found.absent)
     return found

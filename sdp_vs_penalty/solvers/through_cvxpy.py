@@ -62,8 +62,7 @@ class ThroughCvxpy(Solver):
             constraints.append(_membership(cone, problem.b[rows] - A[rows] @ x))
         model = cp.Problem(cp.Minimize(objective), constraints)
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with warnings.catch_warnings(action="ignore"):
                 model.solve(solver=self.name.upper(), **({self.group: told} if self.group else told))
         except cp.error.SolverError as error:
             return Solution.none(problem, str(error))

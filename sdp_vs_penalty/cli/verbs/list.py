@@ -1,6 +1,6 @@
 from enum import StrEnum
 
-from sdp_vs_penalty.errors import unknown
+from sdp_vs_penalty.errors import require_known
 
 Rows = list[tuple[str, ...]]
 #: What can be listed.
@@ -40,8 +40,7 @@ _SHORT = {
 def details(kind: str, name: str) -> tuple[str, ...]:
     """The whole row of one name; InputError where there is none."""
     rows = {row[0]: row for row in listing(kind)[1]}
-    if name not in rows:
-        raise unknown("", name, rows, where=kind)
+    require_known("", name, rows, where=kind)
     return rows[name]
 
 

@@ -156,8 +156,7 @@ def _tables(path: Path, width: int, first: int) -> Iterator[Array]:
             empty = row + len(rows) - 1
             rows.pop()
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # no row at all
+            with warnings.catch_warnings(action="ignore"):  # no row at all
                 table = np.loadtxt(rows, delimiter=",", ndmin=2, comments=None)
         except ValueError:
             table = np.zeros((0, 0))

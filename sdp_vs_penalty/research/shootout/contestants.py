@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimators.estimator import Fit
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
@@ -48,8 +48,7 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
             objective = objective + entropy.weight * (trace - cp.log_det(matrix(link)))
     problem = cp.Problem(cp.Minimize(objective), constraints)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             problem.solve(solver=solver)
     except cp.error.SolverError as error:
         return no_answer(instance, str(error))
@@ -140,8 +139,7 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     if names is None:
         return [c for c in everyone.values() if not c.absent], [c for c in everyone.values() if c.absent]
     for name in names:
-        if name not in everyone:
-            raise unknown("solver", name, everyone)
+        require_known("solver", name, everyone)
         if why := everyone[name].absent:
             raise InputError(f"solver {name} cannot be used here", why)
     return [everyone[name] for name in names], []

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.errors import InputError, unknown
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word, modules
@@ -37,8 +37,7 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
 def _chosen(names: Sequence[str] | None) -> list[Maker]:
     known = {name.lower(): maker for name, maker in makers().items()}
     for name in names or ():
-        if name.lower() not in known:
-            raise unknown("table", name, makers())
+        require_known("table", known[name.lower()].name if name.lower() in known else name, makers())
     return list(dict.fromkeys(known[name.lower()] for name in names or DEFAULT_TABLES))
 
 

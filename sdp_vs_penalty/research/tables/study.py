@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.errors import unknown
+from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
@@ -146,8 +146,7 @@ class Study:
         progress: Progress = no_progress,
         workers: Workers = ALONE,
     ) -> None:
-        if budget not in BUDGETS:
-            raise unknown("budget", budget, BUDGETS)
+        require_known("budget", budget, BUDGETS)
         self.problem, self.budget, self.progress = problem, budget, progress
         self.workers, self.effort = workers, BUDGETS[budget]
         self._made: dict[object, Any] = {}
