@@ -12,9 +12,10 @@ from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import Judge, harm, lowers
+from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.score import Term
-from sdp_vs_penalty.diagnosis.search import Search, changed, run_search
+from sdp_vs_penalty.diagnosis.search import Search, changed
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimation.drive_torque import driven
@@ -79,7 +80,8 @@ def diagnose(
         whole = with_estimate(segmented(noisy, settings), estimate)
     progress("noise, and columns of all candidates")
     data = prepare(rows, estimate, frozen, whole)
-    search = run_search(data, progress)
+    search = Search(data, library(data))
+    search.run(progress)
     progress("held-out errors")
     unseen = None if test is None else diagnosis_rows(test, estimate, settings)
     found = _offered(search, Judge(estimate, unseen, frozen))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible, library
+from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.misfit import Misfit, distorted
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
@@ -196,9 +196,10 @@ class Search:
         """Of terms, the best first, the simplest that is as good as the best."""
         if not found:
             return None
-        tied = [t for t in found if _as_good(t, found[0])]
+        best, least = found[0], EQUIVALENT + FORM * found[0].J
+        tied = [t for t in found if best.J - t.against(best) < least]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
-        return min(plain, key=lambda t: (simplicity(t.form), -t.against(found[0])))
+        return min(plain, key=lambda t: (simplicity(t.form), -t.against(best)))
 
     # The steps.
 
@@ -326,13 +327,6 @@ class Search:
         return out
 
 
-def run_search(data: WhiteData, progress: Progress = no_progress) -> Search:
-    """Beside a library of all candidates."""
-    search = Search(data, library(data))
-    search.run(progress)
-    return search
-
-
 def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
     """The constants of terms that stand in the place of a model's own effects, beside the model's."""
     out = []
@@ -344,10 +338,6 @@ def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
             end = at_end(float(np.log(value)), *ends.tolist())
             out.append(ShapeEstimate(new.name, joint, key, old.shape[key], value, gain=t.J, at_end=end))
     return out
-
-
-def _as_good(term: Term, best: Term) -> bool:
-    return bool(best.J - term.against(best) < EQUIVALENT + FORM * best.J)
 
 
 def simplicity(form: Form) -> tuple[int, int, bool]:
