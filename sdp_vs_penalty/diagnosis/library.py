@@ -49,8 +49,9 @@ class Form:
     @cached_property
     def law(self) -> tuple[Hashable, ...]:
         """Its candidate, and the constants that are choices among which nothing is refined."""
-        chosen = (v for x, v in self.effect.shape.items() if self.effect.shapes[x].bounds is None)
-        return (*self.key, *chosen)
+        e = self.effect
+        chosen = (x for x, s in e.shapes.items() if s.bounds is None and x != e.sized_shape)
+        return (*self.key, *(e.shape[x] for x in chosen))
 
     @cached_property
     def nonnegative(self) -> list[bool]:

@@ -25,6 +25,8 @@ class TorqueOffset(JointEffect):
 _LARGEST = 0.3
 #: Time constant of a drive's filter, or a delay, that is nothing odd [s]: a bandwidth of 8 Hz.
 _FILTER = 0.02
+#: Where a search for one begins [s]: beside a delay of 12 ms one of 20 more is nothing of first order.
+_STARTS = 0.001, 0.005, 0.025
 
 
 class TorqueGain(JointEffect):
@@ -66,12 +68,18 @@ class Late(Effect):
     has_memory = True  # time derivatives and filters look at other samples
     sized_shape = "T"
 
+    @classmethod
+    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+        # On a single joint a delay of all is its own; friction and inertia are one torque there, so that
+        # what is filtered of it is not told.
+        return super().starts(robot, joint) if robot.n > 1 or not cls.whole_robot else []
+
 
 class Delay(Late):
     """By the same time at every frequency."""
 
     forward = "channel"
-    shapes = {"T": Shape(0.001, "s", signed=True)}
+    shapes = {"T": Shape(0.001, "s", grid=_STARTS, signed=True)}
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         out = torque.copy()
@@ -101,10 +109,6 @@ class GlobalDelay(Delay):
     symbol = "T_g"
     whole_robot = True
 
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        return [{}] if robot.n > 1 else []  # on a single joint it is that joint's own delay
-
     def torques(self, motion: Motion) -> Array:
         return -motion.late_torque_rate(self.shape["T"])[:, :, None]
 
@@ -121,14 +125,9 @@ class TorqueFilter(Late):
     forward = "left out"  # no instant's torque is known from that instant's reading
     whole_robot = True
     shapes = {
-        "T": Shape(0.005, "s"),
+        "T": Shape(0.005, "s", grid=_STARTS),
         "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
     }
-
-    @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        # On a single joint friction and inertia are one torque: what is filtered of it is not told.
-        return super().starts(robot, joint) if robot.n > 1 else []
 
     @property
     def needs_links(self) -> bool:  # type: ignore[override]
