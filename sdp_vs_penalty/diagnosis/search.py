@@ -254,7 +254,9 @@ class Search:
             ranks = (simplicity(other.form), -its), (simplicity(old), -J)
             simpler = len(group) > 1 or (not other.form.refines(old) and ranks[0] < ranks[1])
             if J + least < its or (J - least < its and (simpler or old.refines(other.form))):
-                return self.settled([*rest, other])
+                after = self.settled([*rest, other])
+                if any(t.key == other.key for t in after):  # beside what is tolerated, too
+                    return after
         self.terms = told
         return None
 
