@@ -200,6 +200,21 @@ def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(two_link,
     assert search.refused == {goes.key}
 
 
+def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch):
+    """The other one had left beside what is tolerated of a mounting, and the term with it."""
+    search = searched(two_link)
+    forms = [f for b in search.library.batches for f in b.forms if not f.own]
+    here, other = (
+        replace(search.judged(search.fit, f), drop=drop)
+        for f, drop in ((forms[0], 1e5), (forms[-1], 1e6))
+    )
+    monkeypatch.setattr(search, "together", lambda group, _: group)
+    monkeypatch.setattr(search, "top_candidates", lambda *_, **__: [other])
+    for settled in ([], [other]):
+        monkeypatch.setattr(search, "settled", lambda _, settled=settled: settled)
+        assert search.exchanged([here]) == (settled or None)
+
+
 def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
     """Not by how many rows the sandwich finds each of them worth."""
     one = Term(form(), {0: np.zeros((M, 1))}, drop=3000.0, worth=1.5, price=20.0)
