@@ -151,6 +151,7 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
     warm = all(s.motion.temperature is not None for s in rows.segments)
     motors = all(s.motion.motors is not None for s in rows.segments)
     seen = [rows.seen(joint) for joint in range(rows.n)]
+    stands = np.mean(rows.still > 0.5, axis=0) > STANDS
 
     def tells(effect: Effect) -> bool:
         """Whether what it needs was measured, and nothing else passes for it, whatever its size."""
@@ -162,7 +163,7 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
             continue
         for joint in (None,) if kind.whole_robot else range(rows.n):
             key = (name, joint)
-            if key not in taken and _at_rest(kind, rows, joint):
+            if key not in taken and (kind.at_rest != "holds" or stands[joint]):
                 every = kind.candidates(model.robot, joint, start)
                 yield from (Form(key, e) for e in every if tells(e))
 
@@ -181,16 +182,6 @@ def _own_forms(data: WhiteData) -> Iterator[Form]:
             near = (float(f"{now * ratio**step:.6g}") for step in (-STEPS[1], STEPS[1]))
             values = sorted({high, *grid, *(x for x in near if grid[0] < x < high)} - {now})
             yield from (Form(key, effect.with_shape([key[1]], **{name: x}), own=True) for x in values)
-
-
-def _at_rest(kind: type[Effect], rows: SegmentedRuns, joint: int | None) -> bool:
-    """Whether a law of what dry friction does at rest can be told on a joint."""
-    if joint is None or not kind.at_rest:
-        return True
-    if kind.at_rest == "turns":
-        return not rows.holds[joint]
-    # A joint that stood may have been held by friction that never turned round meanwhile.
-    return bool(rows.holds[joint] or np.mean(rows.still[:, joint] > 0.5) > STANDS)
 
 
 def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model) -> list[bool]:

@@ -120,7 +120,7 @@ class Effect(ABC):
     several: ClassVar[bool] = False
     #: True where its joints belong together: one parameter acts on all of them.
     joins: ClassVar[bool] = False
-    #: What dry friction does at rest by this law: "holds" is tried where joints do, "turns" elsewhere.
+    #: What dry friction does at rest by this law: "holds" (tried where joints stand) or "turns" round.
     at_rest: ClassVar[Literal["", "holds", "turns"]] = ""
     #: Effects of which this one is a finer form: it is looked for only where one of them is known.
     refines: tuple[str, ...] = ()

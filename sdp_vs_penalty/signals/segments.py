@@ -41,7 +41,6 @@ from sdp_vs_penalty.signals.standstill import (
     lawless,
     resolution,
     standing,
-    turned_at_rest,
 )
 
 #: Rows at twice the cut-off that noise, residuals and a library of effects are judged on at most.
@@ -193,14 +192,6 @@ class SegmentedRuns:
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
         fine = (resolution(s.stretch.q[:, joint]) for s in self.segments)
         return Seen(float(np.ptp(paths)), float(max(fine)), float(np.mean(self.still > STILL)))
-
-    @cached_property
-    def holds(self) -> NDArray[np.bool_]:
-        """(n,) joints whose friction was seen to hold them whatever it was, as far as positions tell."""
-        ddq = np.concatenate([s.low_pass @ s.motion.ddq for s in self.segments])
-        rates = np.stack([self.dq.T, ddq.T], axis=2)
-        joints = zip(self._friction.T, rates, self.still.T, self.pieces, strict=True)
-        return np.array([turned_at_rest(*joint) for joint in joints], bool)
 
     @cached_property
     def held(self) -> Array:

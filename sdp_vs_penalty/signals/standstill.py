@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.bristles import PreslidingHysteresis, dahl
 from sdp_vs_penalty.effects.motion import Legs, Motion
 from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.signals.coloured_noise import ORDER
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
 
@@ -21,8 +20,7 @@ from sdp_vs_penalty.signals.runs import Stretch
 _ALIKE = 4.0
 #: Share of a row that a standstill may reach before the row counts as one.
 STILL = 0.01
-#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well;
-#: rows that all but this share comes from a standstill show what holds the joint.
+#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well.
 SLOW = 0.1
 
 
@@ -97,30 +95,3 @@ def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:
     if variance <= 4.0 * usual:  # no more than twice as far off as moving rows
         return float(np.sqrt(variance)), False
     return float(np.sqrt(variance * np.sum(share**2))), True
-
-
-def turned_at_rest(
-    friction: Array, rates: Array, share: Array, pieces: Sequence[NDArray[np.intp]]
-) -> bool:
-    """Whether friction held a joint while it changed by more than its own size, at least twice: then no
-    travel that these positions tell turns it round.
-
-    friction, share (M,) : what the links leave of the torque, and how much of each row is from a
-    standstill; rates (M, 2) : velocity, acceleration; pieces : consecutive rows. Dahl's friction changes
-    by 2 (1 - exp(-s / d)) times its size over a travel s: by more than its size where s > 0.7 d. A
-    difference of what a constant, Coulomb and viscous friction and a rotor leave in motion is allowed
-    for.
-    """
-    moving = np.concatenate([np.zeros(0, np.intp), *(p[share[p] < SLOW] for p in pieces)])
-    if len(moving) < 4 * ORDER:  # as an autoregression needs
-        return False
-    v = rates[moving]
-    laws = np.column_stack([np.ones(len(v)), np.sign(v[:, 0]), v])
-    law = np.linalg.lstsq(laws, friction[moving], rcond=None)[0]
-    left = np.median(np.abs(friction[moving] - laws @ law)) / 0.6745
-    turned = 0
-    for piece in pieces:
-        rest = share[piece] > 1.0 - SLOW
-        for part in np.split(piece, np.flatnonzero(np.diff(rest)) + 1):
-            turned += bool(share[part[0]] > 1.0 - SLOW and np.ptp(friction[part]) > law[1] + 1.4 * left)
-    return bool(law[1] > 0.0 and turned > 1)

@@ -16,7 +16,7 @@ from sdp_vs_penalty.signals import motion, phases, repeat_period
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
-from sdp_vs_penalty.signals.standstill import lawless, still, turned_at_rest
+from sdp_vs_penalty.signals.standstill import lawless, still
 
 
 def share(train: Measurements, judged: Measurements) -> float:
@@ -212,33 +212,6 @@ def test_noise_on_positions_is_told_from_motion():
     assert still(noisy)[standing].mean() > 0.9
     smooth = positions(0.0, 1e-9)[0]
     assert not still(smooth + np.random.default_rng(1).normal(0.0, 2e-5, q.shape)).any()
-
-
-def stopping(rng: np.random.Generator, d: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Friction (M,) of 2 N m beside a rotor, rates (M, 2) and standstill (M,) of a joint that is pushed
-    back after each stop: set-valued, or Dahl's over a travel d, of which the push covers 1e-5 rad."""
-    friction, rates, share = [], [], []
-    for way in (1.0, -1.0) * 6:
-        v = way * np.sin(np.linspace(0.0, np.pi, 42)[1:-1])
-        a = way * np.cos(np.linspace(0.0, np.pi, 42)[1:-1])
-        held = np.linspace(1.0, -1.0 if d is None else 2.0 * np.exp(-1e-5 / d) - 1.0, 20)
-        friction += [2.0 * way + 0.7 * v + 3.0 * a, 2.0 * way * held]
-        rates += [np.column_stack([v, a]), np.zeros((20, 2))]
-        share += [np.zeros(40), np.ones(20)]
-    noise = 0.02 * rng.normal(size=720)
-    return np.concatenate(friction) + noise, np.concatenate(rates), np.concatenate(share)
-
-
-@pytest.mark.parametrize(("d", "holds"), [(None, True), (1e-3, False), (5e-5, False), (5e-6, True)])
-def test_friction_that_turns_round_at_rest_holds(d, holds):
-    friction, rates, share = stopping(np.random.default_rng(0), d)
-    rows = [np.arange(300), np.arange(300, 720)]
-    assert turned_at_rest(friction, rates, share, rows) is holds
-    # In motion alone nothing shows it, whatever the friction does.
-    assert not turned_at_rest(friction, rates, np.zeros_like(share), rows)
-    # Once is a knock.
-    once = np.where(np.arange(720) < 120, share, 0.5)
-    assert not turned_at_rest(friction, rates, np.where(np.arange(720) < 60, once, 0.5), rows)
 
 
 @pytest.mark.parametrize("law", ["dahl", "anything"])
