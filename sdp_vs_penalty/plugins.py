@@ -31,17 +31,23 @@ def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
     )
 
 
-def named(kind: str, package: str, path: Iterable[str], base: type, name: str) -> Any:
+def named(
+    kind: str,
+    package: str,
+    path: Iterable[str],
+    base: type,
+    name: str,
+    every: Callable[[], dict[str, Any]],
+) -> Any:
     """The subclass of ``base`` called ``name``, without an import of any other file where it is in the
-    file of that name. Raises InputError where there is none."""
+    file of that name; else that of ``every`` one. Raises InputError where there is none."""
     file = name.replace("-", "_")
     if any(module.name == file for module in iter_modules(path)):
         for x in vars(import_module(f"{package}.{file}")).values():
             if inspect.isclass(x) and issubclass(x, base) and getattr(x, "name", None) == name:
                 return x
-    every = classes(package, path, base)
-    require_known(kind, name, every)
-    return every[name]
+    require_known(kind, name, every())
+    return every()[name]
 
 
 def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:

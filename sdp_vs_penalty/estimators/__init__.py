@@ -22,7 +22,7 @@ def make_estimator(method: str | Estimator) -> Estimator:
     """The estimator of a name, with its default settings, or the one given; InputError for no such."""
     if isinstance(method, Estimator):
         return method
-    return cast(Estimator, named("method", __name__, __path__, Estimator, method)())
+    return cast(Estimator, named("method", __name__, __path__, Estimator, method, estimator_types)())
 
 
 def with_solver(method: str, solver_name: str | None) -> Estimator | str:

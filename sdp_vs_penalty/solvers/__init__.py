@@ -15,7 +15,7 @@ def solver_types() -> dict[str, type[Solver]]:
 
 def solver(name: str) -> Solver:
     """The solver of a name; InputError where it is unknown or absent, saying what installs it."""
-    found: Solver = named("solver", __name__, __path__, Solver, name)()
+    found: Solver = named("solver", __name__, __path__, Solver, name, solver_types)()
     if found.absent:
         raise InputError(f"solver {name} cannot be used here", found.absent)
     return found

@@ -37,7 +37,8 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
 def _chosen(names: Sequence[str] | None) -> list[Maker]:
     known = {name.lower(): maker for name, maker in makers().items()}
     for name in names or ():
-        require_known("table", known[name.lower()].name if name.lower() in known else name, makers())
+        if name.lower() not in known:  # however it is written
+            require_known("table", name, makers())
     return list(dict.fromkeys(known[name.lower()] for name in names or DEFAULT_TABLES))
 
 
