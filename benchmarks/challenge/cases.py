@@ -27,7 +27,15 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.simulation.worlds.hidden import FRICTION, FROZEN, LEVELS, MACHINE, Hidden, Maker
+from sdp_vs_penalty.simulation.worlds.hidden import (
+    FRICTION,
+    FROZEN,
+    LEVELS,
+    MACHINE,
+    Hidden,
+    Maker,
+    torques,
+)
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 
 #: What every model in question has, unless that is what is hidden.
@@ -86,7 +94,10 @@ class CaseClass:
         coarse = [replace(m, **{x: v[::10] for x, v in vars(m).items()}) for m in motions]
         wanted = names or {self.what} & set(kinds)
         made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
-        called = [replace(one, effect=one.effect or x) for x, one in made]
+        # What rubs as the world's own friction does turns round as slowly.
+        slow = {"load_dependent_friction": "load_dependent_hysteresis"}
+        slow = slow if world.dry.law in ("dahl", "lugre") else {}
+        called = [replace(one, effect=one.effect or slow.get(x, x)) for x, one in made]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
 
 
@@ -121,7 +132,7 @@ def run_case(case: Case) -> tuple[str, Record]:
     world = draw_world(conditions, rng, without=names)
     motions = [draw_motion(world, k, rng) for k in range(conditions.runs + 1)]
     hidden = kind.hidden(names, world, motions[:-1], rng)
-    logged = [log_run(world, m, rng, [h.torque(world, m) for h in hidden]) for m in motions]
+    logged = [log_run(world, m, rng, torques(world, m, hidden)) for m in motions]
     learnt: Sequence[Logged] = logged[:-1]
     if kind.frozen:  # the model was identified in another sitting, without the load
         others = [draw_motion(world, k, rng) for k in range(conditions.runs)]

@@ -12,8 +12,7 @@ from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import Judge, harm, lowers
-from sdp_vs_penalty.diagnosis.library import library
-from sdp_vs_penalty.diagnosis.remaining import refitted
+from sdp_vs_penalty.diagnosis.library import Key, library
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search, changed
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
@@ -82,6 +81,13 @@ def diagnose(
     data = prepare(rows, estimate, frozen, whole)
     search = Search(data, library(data))
     search.run(progress)
+    before = list[set[Key]]()
+    while search.late and (keys := {t.key for t in search.terms}) not in before:
+        before.append(keys)
+        search = search.referred()
+        search.library = search.library.again(search.data)
+        search.terms = search.settled(search.terms, frozenset(range(search.data.n)))
+        search.run(progress)
     progress("held-out errors")
     unseen = None if test is None else diagnosis_rows(test, estimate, settings)
     found = _offered(search, Judge(estimate, unseen, frozen))
@@ -109,8 +115,11 @@ def _offered(search: Search, judge: Judge) -> Found:
         now = replace(first, model=replace(first.model, effects=effects)) if kept else first
         found = copy(search)
         found.terms = [*findings]
-        now, found = referred(found.carried(now) if own else found, anyway=bool(kept))
-        return now, found.limited(found.terms)
+        if own:
+            found = found.carried(now)
+        if kept or any(depends(t.form.effect) for t in findings):
+            found = found.referred()
+        return found.data.estimate, found.limited(found.terms)
 
     now, final = beside_model(own, [t for t in search.terms if not t.form.own])
     terms = [*own, *sorted(final.terms, key=lambda t: -t.J)]
@@ -159,15 +168,3 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Foun
             out.append(replace(curve, before=float(before[curve.joint]), errors=after))
             before, taken = after, [*taken, k]
     return replace(found, curves=tuple(out))
-
-
-def referred(search: Search, anyway: bool) -> tuple[Estimate, Search]:
-    """Where columns refer to the model, or ``anyway``: that with the parameters that it has beside the
-    findings, and these carried on (a step of Gauss and Newton). Fitted without them it has taken a part
-    of their torque; of play in a gear 14 % of the size were left out."""
-    effects, estimate = [t.form.effect for t in search.terms], search.data.estimate
-    if anyway or (not search.data.frozen and any(depends(e) for e in effects)):
-        theta = refitted(search.data, effects)[0][: len(estimate.theta)]
-        estimate = replace(estimate, theta=theta)
-        search = search.carried(estimate)
-    return estimate, search

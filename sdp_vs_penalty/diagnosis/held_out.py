@@ -6,13 +6,13 @@ take its place: sizes come from the other folds, the choice of effects and const
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
-from sdp_vs_penalty.diagnosis.whitening import folds_of, model_columns, spread_columns, with_estimate
+from sdp_vs_penalty.diagnosis.whitening import folds_of, model_columns, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -135,7 +135,7 @@ class Judge:
 
         whole, every = table(rows, effects), tuple(effects)
         if self.test is not None:
-            test = with_estimate(self.test, estimate)
+            test = replace(self.test.with_model(*rows.attached), gains=rows.gains)
             there = compressed(table(test, effects), test.keep)
             only = Split(every, compressed(whole, rows.keep), there)
             return HeldOut(estimate, self.frozen, (only,), "test")

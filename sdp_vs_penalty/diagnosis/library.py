@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.whitening import WhiteData
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.effect import STANDS, Effect
-from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.effects.model import Model, depends
 from sdp_vs_penalty.estimation.constants import TURNS
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -103,6 +103,13 @@ class Batch:
         parts = self.white.reshape(*self.white.shape[:2], len(self.forms), k).transpose(0, 2, 3, 1)
         return np.asarray(parts @ parts.transpose(0, 1, 3, 2))
 
+    @classmethod
+    def of(
+        cls, joints: tuple[int, ...], forms: tuple[Form, ...], white: Sequence[dict[int, Array]]
+    ) -> Batch:
+        """white : of each form, (M, k) by joint."""
+        return cls(joints, forms, np.stack([np.hstack([z[j] for z in white]) for j in joints]))
+
     def columns(self, f: int) -> dict[int, Array]:
         """(M, k) by joint, of one form."""
         k = self.forms[f].k
@@ -116,26 +123,33 @@ class Library:
     batches: tuple[Batch, ...] = ()
     laws: Mapping[Key, int] = field(default_factory=dict)
 
+    def again(self, data: WhiteData) -> Library:
+        """The same where what refers to the model's torque and links is of another one."""
+
+        def made(b: Batch) -> Batch:
+            if not depends(b.forms[0].effect):
+                return b
+            return Batch.of(b.joints, b.forms, [_white(data, f) for f in b.forms])
+
+        return replace(self, batches=tuple(map(made, self.batches)))
+
 
 def library(data: WhiteData) -> Library:
     """All candidates beside the model; their columns white."""
-    groups: dict[tuple[tuple[int, ...], int, Key | None], list[tuple[Form, dict[int, Array]]]] = {}
+    groups: dict[tuple[tuple[int, ...], Hashable], list[tuple[Form, dict[int, Array]]]] = {}
     for form in (*_forms(data.rows, data.estimate.model, data.frozen), *_own_forms(data)):
-        blocks = data.rows.blocks(form.effect, keep=False)
-        white = {b.joint: data.white(b.columns, b.joint) for b in blocks}
-        if white:
-            key = tuple(sorted(white)), form.k, form.key if form.own else None
-            groups.setdefault(key, []).append((form, white))
-    batches = tuple(
-        Batch(
-            joints,
-            tuple(form for form, _ in group),
-            np.stack([np.hstack([white[j] for _, white in group]) for j in joints]),
-        )
-        for (joints, _, _), group in groups.items()
-    )
+        if white := _white(data, form):
+            alike = form.k, depends(form.effect), form.key if form.own else None
+            groups.setdefault((tuple(sorted(white)), alike), []).append((form, white))
+    batches = tuple(Batch.of(joints, *zip(*group, strict=True)) for (joints, _), group in groups.items())
     laws = {f.law: f for b in batches for f in b.forms}
     return Library(batches, Counter(f.key for f in laws.values()))
+
+
+def _white(data: WhiteData, form: Form) -> dict[int, Array]:
+    """(M, k) white columns by joint, kept for nobody."""
+    blocks = data.rows.blocks(form.effect, keep=False)
+    return {b.joint: data.white(b.columns, b.joint) for b in blocks}
 
 
 def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:

@@ -225,11 +225,16 @@ class Score:
                     row = behind[j] + np.arange(stop - first)
                     A[j, row, at[t.text]] = 1.0 / t.deviations / len(t.columns) ** 0.5
                     behind[j] += len(row)
-        A[:, :, r:] = _unit(A[:, :, r:])
         G = np.zeros((n, ends[-1], ends[-1]))
         G[:, :r, :r] = gram
-        cross = A.transpose(0, 2, 1) @ A[:, :, r:]
-        G[:, :, r:], G[:, r:, :r] = cross, cross[:, :r].transpose(0, 2, 1)
+        for j in range(n):
+            own = [i for t in terms if j in t.columns for i in at[t.text]]
+            cross = A[j].T @ A[j][:, own]
+            G[j][:, own], G[j][own] = cross, cross.T
+        scale = np.ones(ends[-1])
+        scale[r:] = 1.0 / or_one(np.sqrt(np.sum(np.diagonal(G, axis1=1, axis2=2), axis=0)[r:]))
+        A[:, :, r:] *= scale[r:]
+        G *= scale[:, None] * scale
         y = np.zeros(A.shape[:2])
         y[:, :M] = self.data.y
         pull = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import CLUSTERS, FORGETS
-from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, sensitivities
@@ -40,10 +40,18 @@ def diagnosis_rows(
     return with_estimate(runs, estimate)
 
 
-def with_estimate(runs: SegmentedRuns, estimate: Estimate) -> SegmentedRuns:
-    """The same runs with an estimate as the current model."""
+def with_estimate(
+    runs: SegmentedRuns, estimate: Estimate, found: Sequence[tuple[Effect, Array]] = ()
+) -> SegmentedRuns:
+    """The same runs with an estimate as the current model; found : effects beside it, with their
+    parameters, whose torque passes the channels as well."""
     model = estimate.model
-    along = runs.with_model(lambda motion: model.seen_along(estimate.theta, motion))
+
+    def beside(motion: Motion) -> Motion:
+        made = sum((e.torque(theta, motion) for e, theta in found), np.zeros_like(motion.q))
+        return replace(motion, torque=motion.model_torque + made * np.array(model.gains or (1.0,)))
+
+    along = runs.with_model(lambda motion: model.seen_along(estimate.theta, motion), beside)
     return replace(along, gains=model.gains)
 
 

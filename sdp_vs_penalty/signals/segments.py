@@ -49,6 +49,8 @@ MOST = 4000
 _WINDOWS = 4
 
 
+#: Adds torques to a motion.
+Attach: TypeAlias = Callable[[Motion], Motion]
 #: An effect with its columns, by what makes effects alike.
 Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
@@ -120,7 +122,7 @@ class SegmentedRuns:
     masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
     gains (n,) : what the torque channels read over the true torque, where the model knows it;
     columns : of effects on the rows; repeats : says which rows come back where; again : the same read by
-    encoders whose steps lie elsewhere.
+    encoders whose steps lie elsewhere; attached : the arguments of :meth:`with_model`.
     """
 
     segments: tuple[Segment, ...]
@@ -133,6 +135,7 @@ class SegmentedRuns:
     again: Callable[[], SegmentedRuns]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     gains: tuple[float, ...] | None = None
+    attached: tuple[Attach, ...] = ()
 
     @cached_property
     def t(self) -> Array:
@@ -240,12 +243,15 @@ class SegmentedRuns:
             out.append(Pieces(p for p in np.split(index, ends) if keep[p[0]]))
         return out
 
-    def with_model(self, attach: Callable[[Motion], Motion]) -> SegmentedRuns:
-        """The same with a model's torque and links attached to each segment's motion."""
+    def with_model(self, attach: Attach, beside: Attach = lambda motion: motion) -> SegmentedRuns:
+        """The same with a model's torque and links attached to each segment's motion; beside : what adds
+        to these the torque of others, where columns refer to it."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
-        columns = Columns([(s.low_pass, s.motion) for s in segments], (self.columns.kept[0], {}))
+        parts = [(s.low_pass, beside(s.motion)) for s in segments]
+        columns = Columns(parts, (self.columns.kept[0], {}))
         again = cache(lambda: self.again().with_model(attach))
-        return replace(self, segments=segments, columns=columns, again=again)
+        both = attach, beside
+        return replace(self, segments=segments, columns=columns, again=again, attached=both)
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k); keep : them for who asks again."""

@@ -27,7 +27,7 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.experiments import simulate as measured
 from sdp_vs_penalty.simulation.worlds import hidden as makers
-from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker, torques
 from sdp_vs_penalty.simulation.worlds.world import PAUSE, Arm, DryFriction, TrueMotion, World
 
 DURATION = 20.0  # s of each run
@@ -200,7 +200,7 @@ def _measure(
 
     def torque(seen: Motion) -> Array:
         motion = _motion(trajectory, seen.t, k)
-        return world.torque(motion) + sum(h.torque(world, motion) for h in hidden)
+        return world.torque(motion) + sum(torques(world, motion, hidden))
 
     whole = measured(trajectory, torque, setup.sensor, [seed, 3, k], name=f"run{k + 1}")
     run = whole.window(_BLEND, _BLEND + DURATION)

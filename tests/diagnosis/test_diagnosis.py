@@ -199,6 +199,20 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
     assert np.isfinite(held.uncertainty.standard[-1].std)
 
 
+def test_what_is_logged_late_is_all_of_the_torque(two_link):
+    bristles = [("presliding_hysteresis", [j]) for j in (0, 1)]
+    made = hidden_runs(two_link, [*bristles, ("global_delay", [])], "medium", seed=1)
+    data = concatenate(made.runs[:3])
+    estimate = identified(made, data)
+    result = diagnose(estimate, data, made.runs[3])
+    found = {f.joints[0]: f for f in result.effects if f.effect == "presliding_hysteresis"}
+    for joint, hidden in enumerate(made.hidden[:2], start=1):
+        assert found[joint].shape["d"] == pytest.approx(hidden.shape["d"], rel=0.05)
+        assert found[joint].size == pytest.approx(hidden.size, rel=0.03)
+    added = compare(add(estimate, result, data), made.runs[3])[0]
+    np.testing.assert_allclose(result.held_out_rmse, added.rmse, rtol=0.01)
+
+
 def test_what_would_hide_nothing_is_said(panda):
     """Joint 1 turns about the vertical: where its links stand makes no difference to gravity."""
     with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):

@@ -15,7 +15,8 @@ from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
 from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, true_world
-from sdp_vs_penalty.simulation.worlds.world import misplaced
+from sdp_vs_penalty.simulation.worlds.hidden import torques
+from sdp_vs_penalty.simulation.worlds.world import TrueMotion, misplaced
 
 
 def test_an_ideal_sensor_shows_the_truth(panda):
@@ -87,6 +88,17 @@ def test_a_temperature_is_logged_where_friction_follows_it(two_link):
     for name, logged in (("warming_friction", True), ("joint_spring", False)):
         (run,) = hidden_runs(two_link, [(name, [0])], "weak", seed=0, count=1).runs
         assert (run.temperature is not None) is logged
+
+
+def test_a_torque_channel_carries_what_is_hidden_besides(two_link):
+    made = hidden_runs(two_link, [("torque_gain", [0]), ("joint_spring", [0])], seed=2, count=1)
+    t = np.arange(0.0, 1.0, 1e-3)
+    motion = TrueMotion(t, *(np.outer(np.sin(3.0 * t + k), [1.0, 0.5]) for k in range(3)))
+    gain, spring = torques(made.world, motion, made.hidden)
+    whole = made.world.torque(motion) + spring
+    np.testing.assert_allclose(gain[:, 0], made.truth["effects"][0]["size"] * whole[:, 0])
+    assert not gain[:, 1].any()
+    np.testing.assert_array_equal(spring[:, 0], made.hidden[1].size * motion.q[:, 0])
 
 
 def test_any_robot_has_an_experiment(tmp_path):

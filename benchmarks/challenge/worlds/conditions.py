@@ -163,7 +163,7 @@ class Site(World):
 
     def torque(self, m: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
-        return self.rigid(m) + self.rotor * m.ddq + self.friction(m)
+        return self.rigid(m) + self.rotor * m.ddq + self.friction(m) + self.more
 
     def share(self, m: TrueMotion) -> Array:
         """(N, n) dry friction over the Coulomb torque: as the servo met it, or by its law."""

@@ -31,7 +31,8 @@ class Hidden:
     """change : (N, n) torque that an effect of a size adds; joints : from 0, none for the whole robot;
     number : the library's parameter at size 1, None where it has no single one; shift : (N,) by how
     much the joint's link stands elsewhere than its encoder says, where that is how it acts; effect : the
-    library's name of it, which the tables of makers say."""
+    library's name of it, which the tables of makers say; channel : whether it acts on what all others
+    make."""
 
     joints: tuple[int, ...]
     change: Change
@@ -41,6 +42,7 @@ class Hidden:
     shift: Change | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
     effect: str = ""
+    channel: bool = False
 
     def torque(self, world: World, m: TrueMotion) -> Array:
         """(N, n) what it adds at its size."""
@@ -63,6 +65,15 @@ class Hidden:
         size = None if self.number is None else self.number * self.size
         about = {"effect": self.effect, "joints": [j + 1 for j in self.joints], "size": size}
         return {**about, "shape": dict(self.shape), **self.details}
+
+
+def torques(world: World, m: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
+    """(N, n) what each adds; torque channels, one after the other, to what they carry."""
+    made = dict[int, Array]()
+    for k in sorted(range(len(hidden)), key=lambda k: hidden[k].channel):
+        carried = replace(world, more=world.more + sum(made.values(), 0.0))
+        made[k] = hidden[k].torque(carried if hidden[k].channel else world, m)
+    return [made[k] for k in range(len(hidden))]
 
 
 def at_joint(
@@ -283,6 +294,11 @@ def _ripple(w: World, j: int, rng: Generator) -> Hidden:
     return at_joint(j, lambda _, m: np.cos(k * m.q[:, j] + phase), k=k)
 
 
+def _gain(w: World, j: int, rng: Generator) -> Hidden:
+    law = plain(lambda w, j, m: w.torque(m)[:, j], signed=True)
+    return replace(law(w, j, rng), channel=True)
+
+
 def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     """Torques logged late."""
 
@@ -292,7 +308,7 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
             late[:, j] = np.interp(m.t - size, m.t, tau[:, j])
         return late - tau
 
-    return Hidden(joints, change, size=1e-3)
+    return Hidden(joints, change, size=1e-3, channel=True)
 
 
 def _filter(w: World, j: int, rng: Generator) -> Hidden:
@@ -306,7 +322,7 @@ def _filter(w: World, j: int, rng: Generator) -> Hidden:
         passed = first_order(fine, float(t[1] - t[0]), T)
         return np.column_stack([np.interp(m.t, t, x) for x in passed.T]) - tau
 
-    return Hidden((), change, size=1e-3)
+    return Hidden((), change, size=1e-3, channel=True)
 
 
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
@@ -400,7 +416,7 @@ MACHINE: Mapping[str, Maker] = {
     "drift_offset": _drift,
     "torque_ripple": _ripple,
     "rotor_inertia": plain(lambda w, j, m: m.ddq[:, j]),
-    "torque_gain": plain(lambda w, j, m: w.torque(m)[:, j], signed=True),
+    "torque_gain": _gain,
     "torque_delay": lambda w, j, rng: _late([j], (j,)),
     "global_delay": lambda w, j, rng: _late(list(range(w.arm.n)), ()),
     "torque_filter": _filter,

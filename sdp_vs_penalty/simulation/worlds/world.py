@@ -117,7 +117,7 @@ def bristles(t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]
 class World:
     """arm : as the URDF says; built : Pinocchio's model as it is; coulomb, viscous, offset (n,) :
     friction and what stays the same in both directions; noise (n,) : standard deviation of what a log
-    adds; warm_up : of the gears [s]."""
+    adds; warm_up : of the gears [s]; more (N, n) : what else the sensors carry along one motion."""
 
     arm: Arm
     built: Any
@@ -127,10 +127,11 @@ class World:
     offset: Array
     noise: Array
     warm_up: float = 120.0
+    more: Array | float = 0.0
 
     def torque(self, m: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
-        return self.rigid(m) + self.friction(m)
+        return self.rigid(m) + self.friction(m) + self.more
 
     def rigid(self, m: TrueMotion, model: Any = None) -> Array:
         """(N, n) of the links, as built or of another model of Pinocchio's."""
