@@ -27,21 +27,16 @@ from sdp_vs_penalty.estimation.identify import identify
 from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.problem.load import load_problem
-from sdp_vs_penalty.simulation.worlds.hidden import (
-    FRICTION,
-    FROZEN,
-    LEVELS,
-    MACHINE,
-    Hidden,
-    Maker,
-    torques,
-)
+from sdp_vs_penalty.simulation.worlds import hidden as makers
+from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, torques
 from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 
 #: What every model in question has, unless that is what is hidden.
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 #: What can be hidden from a model that is refitted.
-EFFECTS: Mapping[str, Maker] = {**FRICTION, **MACHINE}
+EFFECTS: Mapping[str, makers.Maker] = {**makers.FRICTION, **makers.MACHINE}
+#: What rubs as the world's own friction does, by its name where that turns round over a travel.
+SLOW = {"load_dependent_friction": "load_dependent_hysteresis"}
 
 
 @dataclass(frozen=True)
@@ -90,13 +85,12 @@ class CaseClass:
         self, names: Sequence[str], world: Site, motions: Sequence[TrueMotion], rng: np.random.Generator
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
-        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance, **FROZEN, **EFFECTS}
+        kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance}
+        kinds |= {**makers.FROZEN, **EFFECTS}
         coarse = [replace(m, **{x: v[::10] for x, v in vars(m).items()}) for m in motions]
         wanted = names or {self.what} & set(kinds)
         made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
-        # What rubs as the world's own friction does turns round as slowly.
-        slow = {"load_dependent_friction": "load_dependent_hysteresis"}
-        slow = slow if world.dry.law in ("dahl", "lugre") else {}
+        slow = SLOW if world.dry.law in ("dahl", "lugre") else {}
         called = [replace(one, effect=one.effect or slow.get(x, x)) for x, one in made]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
 
