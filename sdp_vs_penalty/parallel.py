@@ -55,8 +55,11 @@ def spread(
         shared = Variable(f"sdp-vs-penalty-{uuid.uuid4().hex}", client)
         try:
             shared.set(serialize_bytes(function))
-            # A task that ran when its worker died is started again on another one.
-            batches = _batches(todo, sum(client.nthreads().values()))
+            # Short tasks travel together: at most 16 a thread, so that nobody waits for the last one for
+            # long. One that ran when its worker died is started again on another one.
+            threads = sum(client.nthreads().values())
+            size = -(-len(todo) // max(1, min(len(todo), 16 * threads)))
+            batches = [todo[k : k + size] for k in range(0, len(todo), size)]
             futures = client.map(partial(_each, shared.name), batches, pure=False, retries=_RETRIES)
             for future in as_completed(futures):
                 yield from future.result()
@@ -92,13 +95,6 @@ def _fetched(name: str) -> Callable[[Any], Any]:
     held = sync(worker.loop, ask, callback_timeout=2.0 * _PATIENCE)
     function: Callable[[Any], Any] = deserialize_bytes(held["value"])
     return function
-
-
-def _batches(items: list[Item], threads: int) -> list[list[Item]]:
-    """Short tasks travel together: at most 16 a thread, so that nobody waits for the last one for
-    long."""
-    count = -(-len(items) // max(1, min(len(items), 16 * threads)))
-    return [items[k : k + count] for k in range(0, len(items), count)]
 
 
 def _here(

@@ -16,11 +16,6 @@ def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[Modul
     return (home for home in homes if not mark or hasattr(home, mark))
 
 
-def marked(package: str, path: Iterable[str], mark: str = "NAME") -> dict[Any, ModuleType]:
-    """The modules that define ``mark``, by its value. Raises InputError where two define the same."""
-    return by_word((getattr(home, mark), home) for home in modules(package, path, mark))
-
-
 def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
     """The subclasses of ``base`` that have a name, by it. Raises InputError where two have the same."""
     return by_word(

@@ -139,7 +139,13 @@ def _piece(
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
     local = np.clip(local, half, len(dense.t) - 1 - half)
     low_pass = Decimator(filters.coarse, local)
-    own = np.stack([(low_pass @ c).T for c in own_columns(laws, dense)], axis=2)
+    # A rotor, an offset, then everything that resists the motion, and LAWS.
+    columns = [dense.ddq, np.ones_like(dense.q), dense.dq]
+    columns += [np.column_stack([e.column(dense, j) for j in e.joints]) for e in laws]
+    columns += [np.tanh(dense.dq / w) for w in COULOMB_WIDTHS]
+    columns += _bristles(dense, TRAVELS["gear"])
+    columns += [column for law in LAWS.values() for column in law(dense)]
+    own = np.stack([(low_pass @ c).T for c in columns], axis=2)
     return dense.t[local], dense.q[local], dense.dq[local], dense.ddq[local], own
 
 
@@ -167,12 +173,3 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     q, dq, ddq = (states[:few] for states in shared.robot.random_states)
     columns = model.columns(Motion(np.zeros(few), q, dq, ddq))
     return structure(np.concatenate([b.wide(len(model.parameters)) for b in columns]))[1]
-
-
-def own_columns(friction: Sequence[JointEffect], motion: Motion) -> list[Array]:
-    """(N, n) blocks: a rotor, an offset, then everything that resists the motion, and LAWS."""
-    laws = [np.column_stack([e.column(motion, j) for j in e.joints]) for e in friction]
-    laws += [np.tanh(motion.dq / w) for w in COULOMB_WIDTHS]
-    laws += _bristles(motion, TRAVELS["gear"])
-    laws += [column for law in LAWS.values() for column in law(motion)]
-    return [motion.ddq, np.ones_like(motion.q), motion.dq, *laws]

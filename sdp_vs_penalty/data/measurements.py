@@ -103,15 +103,14 @@ class Measurements(Shown):
 
     def window(self, start: float, stop: float) -> Measurements:
         """The samples with start <= t < stop, t in seconds from the start of each run."""
-        return concatenate([r._between(start, stop) for r in self.runs()])
-
-    def _between(self, start: float, stop: float) -> Measurements:
-        """The samples of one run with start <= t - t[0] < stop."""
-        since = (part - self.t[0] for _, part in parts(self.t))
-        inside = np.concatenate([(s >= start) & (s < stop) for s in since])
-        first, last = int(inside.argmax()), len(inside) - int(inside[::-1].argmax())
-        # In a clock that advances they are one stretch: a view, no copy.
-        return self.rows(slice(first, last) if inside[first:last].all() else inside)
+        cut = []
+        for run in self.runs():
+            since = (part - run.t[0] for _, part in parts(run.t))
+            inside = np.concatenate([(s >= start) & (s < stop) for s in since])
+            first, last = int(inside.argmax()), len(inside) - int(inside[::-1].argmax())
+            # In a clock that advances they are one stretch: a view, no copy.
+            cut.append(run.rows(slice(first, last) if inside[first:last].all() else inside))
+        return concatenate(cut)
 
     def rows(
         self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice, name: str | None = None

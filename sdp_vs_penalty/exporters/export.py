@@ -9,13 +9,14 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.exporters.content import Options, verdict_line
 from sdp_vs_penalty.files import write_bytes
-from sdp_vs_penalty.plugins import marked
+from sdp_vs_penalty.plugins import by_word, modules
 
 
 @cache
 def formats() -> dict[str, ModuleType]:
     """The modules that write files, by the ending of these files' names."""
-    return marked(exporters.__name__, exporters.__path__, "ENDING")
+    homes = modules(exporters.__name__, exporters.__path__, "ENDING")
+    return by_word((home.ENDING, home) for home in homes)
 
 
 def format_of(out: str | Path) -> ModuleType:

@@ -146,14 +146,11 @@ class Regression:
         """Only these blocks, by index; one that comes k times (in a bootstrap resample) counts as k: its
         rows times sqrt(k)."""
         numbers, counts = np.unique(np.fromiter(blocks, np.intp), return_counts=True)
-        place, times = dict(zip(numbers, range(len(numbers)), strict=True)), np.sqrt(counts)
-        factors = []
-        for f in self.factors:
-            new = place.get(f.block)
-            if new is not None:
-                rows, often = int(counts[new]) * f.rows, float(times[new])
-                triangle = f.triangle if often == 1.0 else often * f.triangle
-                factors.append(Factor(f.joint, new, f.indices, triangle, rows))
+        place, factors = {block: k for k, block in enumerate(numbers.tolist())}, []
+        for f in (f for f in self.factors if f.block in place):
+            count = int(counts[new := place[f.block]])
+            triangle = f.triangle if count == 1 else float(np.sqrt(count)) * f.triangle
+            factors.append(Factor(f.joint, new, f.indices, triangle, count * f.rows))
         return replace(self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors))
 
     def keeping(self, wanted: NDArray[np.bool_]) -> Regression:

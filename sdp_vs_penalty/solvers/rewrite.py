@@ -213,16 +213,12 @@ def full_matrices(problem: ConicProblem) -> Rewritten:
     """
     both = []
     for cone in problem.cones:
-        same = sparse.identity(cone.rows, format="csr")
-        both.append(_expand(cone) if cone.kind == "psd" else (same, same))
-    out, home = (sparse.block_diag(maps, format="csr") for maps in zip(*both, strict=True))
-    return _mapped(problem, out, home)
-
-
-def _expand(cone: Cone) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """From svec to all entries (column-major; symmetric, so row-major too), and from those to svec."""
-    d, rows = cone.size, cone.rows
-    i, j, weight = triangle(d)
-    out = sparse.csr_matrix(unsvec(np.eye(rows), d).reshape(rows, -1).T)
-    # Column-major: entry (row j, column i) of the lower triangle stands at i * d + j.
-    return out, sparse.csr_matrix((weight, (np.arange(rows), i * d + j)), (rows, d * d))
+        d, rows = cone.size, cone.rows
+        out = home = sparse.identity(rows, format="csr")
+        if cone.kind == "psd":
+            # Entries stand column by column: (row j, column i) of the lower triangle at i * d + j.
+            i, j, weight = triangle(d)
+            out = sparse.csr_matrix(unsvec(np.eye(rows), d).reshape(rows, -1).T)
+            home = sparse.csr_matrix((weight, (np.arange(rows), i * d + j)), (rows, d * d))
+        both.append((out, home))
+    return _mapped(problem, *(sparse.block_diag(maps, format="csr") for maps in zip(*both, strict=True)))
