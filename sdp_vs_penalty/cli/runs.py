@@ -10,7 +10,7 @@ from sdp_vs_penalty.data.files import load_measurements, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
@@ -96,8 +96,7 @@ def runs_for(
 
     def loaded(*paths: Path) -> Measurements:
         given = load_measurements(*paths, names=robot.joint_names)
-        if given.n != robot.n:
-            raise other_robot(given.n, robot.n, given.names[0], "model")
+        estimate.require_joints(given, given.names[0])
         check_plausible(robot, given)
         return given
 

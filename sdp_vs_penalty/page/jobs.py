@@ -305,8 +305,7 @@ def fit(asked: Asked) -> Answer:
 def open_model(asked: Asked) -> Answer:
     """A model.json that somebody brings, judged on these runs."""
     train, estimate = asked.runs.train, asked.model
-    if estimate.robot.n != train.n:
-        raise other_robot(train.n, estimate.robot.n, asked["model"], "model")
+    estimate.require_joints(train, asked["model"])
     return summary(asked, estimate)
 
 
