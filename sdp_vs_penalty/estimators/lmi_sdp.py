@@ -19,16 +19,10 @@ from typing import ClassVar
 import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimators.estimator import (
-    Array,
-    Estimator,
-    Fit,
-    Task,
-    sample_variance,
-    with_joint_prior,
-)
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, sample_variance, with_joint_prior
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import repair

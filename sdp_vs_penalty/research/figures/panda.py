@@ -9,13 +9,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.research.figures import style
-from sdp_vs_penalty.research.figures.style import (
-    LOOKS,
-    draw_torques,
-    label_joints,
-    legend_below,
-    new_figure,
-)
+from sdp_vs_penalty.research.figures.style import draw_torques, label_joints, legend_below, new_figure
 from sdp_vs_penalty.research.tables import table_v
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.robot.arrays import Array
@@ -115,9 +109,9 @@ def _engines(
     for j, unit in enumerate(robot.torque_units):
         axis = axes.flat[j]
         for run in runs[:1] if model else ():
-            axis.plot(run.t, run.model[:, j], label="identified model", **LOOKS["model"])
+            axis.plot(run.t, run.model[:, j], label="identified model", **style.LOOKS["model"])
         for run in runs:
-            axis.plot(run.t, values(run)[:, j], label=run.engine, **LOOKS[run.engine])
+            axis.plot(run.t, values(run)[:, j], label=run.engine, **style.LOOKS[run.engine])
         axis.set_ylabel(f"joint {j + 1}\n{what} [{plain_unit(unit)}]")
     for axis in axes.flat[max(robot.n - axes.shape[1], 0) : robot.n]:
         axis.set_xlabel("time [s]")
@@ -161,7 +155,7 @@ def figure_7(study: Study) -> Any:
             for axis, values in zip(axes[:, k], (run.position, run.angle), strict=True):
                 # Errors of position and angle below 1e-16 are rounding and are drawn there [m, rad].
                 t, shown = run.t + run.t[0], 1e3 * (values + 1e-16)
-                axis.semilogy(t, shown, label=run.engine, **LOOKS[run.engine])
+                axis.semilogy(t, shown, label=run.engine, **style.LOOKS[run.engine])
         axes[0, k].set_title(name)
         axes[1, k].set_xlabel("time [s]")
     axes[0, 0].set_ylabel("position error [mm]")
