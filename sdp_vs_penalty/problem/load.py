@@ -36,44 +36,7 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 #: Every field of a problem.toml: each holds what its example does. Numbers in a list are one a joint
 #: beside a DH table, but for the vector of gravity and the two ends of a mass.
-EXAMPLE = """
-title = "My arm"                      # needed
-torque_side = "link"                  # or "motor", "unknown"
-links = 2
-effects = ["rigid_body", "viscous_friction"]
-[kinematics]
-urdf = "robot.urdf"                   # without one:
-convention = "standard"               # needed: or "modified"
-a = [0.0, 0.8]                        # needed
-alpha_over_pi = [0.5, 0.0]            # needed
-d = [1.5, 0.0]                        # needed
-gravity = [0.0, 0.0, -9.81]           # m/s^2
-lower = [-3.1, -3.1]
-upper = [3.1, 3.1]
-velocity = [2.0, 2.0]
-effort = [87.0, 12.0]
-[transmission]
-motors = ["50 q1", "32 q1 + 32 q2"]   # needed: the motors' positions
-positions = ["motor"]                 # or one word a channel: motor or joint
-torques = ["motor"]
-[mechanism]
-joints = ["q1", "q2", "-q2"]          # needed: each joint of the tree
-massless = [3.0]                      # links without mass
-[bounds]
-tables = ["bounds.csv"]
-total_mass = [16.0, 20.0]             # kg
-[[centre_of_mass_cone]]
-link = 1                              # needed
-axis = "y"                            # needed
-radius = 0.15                         # needed
-slope = 0.0                           # needed
-[preprocessing]
-state_cutoff = 5.0
-torque_cutoff = 8.0
-standstill = 0.01
-[base_parameters]
-independent = ["Izz1", "mx2"]
-"""
+EXAMPLE = Path(__file__).with_name("example.toml").read_text(encoding="utf-8")
 _FIELDS = tomllib.loads(EXAMPLE)
 _NEEDED = re.findall(r"^(\w+) = .*# needed", EXAMPLE, re.MULTILINE)
 
