@@ -17,12 +17,12 @@ from sdp_vs_penalty.solvers.solver import ACCURACY, SDPA_CLAIMS, Solver
 
 
 class Program(Solver):
-    """Runs in a fresh folder that holds problem.dat-s; parameters : the text of a file of its own."""
+    """Runs in a fresh folder that holds problem.dat-s, and the parameters that it is told where they go
+    into a file: param.csdp, param.sdpa, as beside this one."""
 
     cones = frozenset({"nonnegative", "psd"})
     # All inequalities in one block at the end: of several, DSDP's saved solution holds none.
     order = "psd", "nonnegative"
-    parameters = ""
 
     @abstractmethod
     def command(self, told: Mapping[str, Any]) -> list[str]:
@@ -54,7 +54,9 @@ class Program(Solver):
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
             folder = Path(name)
             (folder / "problem.dat-s").write_text(sdpa_text(problem))
-            (folder / f"param.{command[0]}").write_text(self.parameters.format(**told))
+            parameters = Path(__file__).with_name(f"param.{command[0]}")
+            if parameters.is_file():
+                (folder / parameters.name).write_text(parameters.read_text().format(**told))
             piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
             done = subprocess.run(command, cwd=folder, check=False, **piped)  # type: ignore[call-overload]
             if -done.returncode == signal.SIGXCPU:
@@ -80,23 +82,6 @@ class Csdp(Program):
     system_package = "coinor-csdp"
     finest = 1e-8
     told = {**dict.fromkeys(("axtol", "atytol", "objtol"), ACCURACY), "maxiter": 200}
-    parameters = """axtol={axtol}
-atytol={atytol}
-objtol={objtol}
-pinftol=1.0e8
-dinftol=1.0e8
-maxiter={maxiter}
-minstepfrac=0.90
-maxstepfrac=0.97
-minstepp=1.0e-8
-minstepd=1.0e-8
-usexzgap=1
-tweakgap=0
-affine=0
-printlevel=1
-perturbobj=1
-fastmode=0
-"""
 
     def command(self, told: Mapping[str, Any]) -> list[str]:
         return ["csdp", "problem.dat-s", "solution"]
@@ -147,21 +132,6 @@ class SdpaProgram(Program):
         **{"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9},
     }
     claims = SDPA_CLAIMS
-    parameters = """{maxIteration} unsigned int maxIteration;
-{epsilonStar} double 0.0 < epsilonStar;
-{lambdaStar} double 0.0 < lambdaStar;
-2.0 double 1.0 < omegaStar;
--1.0E5 double lowerBound;
-1.0E5 double upperBound;
-{betaStar} double 0.0 <= betaStar < 1.0;
-{betaBar} double 0.0 <= betaBar < 1.0, betaStar <= betaBar;
-{gammaStar} double 0.0 < gammaStar < 1.0;
-{epsilonDash} double 0.0 < epsilonDash;
-%+.17e char* xPrint (default %+8.3e, NOPRINT skips printout)
-%+.17e char* XPrint (default %+8.3e, NOPRINT skips printout)
-%+.17e char* YPrint (default %+8.3e, NOPRINT skips printout)
-%+.17e char* infPrint (default %+10.16e, NOPRINT skips printout)
-"""
 
     def command(self, told: Mapping[str, Any]) -> list[str]:
         files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
