@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
@@ -122,21 +123,9 @@ class Table:
         header = " & ".join(map(_latex_header, cells))
         body = "\n".join(f"    {' & '.join(row)} \\\\" for row in cells.to_numpy())
         caption = escape_latex(" ".join([self.caption, *self.notes]))
-        return rf"""% Needs \usepackage{{array,booktabs,siunitx,graphicx}}.
-\begin{{table*}}
-  \centering
-  \caption{{{escape_latex(self.title)}. {caption}}}
-  \label{{tab:{self.name}}}
-  \resizebox{{\textwidth}}{{!}}{{%
-  \begin{{tabular}}{{{" ".join(layout)}}}
-    \toprule
-    {header} \\
-    \midrule
-{body}
-    \bottomrule
-  \end{{tabular}}}}
-\end{{table*}}
-"""
+        told = {"title": escape_latex(self.title), "caption": caption, "name": self.name}
+        template = Template(Path(__file__).with_name("table.tex").read_text())
+        return template.substitute(told, layout=" ".join(layout), header=header, body=body)
 
     def write(self, folder: str | Path) -> list[Path]:
         """Write the three forms, each whole or not at all; the paths, CSV first."""
