@@ -1,4 +1,4 @@
-"""Which columns of another program's log are t, q, dq, tau ...: one table of words.
+"""Which columns of another program's log are t, q, dq, tau ...: one table of words (words.toml).
 
 A name is read as words and at most one number: ``actual_q_0``, ``joint_states.position[3]``, ``qd5``,
 ``/joint_states/elbow_joint/effort``. What says nothing about a quantity (actual, joint, field) is left
@@ -8,6 +8,7 @@ quantity, the word that comes first is taken: a torque before a current.
 
 import fnmatch
 import re
+import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,34 +20,11 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, Remark
 
-#: The words of each quantity, the best first. A quantity more is one row more.
-WORDS: dict[str, tuple[str, ...]] = {
-    "t": ("t", "time", "timestamp", "stamp", "sec", "secs", "seconds", "clock", "timestamps"),
-    "q": (
-        "q", "position", "positions", "pos", "angle", "angles", "theta", "qm", "qpos", "encoder",
-    ),
-    "dq": ("dq", "qd", "velocity", "velocities", "vel", "speed", "speeds", "qdot", "qvel", "dtheta"),
-    "tau": (
-        "tau", "torque", "torques", "tauj", "effort", "efforts", "moment", "trq", "current", "currents",
-        "amps",
-    ),
-    "temp": ("temp", "temperature", "temperatures"),
-    "qcmd": ("qcmd",),
-}  # fmt: skip
-#: Words that say nothing about a quantity.
-_FILLERS = {
-    "actual", "measured", "meas", "act", "joint", "joints", "j", "a", "axis", "state", "states", "field",
-    "robot", "arm", "data", "value", "values", "msg", "header", "feedback", "fbk", "motor", "link",
-    "real",
-    "log", "out", "rt", "o", "m", "sensor", "xarm", "ur", "panda", "fr3", "gen3", "kinova", "actuator",
-}  # fmt: skip
-#: ... and those of columns that are something else than was measured.
-_OTHERS = {
-    "target", "desired", "des", "cmd", "command", "commanded", "ref", "reference", "goal", "setpoint",
-    "ext", "external", "error", "err", "tcp", "cartesian", "ee", "limit", "max", "min", "raw",
-    "filtered",
-    "tool", "base", "std", "nominal", "control",
-}  # fmt: skip
+_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text())
+#: The words of each quantity, the best first.
+WORDS: dict[str, tuple[str, ...]] = {name: tuple(words) for name, words in _TABLE["quantities"].items()}
+#: Words that say nothing about a quantity; those of columns that are something else than was measured.
+_FILLERS, _OTHERS = set(_TABLE["fillers"]), set(_TABLE["others"])
 #: Units that a name ends with, or that are asked for, by what a value has to be multiplied by.
 UNITS: dict[str, float] = {
     "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0,
