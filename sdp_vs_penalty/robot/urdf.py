@@ -143,12 +143,10 @@ def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
     """The <robot> element of a file, its moving joints, depth first, and what their links are made of;
     entities are never expanded, nothing is loaded from elsewhere."""
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
-    parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
+    parser, content = etree.XMLParser(**safe, remove_comments=True, remove_pis=True), read_bytes(path)
     try:
-        root = etree.fromstring(read_bytes(path), parser)
+        root = etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         what = f"not an XML file ({str(error).splitlines()[0]})"
         raise InputError(what, "correct the file", path) from error
     joints: list[Joint] = []
