@@ -24,11 +24,10 @@ FORGETS = 0.03
 
 # The search.
 
-#: Evidence from which a term is taken: odds of 150 to 1, "very strong" (Kass, Raftery, sec. 3.2).
-APART = 10.0
-#: Evidence by which another form must fall short to be told from a term: odds of 20 to 1, "strong"
-#: (ibid.).
-EQUIVALENT = 6.0
+#: Evidence from which a term is taken, and by which another form must fall short to be told from it:
+#: odds of 20 to 1, "strong" (Kass, Raftery, sec. 3.2). Of 101 weak effects 65 are named right, where taken
+#: from 10 on 61; of 310 clean worlds 7 are called wrong, else 6 (seeds 420000 to 460000).
+APART = 6.0
 #: A law is right to this share of what it explains: so much of it looks like what acts where it does.
 FORM = 0.04
 #: Candidates that are looked at closely.
