@@ -25,8 +25,8 @@ FORGETS = 0.03
 # The search.
 
 #: Evidence from which a term is taken, and by which another form must fall short to be told from it:
-#: odds of 20 to 1, "strong" (Kass, Raftery, sec. 3.2). Of 101 weak effects 65 are named right; where they
-#: are taken from 10 on, 61. Of 310 clean worlds 7 are called wrong, else 6 (seeds 420000 to 460000).
+#: odds of 20 to 1, "strong" (Kass, Raftery, sec. 3.2). Of 101 weak effects it names 65, from 10 on 61;
+#: of 310 clean worlds 7 are called wrong, from 10 on 6 (seeds 420000 to 460000).
 APART = 6.0
 #: A law is right to this share of what it explains: so much of it looks like what acts where it does.
 FORM = 0.04
