@@ -117,9 +117,13 @@ def _offered(search: Search, judge: Judge) -> Found:
         found.terms = [*findings]
         if own:
             found = found.carried(now)
-        if kept or any(depends(t.form.effect) for t in findings):
-            found = found.referred()
-        return found.data.estimate, found.limited(found.terms)
+        while True:
+            if kept or any(depends(t.form.effect) for t in found.terms):
+                found = found.referred()
+            left = found.limited(found.terms)
+            if len(left.terms) == len(found.terms):
+                return left.data.estimate, left
+            found = left  # no part of the torque that others delay
 
     now, final = beside_model(own, [t for t in search.terms if not t.form.own])
     terms = [*own, *sorted(final.terms, key=lambda t: -t.J)]
@@ -128,10 +132,8 @@ def _offered(search: Search, judge: Judge) -> Found:
     # Evidence against a noise that is guessed proves nothing by itself.
     order = held_out.offered(range(len(terms)), needed=not search.data.known)
     kept, left_in = ([terms[k] for k in order if (k < len(own)) is x] for x in (True, False))
-    if len(kept) < len(own):
+    if len(order) < len(terms):
         now, final = beside_model(kept, left_in)
-    else:
-        final = final.limited(left_in)
     left = what_is_left(final)
     if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
         beside = final.carried(now, left.odd)

@@ -165,6 +165,7 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
     warm = all(s.motion.temperature is not None for s in rows.segments)
     motors = all(s.motion.motors is not None for s in rows.segments)
     seen = [rows.seen(joint) for joint in range(rows.n)]
+    stands = np.mean(rows.still > 0.5, axis=0) > STANDS
 
     def tells(effect: Effect) -> bool:
         """Whether what it needs was measured, and nothing else passes for it, whatever its size."""
@@ -176,7 +177,7 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
             continue
         for joint in (None,) if kind.whole_robot else range(rows.n):
             key = (name, joint)
-            if key not in taken and (kind.at_rest != "holds" or seen[joint].stands > STANDS):
+            if key not in taken and (kind.at_rest != "holds" or stands[joint]):
                 every = kind.candidates(model.robot, joint, start)
                 yield from (Form(key, e) for e in every if tells(e))
 

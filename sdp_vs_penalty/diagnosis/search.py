@@ -40,7 +40,7 @@ class Search:
         #: Candidates that had not enough left once they had joined.
         self.refused = set[Key]()
         #: Terms that are part of the torque to which columns refer.
-        self.passing = set[Key]()
+        self.in_reference = set[Key]()
         self.fit = self.bare = self.score.fit(())
 
     # What a form is worth.
@@ -247,7 +247,7 @@ class Search:
             judged = self.together(group, rest)
             J, now = sum(t.J for t in judged), judged[0]
             found = self.top_candidates(fit, rest, on, J, whole=len(group) > 1)
-            if self.passing.issuperset(t.key for t in group):  # what holds them explains them anyway
+            if self.in_reference.issuperset(t.key for t in group):  # they would explain themselves
                 found = [t for t in found if not t.form.effect.needs_torque]
             if len(group) == 1:
                 told.append(replace(now, rivals=self.equivalent(now, found)))
@@ -306,16 +306,22 @@ class Search:
 
     # The same search beside something else.
 
-    def carried(self, estimate: Estimate, without: NDArray[np.bool_] | None = None) -> Search:
+    def carried(
+        self,
+        estimate: Estimate,
+        without: NDArray[np.bool_] | None = None,
+        thetas: Sequence[Array] = (),
+    ) -> Search:
         """The same findings beside another model, in the columns that this one makes; without : rows
-        (M, n) that are no evidence."""
-        data, made = self.data, [t for t in self.terms if not depends(t.form.effect)]
-        rows = with_estimate(data.rows, estimate, [(t.form.effect, t.beta) for t in made])
+        (M, n) that are no evidence; thetas : the terms' parameters beside it, if not their own."""
+        data, pairs = self.data, zip(self.terms, thetas or [t.beta for t in self.terms], strict=True)
+        made = [(t, theta) for t, theta in pairs if not depends(t.form.effect)]
+        rows = with_estimate(data.rows, estimate, [(t.form.effect, theta) for t, theta in made])
         if without is not None:
             rows = replace(rows, masked=rows.masked | without if rows.masked.size else without)
         data = whitened(rows, data.noise, estimate, data.frozen)
         out = Search(data, self.library)
-        out.passing = {t.key for t in made}
+        out.in_reference = {t.key for t, _ in made}
         out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in self.terms]
         out.fit = out.score.fit(out.terms)
         return out
@@ -331,10 +337,10 @@ class Search:
         to its parameters there, and to their torque. Fitted without them it has taken a part of that; of
         play in a gear 14 % of the size were left out."""
         data, estimate = self.data, self.data.estimate
-        if not data.frozen:
-            theta = refitted(data, [t.form.effect for t in self.terms])[0]
-            estimate = replace(estimate, theta=theta[: len(estimate.theta)])
-        return self.carried(estimate)
+        theta = refitted(data, [t.form.effect for t in self.terms])[0]
+        ends = data.raw.shape[2] + np.cumsum([0, *(t.form.k for t in self.terms)])
+        own, *thetas = np.split(theta, ends[:-1])
+        return self.carried(estimate if data.frozen else replace(estimate, theta=own), thetas=thetas)
 
     def limited(self, terms: Sequence[Term]) -> Search:
         """The search with some of its terms only, each judged beside those; where there is evidence

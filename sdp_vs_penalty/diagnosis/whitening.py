@@ -48,7 +48,9 @@ def with_estimate(
     model = estimate.model
 
     def beside(motion: Motion) -> Motion:
-        made = sum((e.torque(theta, motion) for e, theta in found), np.zeros_like(motion.q))
+        if not found:
+            return motion
+        made = sum(e.torque(theta, motion) for e, theta in found)
         return replace(motion, torque=motion.model_torque + made * np.array(model.gains or (1.0,)))
 
     along = runs.with_model(lambda motion: model.seen_along(estimate.theta, motion), beside)

@@ -1,8 +1,8 @@
 """What an effect is: one physical cause of joint torque, linear in its parameters.
 
 tau_j(t) = sum over effects of Y_e,j(t) theta_e. The columns Y_e come from the motion and, where an
-effect needs a torque (a gain, load friction), from the current model's prediction, never from the
-measured channel: that would explain itself.
+effect needs a torque (a gain, load friction), from the prediction of the current model and what was
+found beside it, never from the measured channel: that would explain itself.
 
 A subclass of :class:`Effect` with an equation, in a file of this folder, is registered by that.
 """

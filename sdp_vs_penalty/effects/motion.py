@@ -109,7 +109,8 @@ class Motion:
     """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
 
     Effects that need a torque read ``torque``, those that need inverse dynamics ``current``: both
-    come from the model as it stands, never from the measured torque.
+    come from the model as it stands (in a diagnosis with what was found so far), never from the
+    measured torque.
     """
 
     t: Array
@@ -191,10 +192,15 @@ class Motion:
         return self._model.robot.inverse_dynamics(self.model_links, self.q, self.dq, self.ddq)
 
     def late_torque_rate(self, T: float) -> Array:
-        """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque, to third order: its derivative
-        in the middle, by central differences."""
-        middle, rates = self.t - 0.5 * T, _time_derivative(self.model_torque, self.t)
-        return np.column_stack([np.interp(middle, self.t, rate) for rate in rates.T])
+        """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque; of a T below two samples the
+        difference over two about the same middle."""
+        step = (self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
+        middle, half = self.t - 0.5 * T, max(0.5 * abs(T), step)
+        ahead, back = (
+            np.column_stack([np.interp(x, self.t, tau) for tau in self.model_torque.T])
+            for x in (middle + half, middle - half)
+        )
+        return (ahead - back) / (2.0 * half)
 
     def rates(self, values: Array) -> tuple[Array, Array, Array]:
         """Values (N, ...) at these instants, and their first and second time derivative."""
