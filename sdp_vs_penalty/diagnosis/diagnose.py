@@ -134,6 +134,8 @@ def _offered(search: Search, judge: Judge) -> Found:
     kept, left_in = ([terms[k] for k in order if (k < len(own)) is x] for x in (True, False))
     if len(order) < len(terms):
         now, final = beside_model(kept, left_in)
+    else:  # in the order of evidence
+        final = final.limited(left_in)
     left = what_is_left(final)
     if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
         beside = final.carried(now, left.odd)
