@@ -59,6 +59,9 @@ MATTERS = 0.1
 
 # Confidence.
 
+#: Evidence up to which a finding's gain is small: twice "very strong" (Kass, Raftery). At 12 a single
+#: effect is sure on the real UR10, with which its unseen error is 7.6 % instead of 3.2.
+SMALL = 20.0
 #: Relative standard deviation of a size from which it is uncertain; and share of its energy that other
 #: findings leave below which it is not its own: its deviation is then 2.2 times as large as alone.
 UNCERTAIN = 0.2

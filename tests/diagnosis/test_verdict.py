@@ -104,7 +104,7 @@ DOUBTS = [(change, set(doubts)) for change, doubts, *_ in CASES["doubts"]]
 
 @pytest.mark.parametrize(("change", "doubts"), DOUBTS)
 def test_each_doubt_about_a_finding_has_a_ground_of_its_own(change, doubts, monkeypatch):
-    usual = {"rivals": (), "std": 0.19, "J": 12.1, "after": 0.5, "beyond": 0.8, "known": True}
+    usual = {"rivals": (), "std": 0.19, "J": 20.1, "after": 0.5, "beyond": 0.8, "known": True}
     usual |= {"elsewhere": 1.0, "beside": 9.0, "beta": 1.9, "plausible": None, "looks_like": ""}
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
