@@ -38,8 +38,7 @@ def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     """A warning where more is left over than such an arm leaves, of logs with samples to spare for its
     parameters; an error where nothing is explained."""
     score = log.score(repair)
-    percent, total = 100.0 * np.sqrt(score.shares), 100.0 * score.unexplained**0.5
-    dark = float(np.mean(score.shares[log.moving]))
+    dark, percent, total = _dark(score), 100.0 * np.sqrt(score.shares), 100.0 * score.unexplained**0.5
     if dark > c.UNRELATED:
         yield Issue.of(
             "torque not explained", "error", (),
@@ -66,6 +65,10 @@ def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
                 percent=percent[joints].round(2).tolist(),
             )  # fmt: skip
         yield from _event(log, repair, score)
+
+
+def _dark(score: Score) -> float:
+    return float(np.mean(score.shares[score.of.moving]))
 
 
 def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
@@ -251,9 +254,7 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     one file. Each run has offsets of its own, so that of a step in a torque alone nothing is left."""
     repair = replace(repair, events=tuple(e for e in repair.events if not isinstance(e.at, float)))
     few = log.data.count < 4 * c.PARTS  # each of the two has parts of its own, that are left out
-    if repair.events or few or log.spare <= 0.0:
-        return
-    if np.mean(log.score(repair).shares[log.moving]) > c.UNRELATED:
+    if repair.events or few or log.spare <= 0.0 or _dark(log.score(repair)) > c.UNRELATED:
         return
     parts, k = log.parts(repair, 2 * c.PARTS)
     cuts = range(3, len(parts) - 2)  # neither may be short

@@ -6,7 +6,7 @@ take its place: sizes come from the other folds, the choice of effects and const
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +135,7 @@ class Judge:
 
         whole, every = table(rows, effects), tuple(effects)
         if self.test is not None:
-            test = replace(self.test.with_model(*rows.attached), gains=rows.gains)
+            test = self.test.with_model(*rows.attached)
             there = compressed(table(test, effects), test.keep)
             only = Split(every, compressed(whole, rows.keep), there)
             return HeldOut(estimate, self.frozen, (only,), "test")

@@ -53,8 +53,7 @@ def with_estimate(
         made = sum(e.torque(theta, motion) for e, theta in found)
         return replace(motion, torque=motion.model_torque + made * np.array(model.gains or (1.0,)))
 
-    along = runs.with_model(lambda motion: model.seen_along(estimate.theta, motion), beside)
-    return replace(along, gains=model.gains)
+    return runs.with_model(lambda m: model.seen_along(estimate.theta, m), beside, model.gains)
 
 
 #: What errors of an effect's free shape constants make of torque, white.

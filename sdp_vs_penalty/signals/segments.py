@@ -17,7 +17,7 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from itertools import pairwise
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +135,7 @@ class SegmentedRuns:
     again: Callable[[], SegmentedRuns]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     gains: tuple[float, ...] | None = None
-    attached: tuple[Attach, ...] = ()
+    attached: tuple[Any, ...] = ()
 
     @cached_property
     def t(self) -> Array:
@@ -243,15 +243,26 @@ class SegmentedRuns:
             out.append(Pieces(p for p in np.split(index, ends) if keep[p[0]]))
         return out
 
-    def with_model(self, attach: Attach, beside: Attach = lambda motion: motion) -> SegmentedRuns:
+    def with_model(
+        self,
+        attach: Attach,
+        beside: Attach = lambda motion: motion,
+        gains: tuple[float, ...] | None = None,
+    ) -> SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion; beside : what adds
-        to these the torque of others, where columns refer to it."""
+        to these the torque of others, where columns refer to it; gains : the model's."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         parts = [(s.low_pass, beside(s.motion)) for s in segments]
         columns = Columns(parts, (self.columns.kept[0], {}))
         again = cache(lambda: self.again().with_model(attach))
-        both = attach, beside
-        return replace(self, segments=segments, columns=columns, again=again, attached=both)
+        return replace(
+            self,
+            segments=segments,
+            columns=columns,
+            again=again,
+            gains=gains,
+            attached=(attach, beside, gains),
+        )
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k); keep : them for who asks again."""

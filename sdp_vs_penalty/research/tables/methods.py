@@ -1,5 +1,7 @@
 """Methods compared: all of them on every data set."""
 
+from typing import Any
+
 import pandas
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
@@ -55,11 +57,11 @@ def _row(study: Study, data: Data, method: str) -> Row:
     runs = pandas.DataFrame(
         [] if method in WITH_PRIOR else result.details.get("runs") or [], columns=["loss", "violation"]
     ).astype(float)
-    excess, broken = 100.0 * (runs["loss"] / optimum - 1.0), runs["violation"]
+    excess, broken = _excess(runs["loss"], optimum), runs["violation"]
     return {
         "data": data.label,
         "method": method,
-        "excess_loss_percent": 100.0 * (task.data.loss(result.theta) / optimum - 1.0),
+        "excess_loss_percent": _excess(task.data.loss(result.theta), optimum),
         "worst_violation": worst,
         "violated_family": family if worst >= ROUNDING else None,
         "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
@@ -74,3 +76,7 @@ def _row(study: Study, data: Data, method: str) -> Row:
         **{f"run_excess_loss_percent_{name}": excess.agg(name) for name in ("min", "median", "max")},
         **{f"run_violation_{name}": broken.agg(name) for name in ("min", "max")},
     }
+
+
+def _excess(loss: Any, optimum: float) -> Any:
+    return 100.0 * (loss / optimum - 1.0)
