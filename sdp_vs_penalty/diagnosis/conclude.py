@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.constants import ABSORBED, FAR, SMALL, UNCERTAIN
+from sdp_vs_penalty.diagnosis.constants import ABSORBED, APART, FAR, UNCERTAIN
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding, Invisible, Remaining, Retune
@@ -175,7 +175,7 @@ def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, 
     holds = {
         "rivals": bool(term.rivals),
         "uncertain": not std < UNCERTAIN * abs(size),  # nothing is known of a size of zero
-        "small": not term.J > SMALL,
+        "small": not term.J > 2.0 * APART,
         "not_held_out": not lowers(errors[0, on], errors[1, on]),
         "more_left": explained < beyond,
         "shared": _shared(search, term) > 1.0 - UNCERTAIN,

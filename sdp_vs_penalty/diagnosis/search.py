@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, FORM
+from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible
 from sdp_vs_penalty.diagnosis.misfit import Misfit, distorted
 from sdp_vs_penalty.diagnosis.remaining import refitted
@@ -116,7 +116,7 @@ class Search:
 
     def with_misfits(self, terms: Sequence[Term]) -> list[Term | Misfit]:
         """Terms, and what the laws of those that explain much may get wrong."""
-        return [*terms, *(m for t in terms if FORM * t.J > APART for m in self.misfits(t))]
+        return [*terms, *(m for t in terms if FORM * t.J > EQUIVALENT for m in self.misfits(t))]
 
     def around(self, term: Term, others: Sequence[Term]) -> list[Term | Misfit]:
         """Beside what a term has to show: others, what their laws get wrong, and what is tolerated."""
@@ -199,7 +199,7 @@ class Search:
         """Of terms, the best first, the simplest that is as good as the best."""
         if not found:
             return None
-        best, least = found[0], APART + FORM * found[0].J
+        best, least = found[0], EQUIVALENT + FORM * found[0].J
         tied = [t for t in found if best.J - t.against(best) < least]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
         return min(plain, key=lambda t: (simplicity(t.form), -t.against(best)))
@@ -279,7 +279,7 @@ class Search:
     def equivalent(term: Term, found: Sequence[Term]) -> tuple[Term, ...]:
         """The forms that these rows do not tell from a term."""
         near = (t for t in found if t.key != term.key and not t.form.own)
-        return tuple(t for t in near if t.against(term) > term.J - APART)
+        return tuple(t for t in near if t.against(term) > term.J - EQUIVALENT)
 
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""

@@ -16,7 +16,7 @@ from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_prob
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.constants import APART, FORM
+from sdp_vs_penalty.diagnosis.constants import EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.measure import _instead, measured_curves
 from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.search import Search
@@ -71,11 +71,11 @@ def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
 @pytest.mark.parametrize(
     ("worth", "size", "beside", "least"),
     [
-        (100.0, None, None, APART + 100.0 * FORM),  # a table has to be better than a cause
-        (100.0, 3, None, APART + 100.0 * FORM),
-        (100.0, 2, None, -APART - 100.0 * FORM),  # a simpler law need not be
-        (100.0, None, 30.0, -APART - 130.0 * FORM),  # nor a table where one is needed besides
-        (-5.0, None, 30.0, -APART - 30.0 * FORM),
+        (100.0, None, None, EQUIVALENT + 100.0 * FORM),  # a table has to be better than a cause
+        (100.0, 3, None, EQUIVALENT + 100.0 * FORM),
+        (100.0, 2, None, -EQUIVALENT - 100.0 * FORM),  # a simpler law need not be
+        (100.0, None, 30.0, -EQUIVALENT - 130.0 * FORM),  # nor a table where one is needed besides
+        (-5.0, None, 30.0, -EQUIVALENT - 30.0 * FORM),
     ],
 )
 def test_a_curve_stands_instead_of_terms_that_are_worth_less(worth, size, beside, least):

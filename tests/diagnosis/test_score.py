@@ -9,7 +9,7 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import Problem, identify
-from sdp_vs_penalty.diagnosis.constants import ALPHA, APART, FORM
+from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Columns
 from sdp_vs_penalty.diagnosis.library import Batch, Form, library
 from sdp_vs_penalty.diagnosis.misfit import Misfit
@@ -176,7 +176,7 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
         expected = np.sum(np.sum(T**2, axis=(0, 1)) * m.deviations**2)
         assert expected == pytest.approx(FORM * term.squares[joint], rel=1e-6)
     assert search.with_misfits([term]) == [term]  # what explains little is wrong by less than a rival
-    much = replace(term, drop=1.0 + term.worth * (APART / FORM + term.price))
+    much = replace(term, drop=1.0 + term.worth * (EQUIVALENT / FORM + term.price))
     assert len(search.with_misfits([much])) > 1
 
 
@@ -344,7 +344,7 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
 
 def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
     def term(name: str, lead: float) -> Any:
-        J = 50.0 + APART * lead
+        J = 50.0 + EQUIVALENT * lead
         form = SimpleNamespace(own=name == "own")
         return SimpleNamespace(key=(name, 0), form=form, J=J, against=lambda other: J)
 

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, FORM
+from sdp_vs_penalty.diagnosis.constants import CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, Columns, SplineFit
 from sdp_vs_penalty.diagnosis.score import DEPENDENT
 from sdp_vs_penalty.effects.measured_curve import Variable
@@ -217,7 +217,7 @@ def recognised(
         exact = LawFit(near.law, a[0], near.constants, float(chi2[0]), own)
         found.append((rated(exact), exact))
     top = max([f.J, *(J for J, _ in found)])
-    alike = [(J, law) for J, law in found if top - APART - FORM * top < J]
+    alike = [(J, law) for J, law in found if top - EQUIVALENT - FORM * top < J]
     return min(alike, key=lambda r: (r[1].size, -r[0]), default=(f.J, None))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, FORM
+from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
 from sdp_vs_penalty.diagnosis.curves.bases import (
     Basis,
     Columns,
@@ -115,7 +115,7 @@ def _instead(worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | 
     curve besides, or have more constants than its law, it only has to be as good."""
     J, _, law = alone
     named = max(worth, 0.0) + (0.0 if beside is None else beside[0])
-    least = APART + FORM * named
+    least = EQUIVALENT + FORM * named
     simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
     return named + (-least if beside is not None or simpler else least) < J
 
@@ -145,7 +145,7 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
     rough = sorted((r for r in rough if r[0] > APART), key=lambda r: -r[0])
     close = [b for n in (1, 2) for b in [b for _, b in rough if len(b.axes) == n][: CLOSELY // 2]]
     exact = [fitted(b, variables.exact(b), True) for b in close]
-    least = max(((1.0 - FORM) * f.J - APART for f in exact), default=0.0)
+    least = max(((1.0 - FORM) * f.J - EQUIVALENT for f in exact), default=0.0)
     alike = [f for f in exact if max(least, APART) < f.J]
     if not alike:
         return None
