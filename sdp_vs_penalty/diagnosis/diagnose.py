@@ -118,7 +118,7 @@ def _offered(search: Search, judge: Judge) -> Found:
         if own:
             found = found.carried(now)
         while True:
-            if kept or any(depends(t.form.effect) for t in found.terms):
+            if kept or found.late or any(depends(t.form.effect) for t in found.terms):
                 found = found.referred()
             left = found.limited(found.terms)
             if len(left.terms) == len(found.terms):

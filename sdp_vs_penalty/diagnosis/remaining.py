@@ -84,18 +84,17 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
 
 def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
     """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N] what these leave:
-    least squares on the white rows and on what is known of the effects' sizes, joints weighted by what
-    is left of them; parameters that rows do not tell are the model's."""
+    least squares on the white rows and on what is known of sizes, joints weighted by what is left of
+    them; parameters that rows do not tell are the model's."""
     columns = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
     everything = np.concatenate(columns, axis=2)
     n, _, p = everything.shape
-    theta, torque = np.zeros(p), data.rows.residual
+    theta, torque = np.zeros(p), data.rows.residual if data.frozen else data.rows.torque
     if not data.frozen:
         theta[: data.raw.shape[2]] = data.estimate.theta
-        torque = torque + (data.raw @ data.estimate.theta).T
     if not p:
         return theta, torque
-    known = [np.zeros(data.raw.shape[2])]
+    known = [np.zeros(0) if data.frozen else 1.0 / data.estimate.model.plausible]
     known += [np.zeros(len(e.parameters)) if e.plausible is None else 1.0 / e.plausible for e in effects]
     white = np.stack([data.white(everything[j], j) for j in range(n)])
     first, level, prior = theta, np.ones(n), np.diag(np.concatenate(known))
@@ -104,7 +103,7 @@ def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
         A = np.vstack([(white / level[:, None, None]).reshape(-1, p), prior])
         norms = np.linalg.norm(A, axis=0)
         unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-        wanted = np.append(target / level[:, None], np.zeros(p))
+        wanted = np.append(target / level[:, None], -prior @ first)
         theta = first + np.linalg.lstsq(A / unit, wanted, rcond=1e-8)[0] / unit
         left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(data.count, 1.0)
         level = np.sqrt(np.maximum(left, 1.0 if data.known else 1e-12))

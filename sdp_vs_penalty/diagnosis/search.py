@@ -17,7 +17,7 @@ from sdp_vs_penalty.diagnosis.misfit import Misfit, distorted
 from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
-from sdp_vs_penalty.effects.model import Model, depends
+from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -315,7 +315,7 @@ class Search:
         """The same findings beside another model, in the columns that this one makes; without : rows
         (M, n) that are no evidence; thetas : the terms' parameters beside it, if not their own."""
         data, pairs = self.data, zip(self.terms, thetas or [t.beta for t in self.terms], strict=True)
-        made = [(t, theta) for t, theta in pairs if not depends(t.form.effect)]
+        made = [(t, theta) for t, theta in pairs if not t.form.effect.needs_torque]
         rows = with_estimate(data.rows, estimate, [(t.form.effect, theta) for t, theta in made])
         if without is not None:
             rows = replace(rows, masked=rows.masked | without if rows.masked.size else without)
@@ -328,9 +328,9 @@ class Search:
 
     @property
     def late(self) -> bool:
-        """Whether some term makes torque late: all of it, also what other terms make."""
-        effects = [t.form.effect for t in self.terms]
-        return any(e.needs_torque and e.has_memory for e in effects)
+        """Whether something makes torque late, a term or the model: all of it, also what terms make."""
+        effects = [*(t.form.effect for t in self.terms), *self.data.estimate.model.effects]
+        return bool(self.terms) and any(e.needs_torque and e.has_memory for e in effects)
 
     def referred(self) -> Search:
         """The same findings in columns that refer to the model beside them (a step of Gauss and Newton):

@@ -203,7 +203,7 @@ def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Arra
     motion = segment.motion
     inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
     t = run.t[inside]
-    modelled = np.interp(t, motion.t, motion.model_torque[:, j])
+    modelled = np.interp(t, motion.t, motion.modelled[:, j])
     return run.q[inside, j], run.tau[inside, j] - modelled, 1.0 / float(np.median(np.diff(run.t)))
 
 

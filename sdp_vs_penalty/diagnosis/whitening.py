@@ -161,9 +161,8 @@ def unsettled(rows: SegmentedRuns) -> NDArray[np.bool_]:
 
 def whitened(rows: SegmentedRuns, noise: Noise, estimate: Estimate, frozen: bool) -> WhiteData:
     """The same where the noise is known."""
-    X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), rows.residual)
-    if not frozen:  # the torque itself
-        y = y + X @ estimate.theta
+    torque = rows.residual if frozen else rows.torque
+    X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), torque)
     clusters = time_clusters(rows), stretches(rows, CLUSTERS)[1]
     # Rows behind the past that whitening needs, each by its worth.
     count = np.array([noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)])

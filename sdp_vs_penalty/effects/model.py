@@ -36,9 +36,9 @@ class JointColumns:
 class Model:
     """tau = sum over effects of Y_e theta_e; theta concatenates the effects' parameters.
 
-    reference : (p,) the current model that effects refer to whose columns depend on a torque or on
-        the links (a gain, elasticity): only its entries of all other effects are read. None where
-        no effect needs it.
+    reference : (p,) the current model that effects refer to whose columns depend on the links
+        (elasticity) or on the torque of all that needs none (a gain): only entries of what needs no
+        torque are read. None where no effect needs it.
     gains : (n,) what each torque channel reads over the true torque, where that is known: parameters
         are then in true units, and the modelled torque is the channels'. None: they read true.
     changes : effects may come a second time, as what has changed since their first was identified.
@@ -79,6 +79,20 @@ class Model:
         """The same model without the effects that depend on a current model."""
         free = tuple(e for e in self.effects if not depends(e))
         return Model(self.robot, free, gains=self.gains, known=self.known)
+
+    @cached_property
+    def before_channels(self) -> Model:
+        """The same model without the effects that its torque passes."""
+        before = tuple(e for e in self.effects if not e.needs_torque)
+        if len(before) == len(self.effects):
+            return self
+        part = None if self.reference is None else self.reference[self.before_channels_indices]
+        return Model(self.robot, before, part, self.gains, known=self.known)
+
+    @cached_property
+    def before_channels_indices(self) -> NDArray[np.intp]:
+        """Where the parameters of :attr:`before_channels` sit in theta."""
+        return np.concatenate([np.arange(0), *(k for e, k in self.parts if not e.needs_torque)])
 
     @cached_property
     def without_drives(self) -> Model:
@@ -155,10 +169,14 @@ class Model:
             for k, e in enumerate(self.effects)
             if not (depends(e) or (k in known and not self.needs_reference))
         }
-        if self.needs_reference and motion.current is None:
-            motion = self._with_current(motion, made)
-        late = {k: e.blocks(motion) for k, e in enumerate(self.effects) if depends(e)}
-        return {k: found for k, found in {**made, **late}.items() if k not in known}
+        alone, late = motion.current is None, [(k, e) for k, e in enumerate(self.effects) if depends(e)]
+        if late and alone:
+            motion = replace(motion, current=self._current(self._known))
+        made |= {k: e.blocks(motion) for k, e in late if not e.needs_torque}
+        if late and alone:
+            motion = replace(motion, torque=self._made(made, self._known, motion))
+        made |= {k: e.blocks(motion) for k, e in late if e.needs_torque}
+        return {k: found for k, found in made.items() if k not in known}
 
     def joined(self, blocks: Mapping[int, list[Block]], count: int) -> list[JointColumns]:
         """Columns of ``count`` instants, joint by joint (n entries), of the effects' blocks."""
@@ -188,20 +206,25 @@ class Model:
         names = [p.name for p in self.parameters]
         return np.array([self.known.get(name, x) for name, x in zip(names, theta, strict=True)], float)
 
-    def _with_current(self, motion: Motion, blocks: Mapping[int, list[Block]]) -> Motion:
-        """The motion with the torque and the links of the reference."""
+    @property
+    def _known(self) -> Array:
+        """The reference."""
         if self.reference is None:
             name = next(e.name for e in self.effects if depends(e))
             raise InputError(
                 f"effect {name} refers to a current model and this one has none",
                 "identify the robot without it first, then add it",
             )
+        return self.reference
+
+    def _made(self, blocks: Mapping[int, list[Block]], theta: Array, motion: Motion) -> Array:
+        """(N, n) torque of blocks."""
         torque = np.zeros_like(motion.q)
         for k, parts in blocks.items():
-            theta = self.reference[self.indices[k]]
+            own = theta[self.indices[k]]
             for block in parts:
-                torque[:, block.joint] += block.columns @ theta[block.parameters]
-        return replace(motion, torque=torque, current=self._current(self.reference))
+                torque[:, block.joint] += block.columns @ own[block.parameters]
+        return torque
 
     def _current(self, theta: Array) -> CurrentModel:
         """The links as theta (p,) has them; without mass in a model without a rigid body."""
@@ -209,9 +232,13 @@ class Model:
         return CurrentModel(self.robot, links if len(links) else np.zeros((self.robot.links, 10)))
 
     def seen_along(self, theta: Array, motion: Motion) -> Motion:
-        """The motion with the torque and the links of theta (p,), and this model's widths of signs."""
-        torque, current = self.torque(theta, motion), self._current(theta)
-        return replace(motion, torque=torque, current=current, sign_width=self.sign_width)
+        """The motion with the links of theta (p,), with the torque of all that needs none and as the
+        channels log it, and this model's widths of signs."""
+        before = self.before_channels
+        torque = before.torque(theta[self.before_channels_indices], motion)
+        logged = torque if before is self else self.torque(theta, motion)
+        seen = replace(motion, torque=torque, current=self._current(theta))
+        return replace(seen, logged=logged, sign_width=self.sign_width)
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
         """Modelled torque (N, n)."""

@@ -132,6 +132,8 @@ class Motion:
     sum: Array | None = None
     #: (N, n) accelerations of the motors on their joints' side of the gear, where the log holds both.
     motors: Array | None = None
+    #: (N, n) what the current model makes of its torque where torque channels pass it.
+    logged: Array | None = None
 
     #: ``command``, ``sum``, ``temperature``, ``motors``; InputError where the measurements hold none.
     told: ClassVar[Command] = _logged("command", "commands", "qcmd1..qcmdn")
@@ -141,7 +143,7 @@ class Motion:
 
     def part(self, which: slice) -> Motion:
         """Consecutive ones of these instants."""
-        arrays = ("t", "q", "dq", "ddq", "torque", "temperature", "sum", "motors")
+        arrays = ("t", "q", "dq", "ddq", "torque", "logged", "temperature", "sum", "motors")
         known: dict[str, Any] = {k: x[which] for k in arrays if (x := getattr(self, k)) is not None}
         return replace(self, **known)
 
@@ -185,6 +187,11 @@ class Motion:
         if self.torque is None:
             raise ValueError("this effect needs Motion.torque, the current model's prediction")
         return self.torque
+
+    @property
+    def modelled(self) -> Array:
+        """What the model says that is logged."""
+        return self.model_torque if self.logged is None else self.logged
 
     @cached_property
     def link_torque(self) -> Array:

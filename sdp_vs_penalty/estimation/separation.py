@@ -179,7 +179,7 @@ def separate(
         moves = moves * (duration - rests.sum()) / moves.sum()
         trajectory = PointTrajectory(points[: fit + 1], moves, rests)
         motion = told.motion(trajectory.states, duration)
-        if np.any(np.abs(motion.model_torque) > _SHARE * effort):
+        if np.any(np.abs(motion.modelled) > _SHARE * effort):
             return False
         looked += 1
         value = told.distance(motion)

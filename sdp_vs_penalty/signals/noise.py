@@ -201,7 +201,7 @@ def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     """(D, n) of noise with the variance of one residual: (r(t) - r(t + T)) / sqrt(2)."""
     from scipy.interpolate import CubicSpline
 
-    left = ((s.t_dense, s.torque_dense - s.dense @ s.motion.model_torque) for s in runs.segments)
+    left = ((s.t_dense, s.torque_dense - s.dense @ s.motion.modelled) for s in runs.segments)
     dense = [CubicSpline(*both) for both in left]
     parts = [runs.residual[r.rows] - dense[r.other](r.later) for r in repeats]
     return np.concatenate(parts) / np.sqrt(2.0)
@@ -234,7 +234,7 @@ def _without_events(
 
 def rate_features(runs: SegmentedRuns) -> Array:
     """(n, M, 2): for each joint the squares of its modelled torque's rate and of its velocity."""
-    rates = [s.low_pass @ np.gradient(s.motion.model_torque, s.motion.t, axis=0) for s in runs.segments]
+    rates = [s.low_pass @ np.gradient(s.motion.modelled, s.motion.t, axis=0) for s in runs.segments]
     return np.swapaxes(np.stack([np.concatenate(rates), runs.dq], axis=2) ** 2, 0, 1)
 
 

@@ -112,7 +112,7 @@ class Segment(Filtered):
     @property
     def residual(self) -> Array:
         """(M, n) filtered measured less modelled torque."""
-        return np.asarray(self.torque - self.low_pass @ self.motion.model_torque)
+        return np.asarray(self.torque - self.low_pass @ self.motion.modelled)
 
 
 @dataclass(frozen=True)
