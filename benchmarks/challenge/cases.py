@@ -90,7 +90,7 @@ class CaseClass:
         coarse = [replace(m, **{x: v[::10] for x, v in vars(m).items()}) for m in motions]
         wanted = names or {self.what} & set(kinds)
         made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
-        slow = SLOW if world.dry.law in ("dahl", "lugre") else {}
+        slow = {} if world.dry.jumps else SLOW
         called = [replace(one, effect=one.effect or slow.get(x, x)) for x, one in made]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
 

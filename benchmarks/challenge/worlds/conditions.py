@@ -108,6 +108,10 @@ class FrictionLaw(DryFriction):
     rise: Array
     speed: Array
 
+    @property
+    def jumps(self) -> bool:
+        return self.law in ("sign", "tanh")
+
     def share(self, t: Array, dq: Array) -> Array:
         """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at >= 1 kHz."""
         if self.law == "sign":

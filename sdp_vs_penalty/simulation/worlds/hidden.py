@@ -147,9 +147,10 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _presliding(w: World, j: int, rng: Generator, low: float = 0.001, high: float = 0.01) -> Hidden:
-    """Dahl 1968: friction follows the travel since the reversal instead of jumping."""
+    """Dahl 1968: friction follows the travel since the reversal instead of jumping, if it does so."""
     d = _unit(w, j) * log_uniform(rng, low, high)
-    return at_joint(j, lambda w, m: _behind(m.t, m.dq[:, j], d) - sign(w, j, m), d=d)
+    law = lambda w, m: _behind(m.t, m.dq[:, j], d) - w.dry.jumps * sign(w, j, m)  # noqa: E731
+    return at_joint(j, law, d=d)
 
 
 def _behind(t: Array, speed: Array, d: float) -> Array:

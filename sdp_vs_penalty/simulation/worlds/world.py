@@ -84,6 +84,11 @@ class DryFriction:
 
     width: Array
 
+    @property
+    def jumps(self) -> bool:
+        """Whether it changes sign where the velocity does, and not over a travel."""
+        return True
+
     def share(self, t: Array, dq: Array) -> Array:
         """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at >= 1 kHz."""
         return np.tanh(dq / self.width)
