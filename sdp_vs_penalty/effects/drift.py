@@ -21,9 +21,9 @@ class Drift(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        forms, grid = cls.shapes["form"].choices, cls.shapes["T"].grid
-        linear = [{"form": form} for form in forms if form % 2]
-        return linear + [{"form": form, "T": T} for form in forms if not form % 2 for T in grid]
+        """What settles: in a later run a line has gone too far, and a long T is nearly one."""
+        settling = [form for form in cls.shapes["form"].choices if form % 2 == 0]
+        return [{"form": form, "T": T} for form in settling for T in cls.shapes["T"].grid]
 
     @property
     def exponential(self) -> bool:
