@@ -86,24 +86,18 @@ class Model:
         before = tuple(e for e in self.effects if not e.needs_torque)
         if len(before) == len(self.effects):
             return self
-        part = None if self.reference is None else self.reference[self.before_channels_indices]
-        return Model(self.robot, before, part, self.gains, known=self.known)
+        part = Model(self.robot, before, gains=self.gains, known=self.known)
+        known = self.reference
+        return part if known is None else replace(part, reference=known[self.places(part)])
 
-    @cached_property
-    def before_channels_indices(self) -> NDArray[np.intp]:
-        """Where the parameters of :attr:`before_channels` sit in theta."""
-        return np.concatenate([np.arange(0), *(k for e, k in self.parts if not e.needs_torque)])
+    def places(self, part: Model) -> NDArray[np.intp]:
+        """Where the parameters of a part of it sit in theta."""
+        return np.concatenate([np.arange(0), *(k for e, k in self.parts if e in part.effects)])
 
     @cached_property
     def without_drives(self) -> Model:
         """The same model without the drives' laws."""
         return replace(self, effects=tuple(e for e in self.effects if e.forward != "drive"))
-
-    @cached_property
-    def reference_free_indices(self) -> NDArray[np.intp]:
-        """Where the parameters of :attr:`reference_free` sit in theta."""
-        free = (k for effect, k in self.parts if not depends(effect))
-        return np.concatenate([np.arange(0), *free])
 
     @cached_property
     def indices(self) -> tuple[NDArray[np.intp], ...]:
@@ -169,13 +163,14 @@ class Model:
             for k, e in enumerate(self.effects)
             if not (depends(e) or (k in known and not self.needs_reference))
         }
-        alone, late = motion.current is None, [(k, e) for k, e in enumerate(self.effects) if depends(e)]
-        if late and alone:
+        late = {k: e for k, e in enumerate(self.effects) if depends(e)}
+        alone = bool(late) and motion.current is None
+        if alone:
             motion = replace(motion, current=self._current(self._known))
-        made |= {k: e.blocks(motion) for k, e in late if not e.needs_torque}
-        if late and alone:
+        made |= {k: e.blocks(motion) for k, e in late.items() if not e.needs_torque}
+        if alone:
             motion = replace(motion, torque=self._made(made, self._known, motion))
-        made |= {k: e.blocks(motion) for k, e in late if e.needs_torque}
+        made |= {k: e.blocks(motion) for k, e in late.items() if e.needs_torque}
         return {k: found for k, found in made.items() if k not in known}
 
     def joined(self, blocks: Mapping[int, list[Block]], count: int) -> list[JointColumns]:
@@ -235,7 +230,7 @@ class Model:
         """The motion with the links of theta (p,), with the torque of all that needs none and as the
         channels log it, and this model's widths of signs."""
         before = self.before_channels
-        torque = before.torque(theta[self.before_channels_indices], motion)
+        torque = before.torque(theta[self.places(before)], motion)
         logged = torque if before is self else self.torque(theta, motion)
         seen = replace(motion, torque=torque, current=self._current(theta))
         return replace(seen, logged=logged, sign_width=self.sign_width)

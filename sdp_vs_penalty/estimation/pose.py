@@ -229,11 +229,11 @@ def with_reference(
     columns of a model."""
     if not model.needs_reference:
         return model
-    part, into = model.reference_free, model.reference_free_indices
+    part = into = model.reference_free
     for k in range(2):
         progress(f"the current model, pass {k + 1} of 2")
         theta = make_task(problem, part, compressed(part), weighting).ols
         reference = np.zeros(len(model.parameters))
-        reference[into] = theta[into] if k else theta
-        part, into = replace(model, reference=reference), model.before_channels_indices
+        reference[model.places(into)] = theta[model.places(into)] if k else theta
+        part, into = replace(model, reference=reference), model.before_channels
     return part

@@ -15,6 +15,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.library import library
+from sdp_vs_penalty.diagnosis.remaining import refitted
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
 from sdp_vs_penalty.effects import Motion
@@ -217,6 +218,17 @@ def test_what_is_logged_late_is_all_of_the_torque(two_link):
     added = compare(both, made.runs[3])[0].rmse
     for promised in (result.held_out_rmse, again.held_out_rmse):
         np.testing.assert_allclose(promised, added, rtol=0.01)
+
+
+def test_a_refit_holds_what_is_known_of_the_models_own_sizes(two_link):
+    """Rows hardly tell where joints are mounted: by themselves they say 550 times what is plausible."""
+    made = hidden_runs(two_link, [("joint_spring", [1])], "medium", seed=1, count=3)
+    data = concatenate(made.runs[:2])
+    model = add(identified(made, data), "kinematic_error", data)
+    white = prepare(diagnosis_rows(data, model, model.preprocessing.resolve(data)), model)
+    known = np.isfinite(plausible := model.model.plausible)
+    assert known.any()
+    np.testing.assert_array_less(np.abs(refitted(white, [])[0] / plausible)[known], 1.0)
 
 
 def test_what_would_hide_nothing_is_said(panda):
