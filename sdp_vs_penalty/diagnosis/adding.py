@@ -176,17 +176,17 @@ def _add_frozen(
     problem = estimate.problem
     own = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
     model = replace(estimate.model, effects=(*estimate.model.effects, *new), reference=None)
-    if model.needs_reference:
-        known = estimate.theta if estimate.model.reference is None else estimate.model.reference
-        every = np.append(known, np.zeros(len(model.parameters) - len(known)))
-        model = replace(model, reference=every)
-    progress("compressing the measurements")
-    left = compress(runs, model).beside(estimate.theta)
-    task = task_beside(estimate, own, left, seed, progress)
-    progress("estimating the new effects")
-    estimator = estimator_beside(estimate)
-    fit = estimator.fit(task)
-    part, certificate = certify(task, fit)
+    known = estimate.theta if estimate.model.reference is None else estimate.model.reference
+    estimator, part = estimator_beside(estimate), np.zeros(len(own.parameters))
+    for _ in range(2 if model.needs_reference else 1):  # what is new passes torque channels as well
+        if model.needs_reference:
+            model = replace(model, reference=np.append(known, part))
+        progress("compressing the measurements")
+        left = compress(runs, model).beside(estimate.theta)
+        task = task_beside(estimate, own, left, seed, progress)
+        progress("estimating the new effects")
+        fit = estimator.fit(task)
+        part, certificate = certify(task, fit)
     theta = np.concatenate([estimate.theta, part])
     base = base_rows(problem, own)
     # The new effects' intervals hold their shape constants' errors and those of what was kept.
