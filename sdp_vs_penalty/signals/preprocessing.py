@@ -43,7 +43,6 @@ from sdp_vs_penalty.signals.runs import (
     moving_joints,
     no_motion,
     sample_rate,
-    stretches,
 )
 from sdp_vs_penalty.signals.spectrum import highest_harmonic, smoothed_cutoff, unbent_cutoff
 
@@ -144,14 +143,6 @@ class RunFilter:
     def movement(self) -> Movement:
         """Which instants count: those at which the robot moves."""
         return Movement(self.run, self.standstill)
-
-    def moving(self, margin: int) -> list[tuple[Stretch, NDArray[np.int64]]]:
-        """Of each stretch the samples, ``margin`` off its ends, in which the robot moves."""
-        out = []
-        for part in stretches(self.run):
-            k = np.arange(margin, part.count - margin)
-            out.append((part, k[self.movement.at(part.clock(k))]))
-        return out
 
     def step(self, rate: float) -> int:
         """One row in so many samples of the log, for ``rate`` rows per period of the cut-off."""
