@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
-from sdp_vs_penalty.checks.repair import Event, Gravity, Numbers, Order, Repair
+from sdp_vs_penalty.checks.repair import Event, Numbers, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
@@ -167,7 +167,7 @@ class Likelihood:
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
-    def _made_model(self, gravity: Gravity, longer: Numbers) -> Model | None:
+    def _made_model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
         """What joints share, under another gravity, with other distances between joints [m]."""
         robot, joints = self.problem.robot, list(self.problem.robot.joints)
         for j in np.flatnonzero(longer).tolist():
