@@ -174,5 +174,4 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     model = on_robot(shared, replace(shared.robot, gravity=gravity))
     few = 2 * len(model.parameters) // shared.robot.n + 1
     q, dq, ddq = (states[:few] for states in shared.robot.random_states)
-    columns = model.columns(Motion(np.zeros(few), q, dq, ddq))
-    return structure(np.concatenate([b.wide(len(model.parameters)) for b in columns]))[1]
+    return structure(np.concatenate(model.wide(Motion(np.zeros(few), q, dq, ddq))))[1]

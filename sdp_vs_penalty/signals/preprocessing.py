@@ -209,15 +209,10 @@ def no_rows(run: Measurements, seconds: float) -> InputError:
     if not moving_joints(run).any():
         return no_motion(run)
     lasts = float(run.t[-1] - run.t[0])
-    if lasts <= seconds:
-        return InputError(
-            f"the run lasts {lasts:.3g} s, the filters need more than {seconds:.3g} s",
-            "record longer, or raise the cut-offs",
-            run.names[0],
-        )
-    return InputError(
-        "no rows are left after filtering: no continuous motion longer than "
-        f"{seconds:.3g} s, which the filters need",
-        "record a longer motion, or raise the cut-offs",
-        run.names[0],
-    )
+    what = f"the run lasts {lasts:.3g} s, the filters need more than {seconds:.3g} s"
+    remedy = "record longer, or raise the cut-offs"
+    if lasts > seconds:
+        needed = f"no continuous motion longer than {seconds:.3g} s, which the filters need"
+        what = f"no rows are left after filtering: {needed}"
+        remedy = "record a longer motion, or raise the cut-offs"
+    return InputError(what, remedy, run.names[0])
