@@ -102,7 +102,7 @@ class Likelihood:
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
         self.problem, self.data = problem, data
-        self.n, self.moving = data.n, data.moving
+        self.n, self.moving = len(data.moving), data.moving
         self.joints: list[int] = np.flatnonzero(self.moving).tolist()
         self.revolute = [j for j in self.joints if problem.robot.joints[j].kind == "revolute"]
         self.none = Repair.none(self.n, problem.robot.gravity)
@@ -200,7 +200,7 @@ class Likelihood:
     def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
         data = self.data
-        own = np.arange(data.n)[:, None]
+        own = np.arange(self.n)[:, None]
         shapes = [
             data.laws[e.at][[order[e.joint]]] if isinstance(e.at, str) else e.shape(data.motion.t)
             for e in events

@@ -72,10 +72,6 @@ class RegressionData:
     cutoff: float
 
     @property
-    def n(self) -> int:
-        return int(self.motion.q.shape[1])
-
-    @property
     def count(self) -> int:
         return len(self.motion.t)
 
