@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
-from sdp_vs_penalty.checks.repair import Event, Gravity, Numbers, Order, Repair
+from sdp_vs_penalty.checks.repair import Event, Numbers, Order, Repair
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
@@ -102,7 +102,7 @@ class Likelihood:
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
         self.problem, self.data = problem, data
-        self.n, self.moving = data.n, data.moving
+        self.n, self.moving = len(data.moving), data.moving
         self.joints: list[int] = np.flatnonzero(self.moving).tolist()
         self.revolute = [j for j in self.joints if problem.robot.joints[j].kind == "revolute"]
         self.none = Repair.none(self.n, problem.robot.gravity)
@@ -167,7 +167,7 @@ class Likelihood:
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
-    def _made_model(self, gravity: Gravity, longer: Numbers) -> Model | None:
+    def _made_model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
         """What joints share, under another gravity, with other distances between joints [m]."""
         robot, joints = self.problem.robot, list(self.problem.robot.joints)
         for j in np.flatnonzero(longer).tolist():
@@ -200,7 +200,7 @@ class Likelihood:
     def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
         data = self.data
-        own = np.arange(data.n)[:, None]
+        own = np.arange(self.n)[:, None]
         shapes = [
             data.laws[e.at][[order[e.joint]]] if isinstance(e.at, str) else e.shape(data.motion.t)
             for e in events

@@ -26,9 +26,10 @@ from sdp_vs_penalty.regression.base_parameters import structure
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.constants import SLIDES
+from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
-from sdp_vs_penalty.signals.runs import Stretch, moving_joints
+from sdp_vs_penalty.signals.runs import Stretch, moving_joints, stretches
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -71,19 +72,14 @@ class RegressionData:
     cutoff: float
 
     @property
-    def n(self) -> int:
-        return int(self.motion.q.shape[1])
-
-    @property
     def count(self) -> int:
         return len(self.motion.t)
 
     def some(self, rows: slice) -> RegressionData:
         """The same at some of the instants."""
-        m = self.motion
-        motion = Motion(m.t[rows], m.q[rows], m.dq[rows], m.ddq[rows])
+        motion, own = self.motion.part(rows), self.own[:, rows]
         laws = {name: x[:, rows] for name, x in self.laws.items()}
-        return replace(self, motion=motion, own=self.own[:, rows], laws=laws, heard=self.heard[rows])
+        return replace(self, motion=motion, own=own, laws=laws, heard=self.heard[rows])
 
     @classmethod
     def of(cls, problem: Problem, run: Measurements, settings: Preprocessing) -> RegressionData:
@@ -97,7 +93,10 @@ class RegressionData:
         settings = replace(settings, torque_cutoff=cutoff)
         filters, (laws, shared) = RunFilter(run, settings), split(problem.model())
         margin = filters.state.half + filters.column.half
-        places = filters.moving(margin)
+        places = []
+        for part in stretches(run):
+            k = np.arange(margin, part.count - margin)
+            places.append((part, k[filters.movement.at(part.clock(k))]))
         count = sum(len(k) for _, k in places)
         if count == 0:
             raise no_rows(run, 2 * margin * filters.dt)
@@ -108,19 +107,19 @@ class RegressionData:
                 pieces.append(_piece(filters, part, spread, laws))
                 at = np.arange(filters.column.half, part.count - filters.column.half, filters.stride)
                 grid.append((part.clock(at), filters.torque(part, at)))
-        t, q, dq, ddq = (np.concatenate(x) for x in list(zip(*pieces, strict=True))[:4])
-        own = np.concatenate([piece[4] for piece in pieces], axis=1)
+        states, columns = zip(*pieces, strict=True)
+        motion, own = joined(states), np.concatenate(columns, axis=1)
         times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
         spline = CubicSpline(times, torque)
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
-        slides = np.abs(dq) > SLIDES * np.sqrt(np.mean(dq**2, axis=0))
+        slides = np.abs(motion.dq) > SLIDES * np.sqrt(np.mean(motion.dq**2, axis=0))
         asked = np.flatnonzero(np.any(slides[:, moving], axis=1))
         if not len(asked):
             raise InputError(
                 "no joint both moves and has a torque that changes", "record such a run", run.names[0]
             )
         # Where all have stopped nothing is asked of any joint.
-        motion, heard = Motion(t[asked], q[asked], dq[asked], ddq[asked]), slides[asked].astype(float)
+        motion, heard = motion.part(asked), slides[asked].astype(float)
         largest = np.abs(run.tau).max(axis=0)
         own, lacking = own[:, asked], dict[str, Array]()
         for name, law in reversed(LAWS.items()):  # the last columns
@@ -131,8 +130,8 @@ class RegressionData:
 
 def _piece(
     filters: RunFilter, part: Stretch, at: NDArray[np.int64], laws: Sequence[JointEffect]
-) -> tuple[Array, ...]:
-    """t, q, dq, ddq and own columns (n, M, k) of one stretch."""
+) -> tuple[Motion, Array]:
+    """States and own columns (n, M, k) of one stretch."""
     half, reach = filters.coarse.half, filters.stride * filters.coarse.half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
     # Off the column grid by at most half a step: both sides of the relation alike would cost more.
@@ -146,7 +145,7 @@ def _piece(
     columns += _bristles(dense, TRAVELS["gear"])
     columns += [column for law in LAWS.values() for column in law(dense)]
     own = np.stack([(low_pass @ c).T for c in columns], axis=2)
-    return dense.t[local], dense.q[local], dense.dq[local], dense.ddq[local], own
+    return dense.part(local), own
 
 
 def split(model: Model) -> tuple[list[JointEffect], Model | None]:
@@ -167,9 +166,8 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     """The columns that lead the base parameters under a gravity along none of the arm's axes."""
     if shared is None:
         return ()
-    x, y, z = np.random.default_rng(0).normal(size=3).tolist()
-    model = on_robot(shared, replace(shared.robot, gravity=(x, y, z)))
+    gravity = tuple(np.random.default_rng(0).normal(size=3).tolist())
+    model = on_robot(shared, replace(shared.robot, gravity=gravity))
     few = 2 * len(model.parameters) // shared.robot.n + 1
     q, dq, ddq = (states[:few] for states in shared.robot.random_states)
-    columns = model.columns(Motion(np.zeros(few), q, dq, ddq))
-    return structure(np.concatenate([b.wide(len(model.parameters)) for b in columns]))[1]
+    return structure(np.concatenate(model.wide(Motion(np.zeros(few), q, dq, ddq))))[1]

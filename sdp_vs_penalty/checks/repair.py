@@ -23,7 +23,6 @@ from sdp_vs_penalty.robot.arrays import Array
 
 Order = tuple[int, ...]
 Numbers = tuple[float, ...]
-Gravity = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Repair:
     gain: Numbers
     lead: Numbers
     lag: Numbers
-    gravity: Gravity
+    gravity: tuple[float, ...]
     lacks: Numbers
     longer: Numbers
     bend: Numbers
@@ -67,8 +66,7 @@ class Repair:
     def none(cls, n: int, gravity: tuple[float, ...]) -> Repair:
         """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
-        x, y, z = gravity
-        return cls(same, one, zero, same, one, zero, zero, (x, y, z), zero, zero, zero)
+        return cls(same, one, zero, same, one, zero, zero, gravity, zero, zero, zero)
 
     @property
     def n(self) -> int:

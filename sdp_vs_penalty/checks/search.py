@@ -195,7 +195,7 @@ def _same_fit(a: Repair, b: Repair) -> bool:
     """Whether two repairs differ in signs alone: of torques, of gravity, of the direction of time."""
 
     def unsigned(r: Repair) -> Repair:
-        gravity = max(r.gravity, (-r.gravity[0], -r.gravity[1], -r.gravity[2]))
+        gravity = max(r.gravity, tuple(-g for g in r.gravity))
         return replace(r, reversed=False, gain=tuple(map(abs, r.gain)), gravity=gravity)
 
     return unsigned(a) == unsigned(b)

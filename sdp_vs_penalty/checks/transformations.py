@@ -277,8 +277,7 @@ def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repai
 
 
 def _under(repair: Repair, g: Array) -> Repair:
-    x, y, z = g.tolist()
-    return replace(repair, gravity=(x, y, z))
+    return replace(repair, gravity=tuple(g.tolist()))
 
 
 class Weight(Transformation):

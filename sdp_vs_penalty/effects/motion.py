@@ -141,8 +141,8 @@ class Motion:
     joint_temperature: ClassVar[Array] = _logged("temperature", "temperatures", "temp1..tempn")
     motor_acceleration: ClassVar[Array] = _logged("motors", "positions of motors", "qmot1..qmotn")
 
-    def part(self, which: slice) -> Motion:
-        """Consecutive ones of these instants."""
+    def part(self, which: slice | NDArray[np.integer]) -> Motion:
+        """Some of these instants."""
         arrays = ("t", "q", "dq", "ddq", "torque", "logged", "temperature", "sum", "motors")
         known: dict[str, Any] = {k: x[which] for k in arrays if (x := getattr(self, k)) is not None}
         return replace(self, **known)

@@ -22,7 +22,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
-from sdp_vs_penalty.signals.runs import interpolated
+from sdp_vs_penalty.signals.runs import interpolated, spans
 
 #: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
 #: kept more coarsely, with a distance that grows alike, twice and four times as far; then not at all.
@@ -123,10 +123,8 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
             fresh = np.ones(len(rows), bool)
             if lines:
                 fresh = ~_near(_tree(lines, distance), rows, _NEAR * distance)
-            for piece in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(fresh)) + 1):
-                if fresh[piece[0]]:
-                    around = slice(max(piece[0] - 1, 0), piece[-1] + 2)
-                    lines.append(_straight(rows[around], _NEAR * distance))
+            for first, end in spans(fresh):
+                lines.append(_straight(rows[max(first - 1, 0) : end + 1], _NEAR * distance))
             if sum(line.size for line in lines) > _MOST:
                 return None
     return lines

@@ -183,14 +183,12 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
 
 def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns) -> NDArray[np.bool_]:
     """(M, n) whether the rows of windows ``shown`` are within a row of what is suspect in ``runs``."""
-    ends = np.cumsum([len(s.t) for s in runs.segments])[:-1]
-    wholes = list(zip(runs.segments, np.split(suspect, ends), strict=True))
     out = []
     for window in shown.segments:
         marked = np.zeros((len(window.t), runs.n), bool)
-        for whole, own in wholes:
+        for number, whole in enumerate(runs.segments):
             if is_part(window, whole):
-                at = np.searchsorted(whole.t, window.t)
+                own, at = suspect[runs.segment == number], np.searchsorted(whole.t, window.t)
                 for k in (at - 1, at):
                     marked |= own[np.clip(k, 0, len(own) - 1)]
         out.append(marked)

@@ -43,7 +43,6 @@ from sdp_vs_penalty.signals.runs import (
     moving_joints,
     no_motion,
     sample_rate,
-    stretches,
 )
 from sdp_vs_penalty.signals.spectrum import highest_harmonic, smoothed_cutoff, unbent_cutoff
 
@@ -145,14 +144,6 @@ class RunFilter:
         """Which instants count: those at which the robot moves."""
         return Movement(self.run, self.standstill)
 
-    def moving(self, margin: int) -> list[tuple[Stretch, NDArray[np.int64]]]:
-        """Of each stretch the samples, ``margin`` off its ends, in which the robot moves."""
-        out = []
-        for part in stretches(self.run):
-            k = np.arange(margin, part.count - margin)
-            out.append((part, k[self.movement.at(part.clock(k))]))
-        return out
-
     def step(self, rate: float) -> int:
         """One row in so many samples of the log, for ``rate`` rows per period of the cut-off."""
         stride = self.grid_stride
@@ -218,15 +209,10 @@ def no_rows(run: Measurements, seconds: float) -> InputError:
     if not moving_joints(run).any():
         return no_motion(run)
     lasts = float(run.t[-1] - run.t[0])
-    if lasts <= seconds:
-        return InputError(
-            f"the run lasts {lasts:.3g} s, the filters need more than {seconds:.3g} s",
-            "record longer, or raise the cut-offs",
-            run.names[0],
-        )
-    return InputError(
-        "no rows are left after filtering: no continuous motion longer than "
-        f"{seconds:.3g} s, which the filters need",
-        "record a longer motion, or raise the cut-offs",
-        run.names[0],
-    )
+    what = f"the run lasts {lasts:.3g} s, the filters need more than {seconds:.3g} s"
+    remedy = "record longer, or raise the cut-offs"
+    if lasts > seconds:
+        needed = f"no continuous motion longer than {seconds:.3g} s, which the filters need"
+        what = f"no rows are left after filtering: {needed}"
+        remedy = "record a longer motion, or raise the cut-offs"
+    return InputError(what, remedy, run.names[0])

@@ -184,12 +184,6 @@ class SegmentedRuns:
         ]
         return np.concatenate(shares)
 
-    @cached_property
-    def _friction(self) -> Array:
-        """(M, n) what the links leave of the torque."""
-        links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
-        return self.torque - np.concatenate(links) if links else self.torque
-
     def seen(self, joint: int) -> Seen:
         """What all runs show of a joint."""
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
@@ -202,10 +196,10 @@ class SegmentedRuns:
 
         Friction is as large as what the links leave of the torque; held, it is anywhere up to that.
         """
-        size = np.sqrt(
-            np.sum(self.keep * self._friction**2, axis=0) / np.maximum(self.keep.sum(axis=0), 1)
-        )
-        return np.asarray(size * self.still)
+        links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
+        friction = self.torque - np.concatenate(links) if links else self.torque
+        square = np.sum(self.keep * friction**2, axis=0) / np.maximum(self.keep.sum(axis=0), 1)
+        return np.asarray(np.sqrt(square) * self.still)
 
     @cached_property
     def steps(self) -> Array:
