@@ -127,7 +127,7 @@ def perform(task: Assignment) -> list[Row]:
         remark = "" if kind == "ended" else f"{kind} {found}".strip()
         found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
         return [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
-    _ = made.sdp if made.sent is not None else None
+    _ = made.sdp
     contestant, stopped, rows = contestants()[task.solver], "", list[Row]()
     contestant.warm_up()  # what a first use pays for
     for accuracy in task.accuracies:

@@ -47,9 +47,7 @@ def data_needed(study: Study) -> Table:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
             about = {"data": data.label, "seconds": length, "windows": len(windows)}
-            for method in _METHODS:
-                errors = _errors(study, data, windows, method)
-                rows.append({**about, "method": method, **errors})
+            rows += [{**about, "method": m, **_errors(study, data, windows, m)} for m in _METHODS]
     last = [row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))]
     said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
     return Table(
