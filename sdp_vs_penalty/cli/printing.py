@@ -20,9 +20,6 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
     from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 
-#: What an error is called that no other run was kept for.
-TRAINING = "the training data"
-
 
 def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     """What was identified, how well it fits, and what the certificate says of it.

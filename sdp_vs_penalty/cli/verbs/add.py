@@ -49,7 +49,7 @@ def verb(
         judged = after.verdict.to_dict()
         bigger.provenance.update({"data": words(data, window), "checked": checked, "verdict": judged})
         bigger.save(out)
-    what = printing.TRAINING if test is None else str(test)
+    what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
     console.explain(f"added: {', '.join(e.brief for e in added)}")

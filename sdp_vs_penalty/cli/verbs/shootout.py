@@ -47,7 +47,7 @@ def verb(
     chosen = _words(solvers), _words(problems)
     setup = runner.Shootout(out, *chosen, asked, limit, memory, quick, scheduler, jobs)
     with console.progress("proving intervals") as say:
-        outcome = runner.run(setup, lambda what, done, total: say(f"{done} of {total}: {what}"))
+        outcome = runner.run(setup, say)
     for note in outcome.notes:
         console.warn(note)
     runs, left_out = outcome.results.runs, outcome.not_applicable
@@ -63,8 +63,7 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 
     wanted, _ = catalogue.selected(groups, catalogue.library())
     with console.progress("writing instances") as say:
-        told = lambda what, done, total: say(f"{done} of {total}: {what}")  # noqa: E731
-        rows = library.write_library(folder, wanted, told)
+        rows = library.write_library(folder, wanted, say)
     proved = sum(row["status"] != "not proved" for row in rows)
     console.say(f"{len(rows)} instances, {proved} with a proof")
     console.next_step(["verify", folder])

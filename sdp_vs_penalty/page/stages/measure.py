@@ -227,9 +227,7 @@ def _findings(session: Session) -> None:
             draw.button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
 
 
-def _checked(session: Session) -> Verdict | None:
-    if not session.runs:
-        return None
+def _checked(session: Session) -> Verdict:
     if session.meaningless:
         return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
     warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})

@@ -1,6 +1,7 @@
 """The paper's figures."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -42,14 +43,12 @@ def make_figures(
     except ImportError:
         raise missing_extra("Figures need matplotlib,", "plot") from None
     matplotlib.use("Agg")
-    studies: dict[str, Study] = {}
+    study_of = cache(lambda problem: Study(load_problem(problem), budget, progress))
     paths = []
     for number in numbers or FIGURES:
         problem, draw = FIGURES[number]
-        if problem not in studies:
-            studies[problem] = Study(load_problem(problem), budget, progress)
         progress(f"figure {number}")
-        paths += save(draw(studies[problem]), Path(out) / f"figure_{number}")
+        paths += save(draw(study_of(problem)), Path(out) / f"figure_{number}")
     return paths
 
 

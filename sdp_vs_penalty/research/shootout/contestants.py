@@ -71,7 +71,6 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
 
 
 _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
-Options = Callable[[float], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ class Contestant:
     solve: Callable[[Instance, float], Answer]
     version: Callable[[], str] = lambda: __version__
     absent: str = ""
-    options: Options | None = None
+    options: Callable[[float], dict[str, Any]] | None = None
     promise: float = 1e-8
     entropy: bool = True
     warm_up: Callable[[], None] = lambda: None

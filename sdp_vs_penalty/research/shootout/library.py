@@ -9,7 +9,7 @@ all with sizes and SHA-256. The same version writes the same bytes on the same m
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 import pandas
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Progress
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.files import write_bytes, write_text
 from sdp_vs_penalty.research.shootout.catalogue import Entry
@@ -31,16 +32,14 @@ from sdp_vs_penalty.solvers.rewrite import linear_objective
 _HERE = Path(__file__).parent
 
 
-def write_library(
-    folder: Path, wanted: Sequence[Entry], progress: Callable[[str, int, int], None]
-) -> list[dict[str, Any]]:
+def write_library(folder: Path, wanted: Sequence[Entry], progress: Progress) -> list[dict[str, Any]]:
     """Write the instances, their index and the data card; returns the rows of the index.
 
     An instance whose measurements this machine lacks is left out.
     """
     rows = []
     for k, item in enumerate(wanted):
-        progress(item.name, k, len(wanted))
+        progress(f"{k} of {len(wanted)}: {item.name}")
         try:
             rows.append(write_instance(folder / item.folder, item, item.make()))
         except InputError:

@@ -28,6 +28,7 @@ import numpy as np
 import pandas
 
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import alone, read_text, write_text
 from sdp_vs_penalty.parallel import end_with, spread
 from sdp_vs_penalty.research.shootout.catalogue import Entry, catalogue, instance, selected
@@ -126,7 +127,7 @@ def perform(task: Assignment) -> list[Row]:
         remark = "" if kind == "ended" else f"{kind} {found}".strip()
         found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
         return [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
-    _ = made.sdp if made.sent is not None else None
+    _ = made.sdp
     contestant, stopped, rows = contestants()[task.solver], "", list[Row]()
     contestant.warm_up()  # what a first use pays for
     for accuracy in task.accuracies:
@@ -165,9 +166,6 @@ def _processor() -> float:
     """Processor time of this process and of the programs that it ran [s]."""
     programs = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + programs.ru_utime + programs.ru_stime
-
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -209,7 +207,7 @@ class Outcome:
     notes: list[str]
 
 
-def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outcome:
+def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
     """Do every run that the folder does not hold yet; say : hears what is done, of how much.
 
     Raises InputError for names that do not exist, and where another shootout writes into the folder.
@@ -230,7 +228,7 @@ def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outc
         tasks, not_applicable = _pending(setup, entries, competing, references, results)
         done, total = 0, sum(len(task.accuracies) for task in tasks)
         groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in competing}
-        say("runs", done, total)
+        say(f"{done} of {total}: runs")
         for place, rows in work(tasks):
             task = tasks[place]
             assert task.reference is not None
@@ -239,7 +237,7 @@ def run(setup: Shootout, say: Progress = lambda what, done, total: None) -> Outc
             about |= {"lower": task.reference.lower, "upper": task.reference.upper, "machine": machine}
             results.add([row | about for row in rows])
             done += len(rows)
-            say(f"{task.solver} on {task.problem}", done, total)
+            say(f"{done} of {total}: {task.solver} on {task.problem}")
     return Outcome(results, absent, not_applicable, notes)
 
 
@@ -257,10 +255,10 @@ def _references(
     current = {e.name: instance(e.name).hash for e in entries}
     todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
     tasks, names = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()], [*todo]
-    say("proving intervals", 0, len(tasks))
+    say(f"0 of {len(tasks)}: proving intervals")
     for done, (k, (known[names[k]],)) in enumerate(work(tasks), start=1):
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
-        say(f"proving intervals: {names[k]}", done, len(tasks))
+        say(f"{done} of {len(tasks)}: proving intervals: {names[k]}")
     return {name: known[name] for name in current}
 
 

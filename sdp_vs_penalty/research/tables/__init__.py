@@ -5,6 +5,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pandas
+
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.parallel import ALONE, Workers
@@ -74,8 +76,6 @@ def make_tables(
 
 def _folder(table: Table, out: Path) -> Path:
     """Where to write a table so that it takes no measured one's place without being measured itself."""
-    import pandas
-
     there = out / f"table_{table.name}.csv"
     if table.measured or not there.is_file():
         return out

@@ -9,7 +9,7 @@ from scipy.optimize import approx_fprime
 
 from sdp_vs_penalty.estimation.identify import DATA, from_data
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
-from sdp_vs_penalty.problem.problem import barycentric_names
+from sdp_vs_penalty.problem.problem import entries
 from sdp_vs_penalty.problem.published import box_tables, errata
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import Maker, Row, Table, makes, notes, text
@@ -40,12 +40,9 @@ def denavit_hartenberg(study: Study) -> Table:
 def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
     """Bounds and published values as printed, the nominal robot and whether the data or a prior towards
     it decide, then the simulation's truth, then every method."""
-    units = "kg", "m", "m", "m", *("kg*m^2",) * 6
-    bounds = [
-        {"parameter": key, "lower": float(lower), "upper": float(upper), "unit": unit}
-        for link, box in enumerate(study.problem.box, start=1)
-        for key, (lower, upper), unit in zip(barycentric_names(link), box, units, strict=True)
-    ]
+    box = study.problem.box
+    bounds = {"parameter": list(entries(len(box))), "lower": box[..., 0].ravel()}
+    bounds |= {"upper": box[..., 1].ravel(), "unit": ["kg", *["m"] * 3, *["kg*m^2"] * 6] * len(box)}
     printed = [row for table in box_tables(study.problem) for row in study.problem.published[table]]
     rows = pandas.DataFrame(printed or bounds, dtype=object).set_index("parameter", drop=False)
     rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
@@ -81,14 +78,11 @@ def sources(study: Study, data: Data) -> pandas.Series:
     """Whether data or prior decide each entry: m1, c1x, I1xx, ... as functions of the parameters."""
     task = study.task(data)
     theta = study.result(DEFAULT_METHOD, data).theta
-    names, gradients = list[str](), list[Array]()
-    for link, indices in enumerate(task.links, start=1):
-        wide = np.zeros((10, len(theta)))
+    gradients = np.zeros((len(task.links), 10, len(theta)))
+    for wide, indices in zip(gradients, task.links, strict=True):
         wide[:, indices] = approx_fprime(theta[indices], inertia.barycentric_from_standard)
-        names += barycentric_names(link)
-        gradients.append(wide)
-    own = from_data(task, np.vstack(gradients))
-    return pandas.Series(np.where(own, "data", "prior"), names, object)
+    own = from_data(task, gradients.reshape(-1, len(theta)))
+    return pandas.Series(np.where(own, "data", "prior"), list(entries(len(gradients))), object)
 
 
 def _bounds_received(study: Study) -> list[str]:
@@ -107,8 +101,7 @@ def by_name(links: Array) -> pandas.Series:
     """m1, c1x, I1xx, ... of links (n, 10); a centre of mass of a massless link is empty."""
     with np.errstate(divide="ignore", invalid="ignore"):
         barycentric = inertia.barycentric_from_standard(links)
-    names = [name for link in range(1, 1 + len(links)) for name in barycentric_names(link)]
-    return pandas.Series(barycentric.ravel(), names)
+    return pandas.Series(barycentric.ravel(), list(entries(len(links))))
 
 
 def _maker(name: str, title: str, letters: str, *problems: str) -> Maker:

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
-
-if TYPE_CHECKING:
-    import pandas
 
 #: Text is written as it is (published cells keep their printed digits), None is an empty cell.
 Cell = str | float | int | None
@@ -76,8 +75,6 @@ class Table:
     @cached_property
     def frame(self) -> pandas.DataFrame:
         """The cells as they are; columns come in the order of their first cells."""
-        import pandas
-
         return pandas.DataFrame(self.rows, dtype=object)
 
     def cells(self) -> pandas.DataFrame:

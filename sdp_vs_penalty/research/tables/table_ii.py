@@ -22,8 +22,7 @@ def exciting_trajectory(study: Study) -> Table:
     rows: list[Row] = [{**row, "trajectory": "published"} for row in published]
 
     def add(name: str, trajectory: str, *values: float) -> None:
-        cells = zip(columns, (name, *values), strict=False)
-        rows.append({**dict.fromkeys(columns), **dict(cells), "trajectory": trajectory})
+        rows.append({**dict(zip(columns, (name, *values), strict=False)), "trajectory": trajectory})
 
     for which, excitation in found.items():
         own = excitation.trajectory

@@ -1,7 +1,7 @@
 """Table III: base parameters and friction, published and ours."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import zip_longest
 
 import numpy as np
 import pandas
@@ -10,7 +10,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
 from sdp_vs_penalty.research.tables.study import Data, Study, torque_errors
-from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
+from sdp_vs_penalty.research.tables.table import Table, makes, notes
 
 _CONDITION, _ERROR = "condition number", "relative error [%]"
 _DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
@@ -27,13 +27,18 @@ def base_parameter_table(study: Study) -> Table:
     base = tuple(base_parameter_symbols(study.problem))
     others = dict.fromkeys(name for data in study.whole for name in _others(data))
     keys = [*base, *others, _CONDITION, _ERROR]
-    rows = _published(study, keys) or _own_rows(study, keys)
-    truth, found = study.base @ study.experiment.links.ravel(), study.reverse_engineered
-    ours = {
-        "true_simulated": dict(zip(base, truth, strict=True)),
-        "re_simulated": dict(zip(base, study.base @ found.theta, strict=True))
-        | {key: found.details[name] for key, name in _DETAILS.items()},
-    }
+    found, known = study.reverse_engineered, {"true_simulated": study.experiment.links}
+    if (printed := study.problem.published.get("table_III")) is not None:
+        rows = _published(printed, keys, len(base))
+    else:  # symbols from the kinematics, published links if any
+        symbols = [*base_parameter_symbols(study.problem).values(), *keys[len(base) :]]
+        numbers = [*range(1, len(keys) - 1), None, None]
+        rows = pandas.DataFrame({"row": numbers, "coefficient": symbols}, keys, dtype=object)
+        known = {f"pi_{column}": links for column, links in study.published_links.items()} | known
+    known["re_simulated"] = found.theta
+    pi = {name: study.base @ links.ravel() for name, links in known.items()}
+    ours = {name: dict(zip(base, values, strict=True)) for name, values in pi.items()}
+    ours["re_simulated"] |= {key: found.details[name] for key, name in _DETAILS.items()}
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
         ours |= _estimates(study, data, base)
@@ -44,7 +49,7 @@ def base_parameter_table(study: Study) -> Table:
     errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
     return Table(
         f"Table III: base parameters of {study.problem.title}",
-        pandas.DataFrame(rows, keys, dtype=object).join(pandas.DataFrame(ours)),
+        rows.join(pandas.DataFrame(ours)),
         notes("III", where=where, priors=study.about_priors),
         f"Relative error on the training data: {', '.join(errors)}.",
     )
@@ -56,35 +61,12 @@ def _others(data: Data) -> list[str]:
     return np.delete(list(names), data.model.rigid_indices).tolist()
 
 
-def _published(study: Study, keys: list[str]) -> list[Row]:
+def _published(printed: Sequence[Mapping[str, str]], keys: list[str], base: int) -> pandas.DataFrame:
     """The paper's own columns, row by row as printed; its two fits' figures below."""
-    printed = study.problem.published.get("table_III")
-    if printed is None:
-        return []
-    base = len(study.base)
-    by_key = {keys[k] if k < base else row["coefficient"]: row for k, row in enumerate(printed)}
-    for which, key in enumerate((_CONDITION, _ERROR)):
-        by_key[key] = {column: pair[which] for column, pair in _PUBLISHED_FITS.items()}
-    rows = (by_key.get(key, {}) for key in keys)
-    return [
-        {c: row.get(c, key if c == "coefficient" else None) for c in printed[0]}
-        for key, row in zip(keys, rows, strict=True)
-    ]
-
-
-def _own_rows(study: Study, keys: list[str]) -> list[Row]:
-    """For robots without a Table III: symbols from the kinematics, published links if any."""
-    symbols = [*base_parameter_symbols(study.problem).values(), *keys[len(study.base) :]]
-    figures = _CONDITION, _ERROR
-    rows: list[Row] = [
-        {"row": None if symbol in figures else k, "coefficient": symbol}
-        for k, symbol in enumerate(symbols, start=1)
-    ]
-    for column, links in study.published_links.items():
-        pi = (study.base @ links.ravel()).tolist()
-        for row, value in zip_longest(rows, pi):
-            row[f"pi_{column}"] = value
-    return rows
+    names = [*keys[:base], *(row["coefficient"] for row in printed[base:])]
+    fits = pandas.DataFrame(_PUBLISHED_FITS, [_CONDITION, _ERROR])
+    rows = pandas.concat([pandas.DataFrame(printed, names, dtype=object), fits]).reindex(keys)
+    return rows.assign(coefficient=rows["coefficient"].fillna(pandas.Series(keys, keys)))
 
 
 def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> dict[str, dict[str, float]]:

@@ -16,8 +16,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
-from sdp_vs_penalty.research.tables import study as shared
-from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Data, Study
+from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Data, Study, halves, refitted, torque_errors
 from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes, notes
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
@@ -48,9 +47,7 @@ def data_needed(study: Study) -> Table:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
             about = {"data": data.label, "seconds": length, "windows": len(windows)}
-            for method in _METHODS:
-                errors = _errors(study, data, windows, method)
-                rows.append({**about, "method": method, **errors})
+            rows += [{**about, "method": m, **_errors(study, data, windows, m)} for m in _METHODS]
     last = [row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))]
     said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
     return Table(
@@ -107,8 +104,8 @@ def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Ro
         theta = estimator.fit(task).theta
         links = np.full(len(theta), np.nan)
         links[task.links] = theta[task.links]
-        refit = shared.refitted(test.least_squares(), links)
-        pairs.append([shared.torque_errors(test, x)[1] for x in (theta, refit)])
+        refit = refitted(test.least_squares(), links)
+        pairs.append([torque_errors(test, x)[1] for x in (theta, refit)])
     found = pandas.DataFrame(pairs, columns=["error_percent", "links_error_percent"], dtype=float)
     words = "median", "min", "max"
     return {f"{name}_{word}": errors.agg(word) for name, errors in found.items() for word in words}
@@ -151,7 +148,7 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]
     problem = study.problem
     effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
     result = study.unseen(method, effects)
-    train, test = shared.halves(run)
+    train, test = halves(run)
     again = compare(identify(problem, train, method, effects=effects, seed=study.seed), test)[0]
     judged: list[tuple[str, Fold | CrossValidation | Comparison]] = [
         *((f"{f.start:.2f}-{f.stop:.2f} s", f) for f in result.folds),
