@@ -22,6 +22,7 @@ from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MINOR, WITHIN
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import plausible_sizes
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import (
@@ -94,10 +95,9 @@ def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
         theta[: data.raw.shape[2]] = data.estimate.theta
     if not p:
         return theta, torque
-    known = [np.zeros(0) if data.frozen else 1.0 / data.estimate.model.plausible]
-    known += [np.zeros(len(e.parameters)) if e.plausible is None else 1.0 / e.plausible for e in effects]
+    known = plausible_sizes((*(() if data.frozen else data.estimate.model.effects), *effects))
     white = np.stack([data.white(everything[j], j) for j in range(n)])
-    first, level, prior = theta, np.ones(n), np.diag(np.concatenate(known))
+    first, level, prior = theta, np.ones(n), np.diag(1.0 / known)
     target = data.y - white @ first
     for _ in range(3):
         A = np.vstack([(white / level[:, None, None]).reshape(-1, p), prior])

@@ -138,8 +138,7 @@ class Model:
     def plausible(self) -> Array:
         """(p,) standard deviations of the parameters about zero before anything is measured, infinite
         where nothing is known."""
-        parts = [(e.plausible, len(e.parameters)) for e in self.effects]
-        return np.concatenate([np.full(k, np.inf) if x is None else x for x, k in parts])
+        return plausible_sizes(self.effects)
 
     def columns(self, motion: Motion) -> list[JointColumns]:
         """The regressor of a motion, joint by joint (n entries)."""
@@ -166,10 +165,10 @@ class Model:
         late = {k: e for k, e in enumerate(self.effects) if depends(e)}
         alone = bool(late) and motion.current is None
         if alone:
-            motion = replace(motion, current=self._current(self._known))
+            motion = replace(motion, current=self._current(self._referred))
         made |= {k: e.blocks(motion) for k, e in late.items() if not e.needs_torque}
         if alone:
-            motion = replace(motion, torque=self._made(made, self._known, motion))
+            motion = replace(motion, torque=self._made(made, self._referred, motion))
         made |= {k: e.blocks(motion) for k, e in late.items() if e.needs_torque}
         return {k: found for k, found in made.items() if k not in known}
 
@@ -202,8 +201,8 @@ class Model:
         return np.array([self.known.get(name, x) for name, x in zip(names, theta, strict=True)], float)
 
     @property
-    def _known(self) -> Array:
-        """The reference."""
+    def _referred(self) -> Array:
+        """(p,) the reference; InputError in a model without one."""
         if self.reference is None:
             name = next(e.name for e in self.effects if depends(e))
             raise InputError(
@@ -247,6 +246,13 @@ class Model:
             motion = replace(motion, sign_width=self.sign_width)
         total = sum((e.torque(theta[k], motion) for e, k in self.parts), np.zeros_like(motion.q))
         return total * np.array(self.gains or (1.0,))
+
+
+def plausible_sizes(effects: Sequence[Effect]) -> Array:
+    """(k,) standard deviations of effects' parameters about zero before anything is measured, infinite
+    where nothing is known."""
+    parts = [np.full(len(e.parameters), np.inf) if e.plausible is None else e.plausible for e in effects]
+    return np.concatenate([np.zeros(0), *parts])
 
 
 def turning(motion: Motion, effect: Effect) -> Motion:

@@ -233,7 +233,7 @@ def with_reference(
     for k in range(2):
         progress(f"the current model, pass {k + 1} of 2")
         theta = make_task(problem, part, compressed(part), weighting).ols
-        reference = np.zeros(len(model.parameters))
-        reference[model.places(into)] = theta[model.places(into)] if k else theta
+        reference, at = np.zeros(len(model.parameters)), model.places(into)
+        reference[at] = theta[at] if k else theta
         part, into = replace(model, reference=reference), model.before_channels
     return part

@@ -7,7 +7,7 @@ can exist. A diagnosis names what is missing; the grade is the same with and wit
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -259,6 +259,5 @@ def noise_level(problem: Problem, given: FilteredRuns) -> tuple[Array | None, st
         return None, ""
     model = problem.model().reference_free
     theta = make_task(problem, model, compress(filtered, model), "none").ols
-    along = runs.with_model(lambda motion: model.seen_along(theta, motion))
-    noise = noise_of(replace(along, gains=model.gains))
+    noise = noise_of(runs.with_model(lambda m: model.seen_along(theta, m), gains=model.gains))
     return (None, "") if noise.source == RESIDUAL else (noise.floor, noise.source)
