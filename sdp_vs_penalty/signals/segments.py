@@ -120,7 +120,6 @@ class SegmentedRuns:
     """All segments of all runs, their rows stacked in order (M in all); rate : rows a second.
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
-    gains (n,) : what the torque channels read over the true torque, where the model knows it;
     columns : of effects on the rows; repeats : says which rows come back where; again : the same read by
     encoders whose steps lie elsewhere; attached : the arguments of :meth:`with_model`.
     """
@@ -134,8 +133,12 @@ class SegmentedRuns:
     repeats: Callable[[], tuple[Repeat, ...]]
     again: Callable[[], SegmentedRuns]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
-    gains: tuple[float, ...] | None = None
     attached: tuple[Any, ...] = ()
+
+    @property
+    def gains(self) -> tuple[float, ...] | None:
+        """(n,) what the torque channels read over the true torque, where the attached model knows it."""
+        return self.attached[2] if self.attached else None
 
     @cached_property
     def t(self) -> Array:
@@ -249,14 +252,8 @@ class SegmentedRuns:
         parts = [(s.low_pass, beside(s.motion)) for s in segments]
         columns = Columns(parts, (self.columns.kept[0], {}))
         again = cache(lambda: self.again().with_model(attach))
-        return replace(
-            self,
-            segments=segments,
-            columns=columns,
-            again=again,
-            gains=gains,
-            attached=(attach, beside, gains),
-        )
+        model = attach, beside, gains
+        return replace(self, segments=segments, columns=columns, again=again, attached=model)
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k); keep : them for who asks again."""

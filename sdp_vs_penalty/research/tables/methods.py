@@ -1,7 +1,5 @@
 """Methods compared: all of them on every data set."""
 
-from typing import Any
-
 import pandas
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
@@ -57,11 +55,11 @@ def _row(study: Study, data: Data, method: str) -> Row:
     runs = pandas.DataFrame(
         [] if method in WITH_PRIOR else result.details.get("runs") or [], columns=["loss", "violation"]
     ).astype(float)
-    excess, broken = _excess(runs["loss"], optimum), runs["violation"]
+    excess, broken = 100.0 * (runs["loss"] / optimum - 1.0), runs["violation"]
     return {
         "data": data.label,
         "method": method,
-        "excess_loss_percent": _excess(task.data.loss(result.theta), optimum),
+        "excess_loss_percent": 100.0 * (task.data.loss(result.theta) / optimum - 1.0),
         "worst_violation": worst,
         "violated_family": family if worst >= ROUNDING else None,
         "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
@@ -76,7 +74,3 @@ def _row(study: Study, data: Data, method: str) -> Row:
         **{f"run_excess_loss_percent_{name}": excess.agg(name) for name in ("min", "median", "max")},
         **{f"run_violation_{name}": broken.agg(name) for name in ("min", "max")},
     }
-
-
-def _excess(loss: Any, optimum: float) -> Any:
-    return 100.0 * (loss / optimum - 1.0)
