@@ -1,8 +1,10 @@
-"""A log to a physically consistent estimate, as an ordinary script in this field: decimate, then CVXPY.
+"""A log to a physically consistent estimate, as an ordinary script in this field:
+decimate, then CVXPY.
 
-Positions and torques pass zero-phase Butterworth filters, every 28th sample is kept, Pinocchio gives its
-regressor, CVXPY minimises the squared residual subject to positive definite pseudo-inertias and signs.
-No bounds, no weights, no certificate, no intervals, and columns do not pass the filter of the torque.
+Positions and torques pass zero-phase Butterworth filters, every 28th sample is kept,
+Pinocchio gives its regressor, CVXPY minimises the squared residual subject to positive
+definite pseudo-inertias and signs. No bounds, no weights, no certificate, no intervals,
+and columns do not pass the filter of the torque.
 """
 
 from pathlib import Path
@@ -23,10 +25,18 @@ SIGN_WIDTH = 0.01
 
 def read(folder: Path, joints: int) -> tuple[Array, Array, Array]:
     """t (N,), q (N, n), tau (N, n) from the authors' text files, resampled to 1 kHz."""
-    files = (folder / f"exciting_traj_{name}.txt" for name in ("time", "positions", "torques"))
+    files = (
+        folder / f"exciting_traj_{name}.txt"
+        for name in ("time", "positions", "torques")
+    )
     t, *channels = map(np.loadtxt, files)
-    grid, columns = np.arange(t[0], t[-1], 0.001), (x.reshape(-1, joints).T for x in channels)
-    q, tau = (np.column_stack([np.interp(grid, t, x) for x in channel]) for channel in columns)
+    grid, columns = (
+        np.arange(t[0], t[-1], 0.001),
+        (x.reshape(-1, joints).T for x in channels),
+    )
+    q, tau = (
+        np.column_stack([np.interp(grid, t, x) for x in channel]) for channel in columns
+    )
     return grid, q, tau
 
 
@@ -48,7 +58,9 @@ def columns(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
 def rows(model: Any, q: Array, tau: Array) -> tuple[Array, Array]:
     """Y (M, n, 13 n) and tau (M, n) of every kept sample."""
     pairs = (q, 5.0), (tau, 8.0)  # Hz
-    q, tau = (signal.filtfilt(*signal.butter(4, f / 500.0), x, axis=0) for x, f in pairs)
+    q, tau = (
+        signal.filtfilt(*signal.butter(4, f / 500.0), x, axis=0) for x, f in pairs
+    )
     dq = np.gradient(q, 0.001, axis=0)
     states = q, dq, np.gradient(dq, 0.001, axis=0)
     few = kept(len(q))
@@ -56,11 +68,12 @@ def rows(model: Any, q: Array, tau: Array) -> tuple[Array, Array]:
 
 
 def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
-    """theta (13 n,) of least squares with positive semidefinite pseudo-inertias and friction >= 0.
+    """theta (13 n,) of least squares with positive semidefinite pseudo-inertias and
+    friction >= 0.
 
-    y (M, n, 13 n), tau (M, n); basis (10, 4, 4) : of the pseudo-inertia. Columns are scaled to unit
-    length: without that Clarabel's answer is wrong. triangle : CVXPY is given the rows' R factor, else
-    the rows themselves.
+    y (M, n, 13 n), tau (M, n); basis (10, 4, 4) : of the pseudo-inertia. Columns are
+    scaled to unit length: without that Clarabel's answer is wrong. triangle : CVXPY is
+    given the rows' R factor, else the rows themselves.
     """
     import cvxpy as cp
 

@@ -2,11 +2,12 @@
 
     python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out results]
 
-DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda; default:
-SDP_VS_PENALTY_DATA). N: rows of the recordings of the memory part. Each part runs in a process of its
-own on one thread, figures are ratios within it; memory is a command's peak beyond that of the same
-command on an input error (imports). Writes benchmarks.csv and benchmarks.md; parts that are not measured
-this time keep what the files there hold of them, with its date.
+DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda;
+default: SDP_VS_PENALTY_DATA). N: rows of the recordings of the memory part. Each part
+runs in a process of its own on one thread, figures are ratios within it; memory is a
+command's peak beyond that of the same command on an input error (imports). Writes
+benchmarks.csv and benchmarks.md; parts that are not measured this time keep what the
+files there hold of them, with its date.
 """
 
 import argparse
@@ -26,7 +27,9 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+os.environ |= dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
 
 import decimated
 import numpy as np
@@ -34,7 +37,13 @@ import pandas
 from challenge.worlds.motion import plan
 from challenge.worlds.runs import load_arm
 
-from sdp_vs_penalty import Estimate, cross_validate, identify, load_measurements, load_problem
+from sdp_vs_penalty import (
+    Estimate,
+    cross_validate,
+    identify,
+    load_measurements,
+    load_problem,
+)
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.identify import build_estimate, versions
@@ -49,8 +58,14 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.signals.phases import phase_folds
 
-#: Measured once, by scripts that left (the commit that had them): they stay in the table.
-LEFT = {"renewed": "49a864c1", "workers": "49a864c1", "solvers": "8fe364a0", "rivals": "ffa8cd7"}
+#: Measured once, by scripts that left (the commit that had them): they stay in the
+#: table.
+LEFT = {
+    "renewed": "49a864c1",
+    "workers": "49a864c1",
+    "solvers": "8fe364a0",
+    "rivals": "ffa8cd7",
+}
 LEFT |= {"growth": "204ffd3f"}
 NAMES = ["part", "what", "ours", "other", "unit", "ratio", "note", "when"]
 #: One figure: what, ours, another way's beside it or None, unit, note.
@@ -63,7 +78,8 @@ def cpu(call: Callable[[], object], times: int = 1) -> float:
 
 
 def text(problem: Problem, folder: Path) -> list[Row]:
-    """Text files to an estimate against the decimated script, and both on motion not seen."""
+    """Text files to an estimate against the decimated script, and both on motion not
+    seen."""
     model, basis = problem.robot._model, inertia.PSEUDO_INERTIA_BASIS
     warnings.simplefilter("ignore")  # the script's
     script = partial(decimated.identify, folder, model, basis)
@@ -83,45 +99,83 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     columns = decimated.columns(model, at.q, at.dq, at.ddq)
     left = np.zeros_like(judged.torque)
     for k in range(split.count):
-        train, tested = np.isin(own_cells, split.training(k)), np.isin(cells, split.tested(k))
+        train, tested = (
+            np.isin(own_cells, split.training(k)),
+            np.isin(cells, split.tested(k)),
+        )
         theta = decimated.solve(rows[train], torque[train], basis)
         left[tested] = columns[tested] @ theta - judged.torque[tested]
     theirs = 100.0 * float(np.linalg.norm(left) / np.linalg.norm(judged.torque))
     error = cross_validate(problem, run).relative_error_percent
-    note = "neither checks the data; theirs: every 28th sample, Pinocchio, CVXPY; no certificate"
+    note = (
+        "neither checks the data; theirs: every 28th sample, Pinocchio, CVXPY; no"
+        " certificate"
+    )
     posed, method = pose(problem, run), LmiSdp()
     fit = method.fit(posed.task)
-    again = partial(replace, posed.task)  # without what an earlier call has left in its cache
-    spent, plain = cpu(ours, 5), "theirs: the rows as they are, not their R factor, to CVXPY"
+    again = partial(
+        replace, posed.task
+    )  # without what an earlier call has left in its cache
+    spent, plain = (
+        cpu(ours, 5),
+        "theirs: the rows as they are, not their R factor, to CVXPY",
+    )
     return [
         ("text files to estimate, CPU", spent, cpu(script, 5), "s", note),
-        ("the same and its verdict on these data, CPU", cpu(judged_too, 5), cpu(script, 5), "s",
-            "noise floor and error of each joint; theirs: as above, without"),
-        ("the same, rows to CVXPY, CPU", spent, cpu(partial(script, False), 3), "s", plain),
-        ("its certificate, intervals and record of the motion, CPU", 
+        (
+            "the same and its verdict on these data, CPU",
+            cpu(judged_too, 5),
+            cpu(script, 5),
+            "s",
+            "noise floor and error of each joint; theirs: as above, without",
+        ),
+        (
+            "the same, rows to CVXPY, CPU",
+            spent,
+            cpu(partial(script, False), 3),
+            "s",
+            plain,
+        ),
+        (
+            "its certificate, intervals and record of the motion, CPU",
             cpu(lambda: build_estimate(replace(posed, task=again()), method, fit), 5),
-            cpu(lambda: method.fit(again()), 5), "s", "other: its SDP with the lower bound"),
-        ("the same, relative error on motion not seen", error, theirs, "%",
-            "five folds by phase, 4 928 torques"),
-    ]  # fmt: skip
+            cpu(lambda: method.fit(again()), 5),
+            "s",
+            "other: its SDP with the lower bound",
+        ),
+        (
+            "the same, relative error on motion not seen",
+            error,
+            theirs,
+            "%",
+            "five folds by phase, 4 928 torques",
+        ),
+    ]
 
 
 def fits(problem: Problem, run: Measurements) -> list[Row]:
-    """Compressed data to a certified fit, by the default and by Clarabel in the same loop."""
+    """Compressed data to a certified fit, by the default and by Clarabel in the same
+    loop."""
     tasks = {"the measured Panda": pose(problem, run).task}
     tasks |= {f"{n} links": chain_task(n) for n in (7, 20, 60)}
     rows, methods = [], (LmiSdp(), LmiSdp(solver="clarabel"))
     for name, task in tasks.items():
         times = 9 if len(task.bound) < 300 else 3
         gaps = [method.fit(task).gap for method in methods]
-        spent = [1e3 * cpu(lambda m=m, task=task: m.fit(task).gap, times) for m in methods]
-        note = f"certified gaps {gaps[0]:.0e} and {gaps[1]:.0e} of the loss; other: Clarabel"
+        spent = [
+            1e3 * cpu(lambda m=m, task=task: m.fit(task).gap, times) for m in methods
+        ]
+        note = (
+            f"certified gaps {gaps[0]:.0e} and {gaps[1]:.0e} of the loss; other:"
+            " Clarabel"
+        )
         rows.append((f"certified fit, {name}, CPU", *spent, "ms", note))
     return rows
 
 
 PROGRAM = [sys.executable, "-m", "sdp_vs_penalty"]
-#: Run by a small process: a child's peak begins with the memory of the process that starts it.
+#: Run by a small process: a child's peak begins with the memory of the process that
+#: starts it.
 _WORK = """
 import resource, subprocess, sys
 subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -141,7 +195,9 @@ def measured(command: list[str]) -> tuple[float, ...]:
 def processes(problem: Problem, run: Measurements) -> list[Row]:
     """Commands as processes against importing NumPy and SciPy."""
     with tempfile.TemporaryDirectory() as name:
-        log, model, out = (str(Path(name, x)) for x in ("run.csv", "model.json", "report.html"))
+        log, model, out = (
+            str(Path(name, x)) for x in ("run.csv", "model.json", "report.html")
+        )
         save(run, Path(log))
         identified = [*PROGRAM, "identify", problem.name, "--data", log, "--out", model]
         bare = [sys.executable, "-c", "import numpy, scipy.linalg, scipy.signal"]
@@ -152,36 +208,58 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
             "report": [*PROGRAM, "report", model, "--data", log, "--out", out],
         }
         # In turn; the first for bytecode.
-        used = np.array([[measured(command)[0] for command in commands.values()] for _ in range(4)])
-    least, note = used[1:].min(axis=0).tolist(), f"other: a process that does `{bare[2]}`"
+        used = np.array(
+            [[measured(command)[0] for command in commands.values()] for _ in range(4)]
+        )
+    least, note = (
+        used[1:].min(axis=0).tolist(),
+        f"other: a process that does `{bare[2]}`",
+    )
     pairs = list(zip(commands, least, strict=True))[1:]
     return [(f"{key} as a process, CPU", x, least[0], "s", note) for key, x in pairs]
 
 
 def recorded(path: Path, rows: int, model: Estimate) -> None:
-    """A recording as CSV, a part at a time: a Panda at 1 kHz on a motion that never comes back; its
-    torque is a model's, with a Stribeck friction that this lacks and white noise."""
+    """A recording as CSV, a part at a time: a Panda at 1 kHz on a motion that never
+    comes back; its torque is a model's, with a Stribeck friction that this lacks and
+    white noise."""
     rng, n, part = np.random.default_rng(5), 7, 50_000
     noise = np.array([0.15, 0.2, 0.15, 0.15, 0.08, 0.08, 0.06])  # N m
     states = plan(load_arm("panda"), "aperiodic", rows / 1000.0, rng)
     with path.open("w") as file:
-        file.write(",".join(["t", *(f"{x}{j + 1}" for x in ("q", "tau") for j in range(n))]) + "\n")
+        file.write(
+            ",".join(["t", *(f"{x}{j + 1}" for x in ("q", "tau") for j in range(n))])
+            + "\n"
+        )
         for start in range(0, rows, part):
             t = np.arange(start, min(rows, start + part)) / 1000.0
             q, dq, ddq = states(t)
             tau = model.predict(q, dq, ddq)
-            tau[:, 3] += 0.8 * np.exp(-((dq[:, 3] / 0.05) ** 2)) * np.tanh(dq[:, 3] / 0.005)
-            q, tau = q + rng.normal(0.0, 2e-5, q.shape), tau + rng.normal(size=q.shape) * noise
-            np.savetxt(file, np.column_stack([t, q, tau]), ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n, ",")
+            tau[:, 3] += (
+                0.8 * np.exp(-((dq[:, 3] / 0.05) ** 2)) * np.tanh(dq[:, 3] / 0.005)
+            )
+            q, tau = (
+                q + rng.normal(0.0, 2e-5, q.shape),
+                tau + rng.normal(size=q.shape) * noise,
+            )
+            np.savetxt(
+                file,
+                np.column_stack([t, q, tau]),
+                ["%.3f"] + ["%.6f"] * n + ["%.4f"] * n,
+                ",",
+            )
 
 
 def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[Row]:
-    """Processor seconds and peak memory of whole commands on recordings of so many rows at 1 kHz."""
+    """Processor seconds and peak memory of whole commands on recordings of so many rows
+    at 1 kHz."""
     rows = []
     with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
         true = identify(problem, run, check=False)
         true.save(Path(folder, "model.json"))
-        log, model, out = (str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json"))
+        log, model, out = (
+            str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json")
+        )
         commands = {
             "identify": ["identify", "panda", "--data", log, "--out", out],
             "check": ["check", log, "--problem", "panda"],
@@ -189,7 +267,9 @@ def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[R
             "convert": ["convert", log, "--out", out.replace(".json", ".npz")],
             "diagnose": ["diagnose", model, "--data", log],
         }
-        imports = {verb: measured([*PROGRAM, *words])[1] for verb, words in commands.items()}
+        imports = {
+            verb: measured([*PROGRAM, *words])[1] for verb, words in commands.items()
+        }
         for count in counts:
             recorded(Path(log), count, true)
             for verb, words in commands.items():
@@ -210,7 +290,9 @@ def measure(part: str, data: Path, counts: Sequence[int]) -> pandas.DataFrame:
     found = pandas.DataFrame(rows, columns=["what", "ours", "other", "unit", "note"])
     used = " ".join(f"{name} {version}" for name, version in versions().items())
     when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}, {used}"
-    return found.assign(part=part, ratio=found["other"].astype(float) / found["ours"], when=when)[NAMES]
+    return found.assign(
+        part=part, ratio=found["other"].astype(float) / found["ours"], when=when
+    )[NAMES]
 
 
 def main() -> None:
@@ -219,7 +301,9 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=data, required=data is None)
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000])
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "results")
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parents[1] / "results"
+    )
     given = parser.parse_args()
     work = partial(measure, data=Path(given.data), counts=given.rows)
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool:
@@ -228,20 +312,32 @@ def main() -> None:
 
 def write(out: Path, tables: list[pandas.DataFrame]) -> None:
     """Both files, of what was measured now and of what they hold of other parts."""
-    new = [t.map(lambda x: f"{x:.3g}" if isinstance(x, float) else x).fillna("") for t in tables]
+    new = [
+        t.map(lambda x: f"{x:.3g}" if isinstance(x, float) else x).fillna("")
+        for t in tables
+    ]
     if (table := out / "benchmarks.csv").exists():
         old = pandas.read_csv(table, dtype=str, keep_default_na=False)
         new.append(old[~old["part"].isin([part for t in tables for part in t["part"]])])
     order, cells = [*PARTS, *LEFT], pandas.concat(new).replace("nan", "")
     cells = cells.sort_values("part", key=lambda x: x.map(order.index), kind="stable")
     write_text(table, cells.to_csv(index=False, lineterminator="\n"))
-    left = ", ".join(f"{part} by one of commit {commit}" for part, commit in LEFT.items())
-    about = (
-        "Panda, the authors' run of 20 544 samples; ratios are within one process or in turn, by "
-        f"`python benchmarks/run.py` ({platform.machine()}, one thread). By scripts that are no longer "
-        f"here: {left}."
+    left = ", ".join(
+        f"{part} by one of commit {commit}" for part, commit in LEFT.items()
     )
-    text = ["# Speed and memory", "", about, "", *markdown_table(NAMES, cells.to_numpy().tolist()), ""]
+    about = (
+        "Panda, the authors' run of 20 544 samples; ratios are within one process or"
+        f" in turn, by `python benchmarks/run.py` ({platform.machine()}, one thread)."
+        f" By scripts that are no longer here: {left}."
+    )
+    text = [
+        "# Speed and memory",
+        "",
+        about,
+        "",
+        *markdown_table(NAMES, cells.to_numpy().tolist()),
+        "",
+    ]
     write_text(out / "benchmarks.md", "\n".join(text))
     print("\n".join(text))
 

@@ -1,4 +1,5 @@
-"""The docs' pictures of page and report, made again: python docs/pictures.py (some minutes)."""
+"""The docs' pictures of page and report, made again: python docs/pictures.py (some
+minutes)."""
 
 import sys
 import tempfile
@@ -15,7 +16,12 @@ import page_driver as driver  # noqa: E402  (of the tests)
 from sdp_vs_penalty.reports.demo import demo  # noqa: E402
 
 #: Of each screen, and of the report, width and height [px].
-SIZES = {"check": (1100, 760), "identify": (1100, 1150), "diagnose": (1100, 900), "report": (862, 766)}
+SIZES = {
+    "check": (1100, 760),
+    "identify": (1100, 1150),
+    "diagnose": (1100, 900),
+    "report": (862, 766),
+}
 
 
 def keep(page: Any, name: str) -> None:

@@ -12,8 +12,9 @@ _LONGEST = 1500
 class InputError(ValueError):
     """What the user gave cannot be used.
 
-    what : is wrong; remedy : what to do about it; where : the file, row, field or option. Its text is
-    one sentence, "where: what: remedy.", which the command line prints before it exits with code 2.
+    what : is wrong; remedy : what to do about it; where : the file, row, field or
+    option. Its text is one sentence, "where: what: remedy.", which the command line
+    prints before it exits with code 2.
 
     >>> str(InputError("row 3 is empty", "delete it", "run.csv"))
     'run.csv: row 3 is empty: delete it.'
@@ -23,7 +24,8 @@ class InputError(ValueError):
         self.what, self.remedy, self.where = what, remedy, where
         place = "" if where is None else f"{where}: "
         text = f"{place}{what}" + (f": {remedy}." if remedy else "")
-        # Names out of a broken file may hold anything; a sentence is one line that can be printed.
+        # Names out of a broken file may hold anything; a sentence is one line that can
+        # be printed.
         text = "".join(c if c.isprintable() else "?" for c in text)
         super().__init__(text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...")
 
@@ -34,25 +36,33 @@ class InputError(ValueError):
 
 
 class Remark(UserWarning):
-    """What the user should know of the data and need not act on; the command line prints it."""
+    """What the user should know of the data and need not act on; the command line
+    prints it."""
 
 
 class Infeasible(InputError):  # noqa: N818 (the field's word)
     """The constraints admit no parameters. told : as of InputError.
 
-    families : those that exclude each other; proof : the constraints and multipliers that prove it
-    (Farkas), where they do: then nothing satisfies all constraints; without, they leave no room at best.
+    families : those that exclude each other; proof : the constraints and multipliers
+    that prove it (Farkas), where they do: then nothing satisfies all constraints;
+    without, they leave no room at best.
     """
 
     def __init__(
-        self, *told: Any, families: Sequence[str] = (), proof: tuple[Any, Any] | None = None
+        self,
+        *told: Any,
+        families: Sequence[str] = (),
+        proof: tuple[Any, Any] | None = None,
     ) -> None:
         super().__init__(*told)
         self.families, self.proof = tuple(families), proof
 
 
-def require_known(kind: str, name: object, known: Iterable[object], where: Any = None) -> None:
-    """InputError for a name that does not exist: the nearest one that does, and all there are.
+def require_known(
+    kind: str, name: object, known: Iterable[object], where: Any = None
+) -> None:
+    """InputError for a name that does not exist: the nearest one that does, and all
+    there are.
 
     >>> require_known("table", "VI", ["IV", "VIII"])
     Traceback (most recent call last):
@@ -65,16 +75,22 @@ def require_known(kind: str, name: object, known: Iterable[object], where: Any =
     there = [str(k) for k in known]
     near = difflib.get_close_matches(str(name), there, 1)
     guess = f"did you mean {near[0]}? There are" if near else "there are"
-    raise InputError(f"{kind} {name!r} is unknown".strip(), f"{guess}: {', '.join(there)}", where)
+    raise InputError(
+        f"{kind} {name!r} is unknown".strip(), f"{guess}: {', '.join(there)}", where
+    )
 
 
 def unreadable(error: Exception, where: Any) -> InputError:
     """The error of a file that the system does not let us read."""
     why = getattr(error, "strerror", None) or error
-    return InputError(f"cannot be read ({why})", "check its name and your right to read it", where)
+    return InputError(
+        f"cannot be read ({why})", "check its name and your right to read it", where
+    )
 
 
-def other_robot(joints: int, expected: int, where: Any, choose: str = "problem") -> InputError:
+def other_robot(
+    joints: int, expected: int, where: Any, choose: str = "problem"
+) -> InputError:
     """The error of data or a model of a robot with another number of joints.
 
     >>> str(other_robot(1, 7, "run.csv"))
@@ -82,13 +98,19 @@ def other_robot(joints: int, expected: int, where: Any, choose: str = "problem")
     """
     have = f"{joints} joint{'' if joints == 1 else 's'}"
     return InputError(
-        f"{have}, the robot has {expected}", f"choose the {choose} that belongs to it", where
+        f"{have}, the robot has {expected}",
+        f"choose the {choose} that belongs to it",
+        where,
     )
 
 
 def install_command(extra: str) -> str:
-    """What installs an optional part, for those who have the package and for those with a checkout."""
-    return f"pip install 'sdp-vs-penalty[{extra}]' (in a checkout: pip install '.[{extra}]')"
+    """What installs an optional part, for those who have the package and for those with
+    a checkout."""
+    return (
+        f"pip install 'sdp-vs-penalty[{extra}]' (in a checkout: pip install"
+        f" '.[{extra}]')"
+    )
 
 
 def missing_extra(what: str, extra: str) -> InputError:

@@ -1,9 +1,10 @@
-"""Every file that a user names: inputs are bounded; outputs are whole or not there at all, and never
-replace what the same command has read.
+"""Every file that a user names: inputs are bounded; outputs are whole or not there at
+all, and never replace what the same command has read.
 
-An input is a regular file, no device and no pipe; at most so many bytes by its kind; and while a library
-unpacks it, at most so much memory. Whatever a file holds, it costs a bounded amount and ends in one
-sentence. Frozen dataclasses become plain JSON, there and back, by the types of their fields.
+An input is a regular file, no device and no pipe; at most so many bytes by its kind;
+and while a library unpacks it, at most so much memory. Whatever a file holds, it costs
+a bounded amount and ends in one sentence. Frozen dataclasses become plain JSON, there
+and back, by the types of their fields.
 """
 
 import collections.abc
@@ -23,21 +24,31 @@ from contextvars import ContextVar
 from dataclasses import MISSING, fields
 from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, Self, TypeVar, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    BinaryIO,
+    Literal,
+    Self,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from sdp_vs_penalty.errors import InputError, unreadable
 
 T = TypeVar("T")
 
-#: Bytes of one file: of a recording (CSV text of 4 GiB of numbers), of what is parsed whole (URDF, mesh,
-#: JSON, bounds, proofs: the largest of ours, a proof of 60 links, has 12 MB), and of TOML, whose parser
-#: takes time with the square of a dotted key's length (ours have 2 kB).
+#: Bytes of one file: of a recording (CSV text of 4 GiB of numbers), of what is parsed
+#: whole (URDF, mesh, JSON, bounds, proofs: the largest of ours, a proof of 60 links,
+#: has 12 MB), and of TOML, whose parser takes time with the square of a dotted key's
+#: length (ours have 2 kB).
 LARGEST_RUN, LARGEST_TEXT, LARGEST_TOML = 2**34, 2**26, 2**16
-#: Memory that unpacking a file may take: bytes, and bytes a byte of it. Measured channels unpack to 3 to
-#: 20 times their size.
+#: Memory that unpacking a file may take: bytes, and bytes a byte of it. Measured
+#: channels unpack to 3 to 20 times their size.
 _ROOM, _PER_BYTE = 384 * 2**20, 25
-#: Device and inode of every file that the running command was given or has read. None outside of one:
-#: in a notebook a model may be written over the file that it came from.
+#: Device and inode of every file that the running command was given or has read. None
+#: outside of one: in a notebook a model may be written over the file that it came from.
 _inputs = ContextVar[set[tuple[int, int]] | None]("inputs", default=None)
 
 
@@ -61,7 +72,10 @@ def opened(path: str | Path) -> None:
             found = file.stat()
             if stat.S_ISREG(found.st_mode):
                 inputs.add((found.st_dev, found.st_ino))
-    except (OSError, ValueError):  # no such file, or no name of one: whoever reads it says so
+    except (
+        OSError,
+        ValueError,
+    ):  # no such file, or no name of one: whoever reads it says so
         return
 
 
@@ -70,22 +84,32 @@ def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
     if stat.S_ISDIR(mode):
         raise InputError("is a folder", "name a file", path)
     if not stat.S_ISREG(mode):
-        raise InputError("is no regular file (a device, a pipe or a socket)", "save it to a file", path)
+        raise InputError(
+            "is no regular file (a device, a pipe or a socket)",
+            "save it to a file",
+            path,
+        )
     if size > largest:
-        most = f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
+        most = (
+            f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
+        )
         raise InputError(f"larger than {most}", "name a smaller file, or cut it", path)
 
 
 @contextmanager
 def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
-    """The path, for a library that opens it; while it reads, memory is limited (on Linux).
+    """The path, for a library that opens it; while it reads, memory is limited (on
+    Linux).
 
-    path : a regular file of at most ``largest`` bytes, or a folder of such.
-    Raises InputError for anything else, and where the file unpacks to more than its size allows.
+    path : a regular file of at most ``largest`` bytes, or a folder of such. Raises
+    InputError for anything else, and where the file unpacks to more than its size
+    allows.
     """
     path = Path(path)
     try:
-        files = [f for f in path.iterdir() if not f.is_dir()] if path.is_dir() else [path]
+        files = (
+            [f for f in path.iterdir() if not f.is_dir()] if path.is_dir() else [path]
+        )
         states = [file.stat() for file in files]
     except (OSError, ValueError) as error:
         raise unreadable(error, path) from error
@@ -108,8 +132,9 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
 
 @contextmanager
 def _memory(room: int) -> Iterator[None]:
-    """While this runs, this process may take so many bytes of memory more (files that are mapped do not
-    count), and write no file that is larger. Nothing where the system has no such limits."""
+    """While this runs, this process may take so many bytes of memory more (files that
+    are mapped do not count), and write no file that is larger. Nothing where the system
+    has no such limits."""
     try:  # private memory, as the limit counts it; the sixth figure is its pages
         pages = int(Path("/proc/self/statm").read_text().split()[5])
     except OSError:  # not Linux
@@ -119,7 +144,10 @@ def _memory(room: int) -> Iterator[None]:
 
     used = pages * resource.getpagesize()
     before = {}
-    for kind, most in ((resource.RLIMIT_DATA, used + room), (resource.RLIMIT_FSIZE, room)):
+    for kind, most in (
+        (resource.RLIMIT_DATA, used + room),
+        (resource.RLIMIT_FSIZE, room),
+    ):
         soft, hard = before[kind] = resource.getrlimit(kind)
         limits = [x for x in (most, soft, hard) if x != resource.RLIM_INFINITY]
         resource.setrlimit(kind, (min(limits), hard))
@@ -130,12 +158,15 @@ def _memory(room: int) -> Iterator[None]:
             resource.setrlimit(kind, limits_before)
 
 
-def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False) -> bytes:
-    """A whole file. own : one that this command keeps, and may write again. Raises InputError for what
-    is no regular file, too large, or cannot be read."""
+def read_bytes(
+    path: str | Path, largest: int = LARGEST_TEXT, own: bool = False
+) -> bytes:
+    """A whole file. own : one that this command keeps, and may write again. Raises
+    InputError for what is no regular file, too large, or cannot be read."""
     path = Path(path)
     try:
-        # Opened before it is looked at, so that it cannot change in between; a pipe does not wait.
+        # Opened before it is looked at, so that it cannot change in between; a pipe
+        # does not wait.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         with open(handle, "rb") as file:
             found = os.fstat(handle)
@@ -156,65 +187,98 @@ def read_text(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False) 
     try:
         return read_bytes(path, largest, own).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text ({error})", "save it as UTF-8", Path(path)) from error
+        raise InputError(
+            f"not UTF-8 text ({error})", "save it as UTF-8", Path(path)
+        ) from error
 
 
 def read_table(path: str | Path) -> list[dict[str, str]]:
     """The rows of a CSV table, as text by heading."""
     try:
-        return [dict(row) for row in csv.DictReader(io.StringIO(read_text(path), newline=""))]
+        return [
+            dict(row)
+            for row in csv.DictReader(io.StringIO(read_text(path), newline=""))
+        ]
     except csv.Error as error:
-        raise InputError(f"not a CSV table ({error})", "write it anew as UTF-8 text", path) from error
+        raise InputError(
+            f"not a CSV table ({error})", "write it anew as UTF-8 text", path
+        ) from error
 
 
-def read_json(path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]) -> T:
-    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a field ``mark``.
+def read_json(
+    path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]
+) -> T:
+    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a
+    field ``mark``.
 
-    Raises InputError naming the file and what is wrong with it, whatever build raises on bad content.
+    Raises InputError naming the file and what is wrong with it, whatever build raises
+    on bad content.
     """
 
     def checked(data: Any) -> T:
         if not isinstance(data, dict) or mark not in data:
-            raise InputError(f"not a {kind} of this program (no field {mark!r})", f"name a {kind}")
+            raise InputError(
+                f"not a {kind} of this program (no field {mark!r})", f"name a {kind}"
+            )
         return build(data)
 
-    return _built(Path(path), read_text(path), json.loads, checked, "write the file anew")
+    return _built(
+        Path(path), read_text(path), json.loads, checked, "write the file anew"
+    )
 
 
 def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
-    """What ``build`` makes of the TOML file at ``path``; errors as of :func:`read_json`."""
+    """What ``build`` makes of the TOML file at ``path``; errors as of
+    :func:`read_json`."""
     remedy = "compare the file with a built-in one"
     return _built(path, read_text(path, LARGEST_TOML), tomllib.loads, build, remedy)
 
 
 def _built(
-    path: Path, text: str, parse: Callable[[str], Any], build: Callable[[Any], T], else_: str
+    path: Path,
+    text: str,
+    parse: Callable[[str], Any],
+    build: Callable[[Any], T],
+    else_: str,
 ) -> T:
     try:
         data = parse(text)
     except (ValueError, RecursionError) as error:
         what = "nested too deeply" if isinstance(error, RecursionError) else error
         kind = "JSON" if parse is json.loads else "TOML"
-        raise InputError(f"not a {kind} file ({what})", "correct it, or name another", path) from error
+        raise InputError(
+            f"not a {kind} file ({what})", "correct it, or name another", path
+        ) from error
     try:
         return build(data)
     except InputError as error:
         # One that names a file of its own, which this one mentions, stays as it is.
         raise error if isinstance(error.where, Path) else error.within(path) from error
     except KeyError as error:
-        raise InputError(f"the field {error.args[0]!r} is missing", else_, path) from error
-    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as why:
+        raise InputError(
+            f"the field {error.args[0]!r} is missing", else_, path
+        ) from error
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as why:
         raise InputError(f"a field has the wrong content ({why})", else_, path) from why
 
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[BinaryIO]:
-    """A temporary file beside the target, to be renamed: an interruption keeps the old file.
+    """A temporary file beside the target, to be renamed: an interruption keeps the old
+    file.
 
-    A writer that is killed leaves at most that one file, which the next writer of the target removes.
+    A writer that is killed leaves at most that one file, which the next writer of the
+    target removes.
 
-    A link stays, its target is replaced. A device or a pipe is written to as it is. Raises InputError
-    where the file is an input of this command, or cannot be written.
+    A link stays, its target is replaced. A device or a pipe is written to as it is.
+    Raises InputError where the file is an input of this command, or cannot be written.
     """
     path = Path(path)
     try:
@@ -225,7 +289,9 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
             raise InputError("cannot be written (it is a folder)", "name a file", path)
         # By inode, so that no link hides it.
         if there is not None and (there.st_dev, there.st_ino) in (_inputs.get() or ()):
-            raise InputError("is also an input of this command", "name another file to write", path)
+            raise InputError(
+                "is also an input of this command", "name another file to write", path
+            )
         if there is None or stat.S_ISREG(there.st_mode):
             with _replacing(Path(os.path.realpath(path))) as file:
                 yield file
@@ -242,7 +308,9 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
 
 def _unwritable(error: Exception, path: Path) -> InputError:
     what = error.strerror if isinstance(error, OSError) else error
-    return InputError(f"cannot be written ({what})", "choose another place, or free this one", path)
+    return InputError(
+        f"cannot be written ({what})", "choose another place, or free this one", path
+    )
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
@@ -253,10 +321,12 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 @contextmanager
 def _replacing(path: Path) -> Iterator[BinaryIO]:
-    """The new file whole under a name of its own, on the disk, and only then under the old name."""
+    """The new file whole under a name of its own, on the disk, and only then under the
+    old name."""
     path.parent.mkdir(parents=True, exist_ok=True)
     prefix, end = f".{path.name[:100]}.", ".part"
-    # What a writer that was killed has left: its name tells its process, which is no more.
+    # What a writer that was killed has left: its name tells its process, which is no
+    # more.
     for file in path.parent.glob(f"{glob.escape(prefix)}*{end}"):
         number = file.name.removeprefix(prefix).split(".")[0]
         if number.isdigit() and not lives(int(number)):
@@ -278,7 +348,9 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
         with suppress(OSError):
             os.unlink(temporary)
         raise
-    with suppress(OSError):  # the new name on the disk as well; not every file system can
+    with suppress(
+        OSError
+    ):  # the new name on the disk as well; not every file system can
         folder = os.open(path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)
@@ -299,10 +371,12 @@ def lives(process: int) -> bool:
 
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
-    """While this runs, no other command adds its results to this folder; the lock ends with the process.
+    """While this runs, no other command adds its results to this folder; the lock ends
+    with the process.
     A folder that was made for it goes again where nothing was written there.
 
-    Raises InputError where another command does so already, and where the folder cannot be made.
+    Raises InputError where another command does so already, and where the folder cannot
+    be made.
     """
     try:
         import fcntl
@@ -337,14 +411,16 @@ def write_text(path: str | Path, content: str) -> None:
 
 
 def problems_folder() -> Path:
-    """Where the built-in problems are: inside the installed package, or beside it in a checkout."""
+    """Where the built-in problems are: inside the installed package, or beside it in a
+    checkout."""
     package = Path(__file__).parent
     inside = package / "problems"
     return inside if inside.is_dir() else package.parent / "problems"
 
 
 class Plain:
-    """A dataclass of numbers, texts, arrays, other ``Plain`` ones, and tuples and mappings of these."""
+    """A dataclass of numbers, texts, arrays, other ``Plain`` ones, and tuples and
+    mappings of these."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; null where a number is not finite."""
@@ -352,11 +428,18 @@ class Plain:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote; null stands for the field's default, where it has one. Raises
-        KeyError, TypeError or ValueError for a field that is missing or of another kind."""
+        """What :meth:`to_dict` wrote; null stands for the field's default, where it has
+        one. Raises KeyError, TypeError or ValueError for a field that is missing or of
+        another kind."""
         kinds = _kinds(cls)  # type: ignore[arg-type]
-        required = [f for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING]  # type: ignore[arg-type]
-        there = {f.name for f in required} | {k for k in kinds if data.get(k) is not None}
+        required = [
+            f
+            for f in fields(cls)
+            if f.default is MISSING and f.default_factory is MISSING
+        ]  # type: ignore[arg-type]
+        there = {f.name for f in required} | {
+            k for k in kinds if data.get(k) is not None
+        }
         return cls(**{name: _restored(kinds[name], data[name]) for name in there})
 
 

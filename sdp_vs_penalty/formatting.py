@@ -1,4 +1,5 @@
-"""How results show themselves: five lines in a terminal, a table in a notebook, matplotlib if asked."""
+"""How results show themselves: five lines in a terminal, a table in a notebook,
+matplotlib if asked."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -14,8 +15,8 @@ Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
 
 class Shown:
-    """A result with a repr of at most five lines, which fit a terminal, and an HTML form; subclasses
-    define ``_summary``."""
+    """A result with a repr of at most five lines, which fit a terminal, and an HTML
+    form; subclasses define ``_summary``."""
 
     def _summary(self) -> Summary:
         raise NotImplementedError
@@ -27,7 +28,9 @@ class Shown:
     def __repr__(self) -> str:
         title, rows = self._summary()
         lines = (f"  {name}: {text}" for name, text in rows[:4])
-        return "\n".join([title, *(x if len(x) <= 110 else f"{x[:107]}..." for x in lines)])
+        return "\n".join(
+            [title, *(x if len(x) <= 110 else f"{x[:107]}..." for x in lines)]
+        )
 
     def _repr_html_(self) -> str:
         title, rows = self._summary()
@@ -38,14 +41,19 @@ class Shown:
 
 def _table_html(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     def row(tag: str, cells: Sequence[str]) -> str:
-        return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+        return (
+            "<tr>"
+            + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
+            + "</tr>"
+        )
 
     head = row("th", headings) if headings else ""
     return f"<table>{head}{''.join(row('td', cells) for cells in rows)}</table>"
 
 
 def axes(given: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
-    """``given`` axes, or those of a new figure. Raises InputError without matplotlib (extra [plot])."""
+    """``given`` axes, or those of a new figure. Raises InputError without matplotlib
+    (extra [plot])."""
     if given is not None:
         return given
     try:
@@ -57,14 +65,21 @@ def axes(given: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
 
 def plain_unit(unit: str) -> str:
     """N*m as N m, kg*m^2 as kg m²; nothing for a pure number."""
-    return "" if unit == "-" else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
+    return (
+        ""
+        if unit == "-"
+        else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
+    )
 
 
 def markdown_table(
     headings: Sequence[str], rows: Iterable[Sequence[str]], sides: Sequence[str] = ()
 ) -> list[str]:
     """The lines of a table in Markdown; sides : "---:" of a column that stands right."""
-    return [f"| {' | '.join(cells)} |" for cells in (headings, sides or ["---"] * len(headings), *rows)]
+    return [
+        f"| {' | '.join(cells)} |"
+        for cells in (headings, sides or ["---"] * len(headings), *rows)
+    ]
 
 
 def finite(x: float) -> float | None:
@@ -94,7 +109,8 @@ def joints(numbers: Sequence[int]) -> str:
 
 
 def number(x: float | None, digits: int = 3) -> str:
-    """Significant digits; whole numbers below a million without an exponent; a dash for what is unknown.
+    """Significant digits; whole numbers below a million without an exponent; a dash for
+    what is unknown.
 
     >>> number(0.012345), number(1608.2, 2), number(99.7, 2), number(None)
     ('0.0123', '1608', '100', '-')
@@ -119,10 +135,15 @@ def change_of(before: float, after: float) -> str:
 
 
 def error_table(
-    names: Sequence[str], errors: Sequence[Any], floor: Any, units: Sequence[str], r2: Any = ()
+    names: Sequence[str],
+    errors: Sequence[Any],
+    floor: Any,
+    units: Sequence[str],
+    r2: Any = (),
 ) -> tuple[list[str], list[list[str]]]:
-    """Headings, and of each joint a row: number and unit, RMS error of each model, the change from the
-    first to the last (of a model alone R2), noise floor where it is known.
+    """Headings, and of each joint a row: number and unit, RMS error of each model, the
+    change from the first to the last (of a model alone R2), noise floor where it is
+    known.
 
     errors (models, n), floor (n,) or None, r2 (n,) : arrays or lists.
     """

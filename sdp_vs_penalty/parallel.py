@@ -1,7 +1,8 @@
-"""The same work by processes of this machine or on a Dask cluster: a function, and items.
+"""The same work by processes of this machine or on a Dask cluster: a function, and
+items.
 
-An item is a run or an instance; what comes back is small, such as the triangular factors of a whole
-recording.
+An item is a run or an instance; what comes back is small, such as the triangular
+factors of a whole recording.
 """
 
 import logging
@@ -37,11 +38,12 @@ def spread(
     scheduler: str | None = None,
     jobs: int = 2,
 ) -> Iterator[tuple[int, Result]]:
-    """Results as they come, in any order, each with its item's place; scheduler : a Dask scheduler's
-    address, None: this machine.
+    """Results as they come, in any order, each with its item's place; scheduler : a
+    Dask scheduler's address, None: this machine.
 
-    What a worker was doing that died is done again by another one, a few times.
-    Raises InputError where Dask is not installed, nobody answers at the address, or the scheduler ends.
+    What a worker was doing that died is done again by another one, a few times. Raises
+    InputError where Dask is not installed, nobody answers at the address, or the
+    scheduler ends.
     """
     todo = list(enumerate(items))
     if scheduler is None:
@@ -55,17 +57,21 @@ def spread(
         shared = Variable(f"sdp-vs-penalty-{uuid.uuid4().hex}", client)
         try:
             shared.set(serialize_bytes(function))
-            # Short tasks travel together: at most 16 a thread, so that nobody waits for the last one for
-            # long. One that ran when its worker died is started again on another one.
+            # Short tasks travel together: at most 16 a thread, so that nobody waits for
+            # the last one for long. One that ran when its worker died is started again
+            # on another one.
             threads = sum(client.nthreads().values())
             size = -(-len(todo) // max(1, min(len(todo), 16 * threads)))
             batches = [todo[k : k + size] for k in range(0, len(todo), size)]
-            futures = client.map(partial(_each, shared.name), batches, pure=False, retries=_RETRIES)
+            futures = client.map(
+                partial(_each, shared.name), batches, pure=False, retries=_RETRIES
+            )
             for future in as_completed(futures):
                 yield from future.result()
         except (CancelledError, CommClosedError, KilledWorker) as error:
             raise InputError(
-                f"--scheduler {scheduler}: the scheduler, or one worker after another, has ended",
+                f"--scheduler {scheduler}: the scheduler, or one worker after another,"
+                " has ended",
                 "start them again and repeat the command",
             ) from error
         finally:
@@ -73,10 +79,11 @@ def spread(
 
 
 def _each(name: str, items: Sequence[tuple[int, Any]]) -> list[tuple[int, Any]]:
-    """What a variable of the scheduler's holds, applied to each item of a batch, with its place.
+    """What a variable of the scheduler's holds, applied to each item of a batch, with
+    its place.
 
-    No worker holds it for others, as they hold scattered values: where such a holder is killed, Dask
-    waits for ever.
+    No worker holds it for others, as they hold scattered values: where such a holder is
+    killed, Dask waits for ever.
     """
     function = _fetched(name)
     return [(place, function(item)) for place, item in items]
@@ -84,14 +91,16 @@ def _each(name: str, items: Sequence[tuple[int, Any]]) -> list[tuple[int, Any]]:
 
 @lru_cache(maxsize=1)
 def _fetched(name: str) -> Callable[[Any], Any]:
-    """On a worker, asked for once: by its own connection, since a client of its own would have to end
-    when it does."""
+    """On a worker, asked for once: by its own connection, since a client of its own
+    would have to end when it does."""
     from distributed import get_worker
     from distributed.protocol.serialize import deserialize_bytes
     from distributed.utils import sync
 
     worker = get_worker()
-    ask = partial(worker.scheduler.variable_get, name=name, client="", timeout=_PATIENCE)
+    ask = partial(
+        worker.scheduler.variable_get, name=name, client="", timeout=_PATIENCE
+    )
     held = sync(worker.loop, ask, callback_timeout=2.0 * _PATIENCE)
     function: Callable[[Any], Any] = deserialize_bytes(held["value"])
     return function
@@ -100,7 +109,8 @@ def _fetched(name: str) -> Callable[[Any], Any]:
 def _here(
     function: Callable[[Item], Result], todo: list[tuple[int, Item]], jobs: int
 ) -> Iterator[tuple[int, Result]]:
-    """By processes that begin as this one is where the system can fork: they import and read nothing."""
+    """By processes that begin as this one is where the system can fork: they import and
+    read nothing."""
     context: Any = get_context("fork" if sys.platform == "linux" else "spawn")
     lines, deaths = dict[Any, Any](), 0  # processes by their pipes
     busy = dict[Any, tuple[int, Item]]()  # and what they do
@@ -108,7 +118,9 @@ def _here(
     def idle() -> Any:
         if not (free := lines.keys() - busy.keys()):
             ours, theirs = context.Pipe()
-            lines[ours] = context.Process(target=_serve, args=(function, theirs, os.getpid()))
+            lines[ours] = context.Process(
+                target=_serve, args=(function, theirs, os.getpid())
+            )
             lines[ours].start()
             theirs.close()  # so that its death closes it
             return ours
@@ -130,7 +142,9 @@ def _here(
                     lines.pop(line).join()
                     if deaths > _RETRIES:
                         what = f"{deaths} processes were ended from outside"
-                        raise InputError(what, "take fewer --jobs: memory may be short") from None
+                        raise InputError(
+                            what, "take fewer --jobs: memory may be short"
+                        ) from None
                     continue
                 if error is not None:
                     raise error
@@ -156,17 +170,22 @@ def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
 
 @dataclass(frozen=True)
 class Workers:
-    """Who does work that falls into parts: this process, several (``jobs``), or a Dask cluster.
+    """Who does work that falls into parts: this process, several (``jobs``), or a Dask
+    cluster.
 
-    scheduler : the cluster's address, tcp://HOST:PORT; progress : hears how many parts are done.
+    scheduler : the cluster's address, tcp://HOST:PORT; progress : hears how many parts
+    are done.
     """
 
     jobs: int = 1
     scheduler: str | None = None
     progress: Callable[[str], None] = lambda _: None
 
-    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Results in the order of the items, however they come; errors as of :func:`spread`."""
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> list[Result]:
+        """Results in the order of the items, however they come; errors as of
+        :func:`spread`."""
         todo = list(items)
         found: dict[int, Result] = {}
         results: Iterable[tuple[int, Result]] = enumerate(map(function, todo))
@@ -184,7 +203,8 @@ ALONE = Workers()
 
 
 def end_with(parent: int) -> None:
-    """For a worker process, before it is asked for anything: it ends when its parent does, however."""
+    """For a worker process, before it is asked for anything: it ends when its parent
+    does, however."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -199,7 +219,10 @@ def _connected(scheduler: str) -> Any:
         from distributed import Client
     except ImportError:
         raise missing_extra("--scheduler needs Dask,", "cluster") from None
-    for name in ("distributed", "distributed.client"):  # what happens is told in a sentence of ours
+    for name in (
+        "distributed",
+        "distributed.client",
+    ):  # what happens is told in a sentence of ours
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         return Client(scheduler, timeout=_PATIENCE)

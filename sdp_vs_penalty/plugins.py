@@ -1,4 +1,5 @@
-"""A file in a folder is a registration: the modules of a package, and the classes that they define."""
+"""A file in a folder is a registration: the modules of a package, and the classes that
+they define."""
 
 import inspect
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +18,8 @@ def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[Modul
 
 
 def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
-    """The subclasses of ``base`` that have a name, by it. Raises InputError where two have the same."""
+    """The subclasses of ``base`` that have a name, by it. Raises InputError where two
+    have the same."""
     return by_word(
         (value.name, value)
         for home in modules(package, path)
@@ -34,12 +36,17 @@ def named(
     name: str,
     every: Callable[[], dict[str, Any]],
 ) -> Any:
-    """The subclass of ``base`` called ``name``, without an import of any other file where it is in the
-    file of that name; else that of ``every`` one. Raises InputError where there is none."""
+    """The subclass of ``base`` called ``name``, without an import of any other file
+    where it is in the file of that name; else that of ``every`` one. Raises InputError
+    where there is none."""
     file = name.replace("-", "_")
     if any(module.name == file for module in iter_modules(path)):
         for x in vars(import_module(f"{package}.{file}")).values():
-            if inspect.isclass(x) and issubclass(x, base) and getattr(x, "name", None) == name:
+            if (
+                inspect.isclass(x)
+                and issubclass(x, base)
+                and getattr(x, "name", None) == name
+            ):
                 return x
     require_known(kind, name, every())
     return every()[name]
@@ -50,15 +57,22 @@ def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
     out: dict[Any, Any] = {}
     for value, thing in found:
         if out.setdefault(value, thing) is not thing:
-            names = " and ".join(getattr(x, "__name__", str(x)) for x in (out[value], thing))
-            raise InputError(f"{names} have the same {word}, {value!r}", "give each its own")
+            names = " and ".join(
+                getattr(x, "__name__", str(x)) for x in (out[value], thing)
+            )
+            raise InputError(
+                f"{names} have the same {word}, {value!r}", "give each its own"
+            )
     return dict(sorted(out.items()))
 
 
 def surface(package: str, **homes: str) -> Callable[[str], Any]:
-    """A package's ``__getattr__`` for the names that others use, by the module that has them; imported
-    when it is asked for, so that nobody pays for what he does not use."""
-    module_of = {name: module for module, names in homes.items() for name in names.split()}
+    """A package's ``__getattr__`` for the names that others use, by the module that has
+    them; imported when it is asked for, so that nobody pays for what he does not use.
+    """
+    module_of = {
+        name: module for module, names in homes.items() for name in names.split()
+    }
 
     def attribute(name: str) -> Any:
         if name not in module_of:
@@ -66,3 +80,16 @@ def surface(package: str, **homes: str) -> Callable[[str], Any]:
         return getattr(import_module(f"{package}.{module_of[name]}"), name)
 
     return attribute
+
+
+def summary_line(thing: Any) -> str:
+    """The first sentence of a docstring, on one line: up to the first line that ends in
+    a full stop, or to the first empty line."""
+    sentence = []
+    for line in (inspect.getdoc(thing) or "").splitlines():
+        if not line:
+            break
+        sentence.append(line)
+        if line.endswith("."):
+            break
+    return " ".join(sentence)

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-# Before NumPy is loaded: several workers, each with threads for small matrices, only hinder each other.
+# Before NumPy is loaded: several workers, each with threads for small matrices, only
+# hinder each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
@@ -28,7 +29,8 @@ settings.load_profile("same")
 
 
 def real_data_folder() -> Path | None:
-    """Where the real measurements are: SDP_VS_PENALTY_DATA, or the shared folder beside a checkout."""
+    """Where the real measurements are: SDP_VS_PENALTY_DATA, or the shared folder beside
+    a checkout."""
     named = os.environ.get("SDP_VS_PENALTY_DATA")
     folder = Path(named) if named else Path(__file__).parents[2] / "shared" / "data"
     return folder if folder.is_dir() else None
@@ -41,7 +43,9 @@ if (found := real_data_folder()) is not None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if real_data_folder() is None:
-        skip = pytest.mark.skip(reason="the real measurements are absent: set SDP_VS_PENALTY_DATA")
+        skip = pytest.mark.skip(
+            reason="the real measurements are absent: set SDP_VS_PENALTY_DATA"
+        )
         for item in items:
             if "real_data" in item.keywords:
                 item.add_marker(skip)
@@ -71,7 +75,8 @@ def two_link() -> Problem:
 
 @pytest.fixture(scope="session", autouse=True)
 def _issues_say_what_they_mean():
-    """Whatever the check says, in any test: no word of Python's, and the joints of its figures."""
+    """Whatever the check says, in any test: no word of Python's, and the joints of its
+    figures."""
     from sdp_vs_penalty.checks.issue import Issue
 
     plain = Issue.__init__
@@ -82,7 +87,9 @@ def _issues_say_what_they_mean():
         assert not re.search(r"\b(None|nan|inf)\b", text), text
         joints = self.figures.get("joints", ())
         if 0 < len(joints) <= 2 and not self.where.startswith("all"):
-            numbers = {int(x) for x in re.findall(r"(?:joints?|q|tau|and) ?(\d+)", self.where)}
+            numbers = {
+                int(x) for x in re.findall(r"(?:joints?|q|tau|and) ?(\d+)", self.where)
+            }
             assert set(joints) <= numbers, (self.where, joints)
 
     Issue.__init__ = told

@@ -1,4 +1,5 @@
-"""The front door: every verb takes what users have, shows itself in five lines, names what was given."""
+"""The front door: every verb takes what users have, shows itself in five lines, names
+what was given."""
 
 import re
 from pathlib import Path
@@ -19,7 +20,9 @@ ARRAYS = ("t", "q", "dq", "tau")
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory, two_link: sdp.Problem) -> list[Path]:
+def files(
+    tmp_path_factory: pytest.TempPathFactory, two_link: sdp.Problem
+) -> list[Path]:
     folder = tmp_path_factory.mktemp("api")
     return [write_run(folder / f"run{k}.csv", two_link, seed=k) for k in (1, 2)]
 
@@ -33,20 +36,35 @@ def forms(path: Path) -> dict[str, Any]:
     """One run in every form that a user may have it in."""
     run = sdp.load_measurements(path)
     return {
-        "path": path, "text": str(path), "measurements": run,
+        "path": path,
+        "text": str(path),
+        "measurements": run,
         "arrays": {name: getattr(run, name) for name in ARRAYS},
-        "lists": {name: getattr(run, name).tolist() for name in ARRAYS}, "columns": columns_of(run),
-        "frame": pd.DataFrame(columns_of(run)).assign(note="text", day=pd.Timestamp("2026-01-01")),
+        "lists": {name: getattr(run, name).tolist() for name in ARRAYS},
+        "columns": columns_of(run),
+        "frame": (
+            pd.DataFrame(columns_of(run)).assign(
+                note="text", day=pd.Timestamp("2026-01-01")
+            )
+        ),
         "csv as pandas reads it": pd.read_csv(path),
-    }  # fmt: skip
+    }
 
 
 def test_measurements_are_checked_first_unless_told_otherwise(two_link):
-    """As the command line does: errors refuse, warnings warn, and consent is remembered."""
+    """As the command line does: errors refuse, warnings warn, and consent is
+    remembered."""
     run = small_run(two_link)
     dead = {"t": run.t, "q": run.q, "tau": np.where([True, False], run.tau, 0.25)}
-    for verb in (sdp.identify, lambda model, log: sdp.diagnose(sdp.identify(two_link, run), log)):
-        refusal(lambda verb=verb: verb(two_link, dead), "tau2 is 0.25 N*m in every row", "check=False")
+    for verb in (
+        sdp.identify,
+        lambda model, log: sdp.diagnose(sdp.identify(two_link, run), log),
+    ):
+        refusal(
+            lambda verb=verb: verb(two_link, dead),
+            "tau2 is 0.25 N*m in every row",
+            "check=False",
+        )
     estimate = sdp.identify(two_link, dead, "ols", check=False)
     assert estimate.provenance["checked"] is False
     assert sdp.diagnose(estimate, dead).verdict
@@ -58,9 +76,9 @@ def test_measurements_are_checked_first_unless_told_otherwise(two_link):
 
 def test_the_import_is_lazy_and_lists_its_names():
     code = (
-        "import sys, sdp_vs_penalty as s\n"
-        "assert set(s.__all__) <= set(dir(s)), dir(s)\n"
-        "print({'numpy', 'scipy', 'pandas', 'pinocchio', 'cvxpy', 'typer'} & set(sys.modules))"
+        "import sys, sdp_vs_penalty as s\nassert set(s.__all__) <= set(dir(s)),"
+        " dir(s)\nprint({'numpy', 'scipy', 'pandas', 'pinocchio', 'cvxpy', 'typer'} &"
+        " set(sys.modules))"
     )
     result = python("-c", code, check=True)
     assert result.stdout == "set()\n"
@@ -82,7 +100,9 @@ def test_identify_and_compare_take_one_run_in_any_form(files):
     problem, run = sdp.load_problem("two_link"), sdp.load_measurements(files[0])
     expected = sdp.identify(problem, run, "ols", check=False)
     rmse = sdp.compare(expected, sdp.load_measurements(files[1]))[0].rmse
-    for (form, given), test in zip(forms(files[0]).items(), forms(files[1]).values(), strict=True):
+    for (form, given), test in zip(
+        forms(files[0]).items(), forms(files[1]).values(), strict=True
+    ):
         found = sdp.identify("two_link", given, "ols", check=False)
         assert np.array_equal(found.theta, expected.theta), form
         assert found.provenance["data_hash"] == expected.provenance["data_hash"], form
@@ -94,7 +114,10 @@ def test_lists_mix_forms_and_keep_runs_apart(files, estimate):
     found = sdp.identify("two_link", mixed)
     assert np.array_equal(found.theta, estimate.theta)
     assert len(found.provenance["runs"]) == 2
-    refusal(lambda: sdp.identify("two_link", [files[0], forms(files[0])["arrays"]]), "same samples")
+    refusal(
+        lambda: sdp.identify("two_link", [files[0], forms(files[0])["arrays"]]),
+        "same samples",
+    )
 
 
 def test_models_are_estimates_or_files(files, estimate, tmp_path):
@@ -111,7 +134,9 @@ def test_models_are_estimates_or_files(files, estimate, tmp_path):
         assert all(np.array_equal(c.rmse, rmse) for c in found)
     fails = sdp.where_it_fails(path, files[0])
     assert fails[0].joint == 1
-    assert repr(fails).startswith("Where the model fails, the worst joints first\n  joint ")
+    assert repr(fails).startswith(
+        "Where the model fails, the worst joints first\n  joint "
+    )
     assert list(fails.to_frame().index) == [f.joint for f in fails]
     assert fails._repr_html_().count("<tr>") == len(fails)
     assert sdp.export(path, tmp_path / "robot.json") == ()
@@ -134,7 +159,8 @@ def test_predict_is_the_models_torque(estimate, two_link):
     memory = sdp.add(estimate, "presliding_hysteresis:1@d=0.01", run)
     refusal(lambda: memory.predict(run.q, dq, ddq), "pass t")
     assert np.array_equal(
-        memory.predict(run.q, dq, ddq, run.t), memory.torque(Motion(run.t, run.q, dq, ddq))
+        memory.predict(run.q, dq, ddq, run.t),
+        memory.torque(Motion(run.t, run.q, dq, ddq)),
     )
 
 
@@ -142,12 +168,18 @@ def test_errors_name_what_was_given(estimate, two_link):
     run = {"t": [0.0, 1.0], "q": [[0, 0], [1, 1]], "tau": [[0, 1], [1, 2]]}
     late = {**run, "t": [1.0, 0.0]}
     bad_calls = [
-        (lambda: sdp.identify(3, run), r"^identify\(problem=3\): no problem: give a built-in name"),
+        (
+            lambda: sdp.identify(3, run),
+            r"^identify\(problem=3\): no problem: give a built-in name",
+        ),
         (
             lambda: sdp.identify("two_link", 3),
             r"^identify\(measurements=3\): no measurements: give",
         ),
-        (lambda: sdp.identify("two_link", []), r"^identify\(measurements=...\): no run"),
+        (
+            lambda: sdp.identify("two_link", []),
+            r"^identify\(measurements=...\): no run",
+        ),
         (
             lambda: sdp.identify("two_link", {"t": [0, 1], "q": run["q"]}),
             r"no column tau \(columns: q, t\)",
@@ -156,7 +188,10 @@ def test_errors_name_what_was_given(estimate, two_link):
             lambda: sdp.identify("two_link", {**run, "dq2": [0.0, 1.0]}),
             "no column dq1, but dq2: give each joint a column",
         ),
-        (lambda: sdp.identify("two_link", late), r"^run1: sample 2, column t: time runs backwards"),
+        (
+            lambda: sdp.identify("two_link", late),
+            r"^run1: sample 2, column t: time runs backwards",
+        ),
         (
             lambda: sdp.identify(two_link, small_run(two_link), weighting="x"),
             "^weighting 'x' is unknown",
@@ -179,14 +214,21 @@ def test_errors_name_what_was_given(estimate, two_link):
 
 
 def test_everything_shows_itself_in_five_lines(estimate, files, two_link, panda):
-    comparisons = sdp.compare([estimate, estimate, estimate, estimate, estimate], files[0])
+    comparisons = sdp.compare(
+        [estimate, estimate, estimate, estimate, estimate], files[0]
+    )
     diagnosis = sdp.diagnose(estimate, files)
     things = {
-        "two_link": estimate, "7: ": panda, "dq": sdp.load_measurements(*files),
-        "fit against noise": comparisons[0], "Comparisons": comparisons, diagnosis.headline: diagnosis,
-        "worst violation": estimate.certificate, "problem": sdp.check(two_link, files[0])[0],
+        "two_link": estimate,
+        "7: ": panda,
+        "dq": sdp.load_measurements(*files),
+        "fit against noise": comparisons[0],
+        "Comparisons": comparisons,
+        diagnosis.headline: diagnosis,
+        "worst violation": estimate.certificate,
+        "problem": sdp.check(two_link, files[0])[0],
         "spring": sdp.simulate("two_link", "joint_spring:1", "weak"),
-    }  # fmt: skip
+    }
     for words, thing in things.items():
         text = repr(thing)
         assert text.count("\n") < 5
@@ -207,13 +249,20 @@ def test_pictures_are_drawn(estimate, files):
     heights = [bar.get_height() for bar in axes.patches]
     assert np.allclose(sorted(heights), sorted([*comparisons[0].rmse] * 2))
     ends = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches)
-    assert np.allclose(ends, [(0.6, 1.0), (1.0, 1.4), (1.6, 2.0), (2.0, 2.4)])  # side by side
+    assert np.allclose(
+        ends, [(0.6, 1.0), (1.0, 1.4), (1.6, 2.0), (2.0, 2.4)]
+    )  # side by side
     one = comparisons[0].plot(joint=2, against="position")
     line = one.lines[0]
     assert np.array_equal(line.get_xdata(), comparisons[0].signals.q[:, 1])
     assert np.isclose(np.sqrt(np.mean(line.get_ydata() ** 2)), comparisons[0].rmse[1])
     refusal(lambda: comparisons[0].plot(joint=3), "from 1 to 2")
-    refusal(lambda: comparisons[0].plot(joint=1, against="mood"), "time, position or velocity")
+    refusal(
+        lambda: comparisons[0].plot(joint=1, against="mood"),
+        "time, position or velocity",
+    )
     # A panel an effect, however many shape constants its joints have of their own.
-    assert len(estimate.plot()) == len({effect.name for effect in estimate.model.effects})
+    assert len(estimate.plot()) == len(
+        {effect.name for effect in estimate.model.effects}
+    )
     plt.close("all")

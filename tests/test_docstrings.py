@@ -18,18 +18,24 @@ from sdp_vs_penalty.estimators import Estimator, Fit, Task
 ROOT = Path(sdp_vs_penalty.__file__).parent
 #: Modules, and packages by their own name.
 WITH_EXAMPLES = [
-    ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__")
+    ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(
+        ".__init__"
+    )
     for path in sorted(ROOT.rglob("*.py"))
     if ">>> " in path.read_text()
 ]
 VERBS = [
-    name for name in sdp_vs_penalty.__all__ if inspect.isroutine(getattr(sdp_vs_penalty, name, None))
+    name
+    for name in sdp_vs_penalty.__all__
+    if inspect.isroutine(getattr(sdp_vs_penalty, name, None))
 ]
 
 
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_examples_run(name):
-    result = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
+    result = doctest.testmod(
+        importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE
+    )
     assert result.attempted > 0
     assert result.failed == 0
 
@@ -48,13 +54,29 @@ def test_public_verbs_explain_every_argument_and_what_they_raise(name):
 
 
 def test_everything_that_users_hold_says_what_it_is():
-    """Every public method and property of the classes of ``__all__``, of what its functions return, and
-    of what models are made of."""
+    """Every public method and property of the classes of ``__all__``, of what its
+    functions return, and of what models are made of."""
     kinds = [getattr(sdp_vs_penalty, name) for name in sdp_vs_penalty.__all__]
-    kinds += [get_type_hints(getattr(sdp_vs_penalty, verb)).get("return") for verb in VERBS]
-    kinds = [*filter(inspect.isclass, kinds), Effect, JointEffect, Model, Estimator, Task, Fit]
-    found = {f"{kind.__name__}.{name}": x for kind in kinds for name, x in inspect.getmembers(kind)}
+    kinds += [
+        get_type_hints(getattr(sdp_vs_penalty, verb)).get("return") for verb in VERBS
+    ]
+    kinds = [
+        *filter(inspect.isclass, kinds),
+        Effect,
+        JointEffect,
+        Model,
+        Estimator,
+        Task,
+        Fit,
+    ]
+    found = {
+        f"{kind.__name__}.{name}": x
+        for kind in kinds
+        for name, x in inspect.getmembers(kind)
+    }
     described = (property, cached_property, FunctionType, MethodType)
-    told = {k: x for k, x in found.items() if "._" not in k and isinstance(x, described)}
+    told = {
+        k: x for k, x in found.items() if "._" not in k and isinstance(x, described)
+    }
     assert len(told) > 120
     assert not [name for name, member in told.items() if not inspect.getdoc(member)]

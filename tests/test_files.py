@@ -1,4 +1,5 @@
-"""Outputs: whole or not at all, never over an input, whatever the name under which it is reached."""
+"""Outputs: whole or not at all, never over an input, whatever the name under which it
+is reached."""
 
 import os
 import threading
@@ -43,7 +44,18 @@ def test_what_only_a_reader_opens_is_protected_too(log, tmp_path):
     """A problem's folder is named on the command line, its table of bounds is not."""
     folder = write_folder(tmp_path / "arm")
     before = (folder / "bounds.csv").read_bytes()
-    assert run_cli("identify", folder, "--data", log, "--out", folder / "bounds.csv", "--no-check") == 2
+    assert (
+        run_cli(
+            "identify",
+            folder,
+            "--data",
+            log,
+            "--out",
+            folder / "bounds.csv",
+            "--no-check",
+        )
+        == 2
+    )
     assert (folder / "bounds.csv").read_bytes() == before
 
 
@@ -103,7 +115,8 @@ FAULTS = [OSError(28, "No space left on device"), KeyboardInterrupt(), None]
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("error", FAULTS, ids=repr)
 def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypatch):
-    """An error, an interruption, and the end of the process (None), after which nothing is tidied up."""
+    """An error, an interruption, and the end of the process (None), after which nothing
+    is tidied up."""
     path = tmp_path / "model.json"
     files.write_text(path, "old")
     whole = getattr(os, step, None)
@@ -117,7 +130,9 @@ def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypat
 
     def write() -> None:
         with monkeypatch.context() as patch:
-            patch.setattr(f"sdp_vs_penalty.files.os.{step}", fails, raising=step != "content")
+            patch.setattr(
+                f"sdp_vs_penalty.files.os.{step}", fails, raising=step != "content"
+            )
             with files.writing(path) as file:
                 file.write(b"new" * 100_000)
                 if step == "content":
@@ -142,20 +157,30 @@ def test_the_largest_size_is_the_last_that_is_read(tmp_path):
     path = tmp_path / "ten"
     path.write_bytes(b"0123456789")
     assert files.read_bytes(path, 10) == b"0123456789"
-    for other, largest in ((path, 9), (Path("/proc/self/status"), 9)):  # which states no size
+    for other, largest in (
+        (path, 9),
+        (Path("/proc/self/status"), 9),
+    ):  # which states no size
         if other.exists():
-            refusal(lambda path=other, most=largest: files.read_bytes(path, most), "larger than")
+            refusal(
+                lambda path=other, most=largest: files.read_bytes(path, most),
+                "larger than",
+            )
 
 
 def test_what_a_living_writer_has_begun_stays(tmp_path):
-    begun = [tmp_path / f".model.json.{process}.0.part" for process in (os.getppid(), 2**30)]
+    begun = [
+        tmp_path / f".model.json.{process}.0.part" for process in (os.getppid(), 2**30)
+    ]
     for path in begun:
         path.write_text("half")
     files.write_text(tmp_path / "model.json", "whole")
     assert [path.exists() for path in begun] == [True, False]
 
 
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no limit of memory on this system")
+@pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="no limit of memory on this system"
+)
 @pytest.mark.parametrize(("size", "fits"), [(10, False), (2**25, True)])
 def test_the_memory_of_unpacking_grows_with_the_file(size, fits, tmp_path):
     path = tmp_path / "run.npz"
@@ -174,5 +199,8 @@ def test_the_memory_of_unpacking_grows_with_the_file(size, fits, tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"), files.alone(tmp_path / "file" / "out"):
+    with (
+        pytest.raises(InputError, match="cannot be written"),
+        files.alone(tmp_path / "file" / "out"),
+    ):
         pass

@@ -1,7 +1,9 @@
-"""Every reader with bytes changed, cut and put in, and logs with absurd numbers: a result or a sentence.
+"""Every reader with bytes changed, cut and put in, and logs with absurd numbers: a
+result or a sentence.
 
-`pytest -m fuzz` takes about a minute and the same cases each time. Others, and more of them, each night:
-`SDP_VS_PENALTY_FUZZ=20000:$(date +%Y%m%d) pytest -n 0 -m fuzz` (how many, seed).
+`pytest -m fuzz` takes about a minute and the same cases each time. Others, and more of
+them, each night: `SDP_VS_PENALTY_FUZZ=20000:$(date +%Y%m%d) pytest -n 0 -m fuzz` (how
+many, seed).
 """
 
 import json
@@ -38,14 +40,29 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
     """A bit turned, a part lost, doubled or overwritten by something odd."""
     begin, end = sorted(rng.integers(len(content), size=2).tolist())
     before, part, after = content[:begin], content[begin:end], content[end:]
-    odd = [b"\0" * 8, b"\xff" * 8, b"\x7f\xff\xff\xff", b"\x80", b",", b"\n", b'"', b"\r"]
+    odd = [
+        b"\0" * 8,
+        b"\xff" * 8,
+        b"\x7f\xff\xff\xff",
+        b"\x80",
+        b",",
+        b"\n",
+        b'"',
+        b"\r",
+    ]
     odd += [b"nan", b"-1e999", b"1e300", b"5e-324"]
     new = odd[int(rng.integers(len(odd)))]
-    turned = bytes([content[begin] ^ (1 << int(rng.integers(8)))]) + content[begin + 1 :]
+    turned = (
+        bytes([content[begin] ^ (1 << int(rng.integers(8)))]) + content[begin + 1 :]
+    )
     ways = (
-        before + turned, before + after, content[begin:], before + part[:200] * 9 + content[begin:],
-        before + new + content[begin:], before + new + content[begin + len(new) :],
-    )  # fmt: skip
+        before + turned,
+        before + after,
+        content[begin:],
+        before + part[:200] * 9 + content[begin:],
+        before + new + content[begin:],
+        before + new + content[begin + len(new) :],
+    )
     return ways[int(rng.integers(len(ways)))]
 
 
@@ -55,7 +72,21 @@ def replaced(content: bytes, rng: np.random.Generator) -> bytes:
         inner = document = json.loads(content)
     except (ValueError, RecursionError):
         return damaged(content, rng)
-    odd = [None, True, -3, 10**400, float("nan"), 0.5, 1e300, 5e-324, "x", [], [0.0], {}, {"a": 1}]
+    odd = [
+        None,
+        True,
+        -3,
+        10**400,
+        float("nan"),
+        0.5,
+        1e300,
+        5e-324,
+        "x",
+        [],
+        [0.0],
+        {},
+        {"a": 1},
+    ]
     while isinstance(inner, dict | list) and inner:
         places = list(inner) if isinstance(inner, dict) else range(len(inner))
         place = places[int(rng.integers(len(places)))]
@@ -67,7 +98,10 @@ def replaced(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 #: Files that are read as a folder: its name, and what reads it.
-FOLDERS: dict[str, Callable[[Path], object]] = {"arm": sdp.load_problem, "log": sdp.load_measurements}
+FOLDERS: dict[str, Callable[[Path], object]] = {
+    "arm": sdp.load_problem,
+    "log": sdp.load_measurements,
+}
 
 
 def sound_files(folder: Path) -> list[Path]:
@@ -85,12 +119,18 @@ def sound_files(folder: Path) -> list[Path]:
     sdp.export(estimate, folder / "sound.urdf")
     found = sdp.diagnose(estimate, small_run(problem)).to_dict()
     (folder / "findings.json").write_text(json.dumps(found))
-    box = {"q": np.ones((3, 2)), "gravity": np.ones((3, 2)), "mass_matrix": np.ones((3, 2, 2))}
+    box = {
+        "q": np.ones((3, 2)),
+        "gravity": np.ones((3, 2)),
+        "mass_matrix": np.ones((3, 2, 2)),
+    }
     np.savez(folder / "box.npz", **box)
     shutil.copytree(problems_folder() / "emps", folder / "arm")
     (folder / "log").mkdir()
     for name in ("time", "positions", "velocity", "torques"):
-        (folder / "log" / f"exciting_traj_{name}.txt").write_text("0.001\n0.002\n0.003\n")
+        (folder / "log" / f"exciting_traj_{name}.txt").write_text(
+            "0.001\n0.002\n0.003\n"
+        )
     parts = [p for name in FOLDERS for p in (folder / name).glob("*.*")]
     alone = [*folder.glob("sound.*"), *folder.glob("*.json"), folder / "box.npz"]
     return sorted([*alone, *parts, *CORPUS.iterdir()])
@@ -106,7 +146,9 @@ def read(path: Path, source: Path) -> Any:
         return load_answers([path])
     if source.parent.name in FOLDERS:
         home = shutil.copytree(
-            source.parent, path.parent / f"{source.parent.name}_{path.stem}", dirs_exist_ok=True
+            source.parent,
+            path.parent / f"{source.parent.name}_{path.stem}",
+            dirs_exist_ok=True,
         )
         path.replace(home / source.name)
         return FOLDERS[source.parent.name](home)
@@ -121,14 +163,19 @@ def read(path: Path, source: Path) -> Any:
 
 
 def outcome(case: str, act: Callable[[], object], size: float = np.inf) -> str:
-    """What becomes of a case: a result or a sentence, no warning of NumPy, within seconds and memory."""
+    """What becomes of a case: a result or a sentence, no warning of NumPy, within
+    seconds and memory."""
     begin, found = time.process_time(), "read"
     try:
         with peak_memory() as peak, warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
             act()
     except sdp.InputError as error:
-        found = "sentence" if "\n" not in str(error) and len(str(error)) <= 2000 else repr(error)
+        found = (
+            "sentence"
+            if "\n" not in str(error) and len(str(error)) <= 2000
+            else repr(error)
+        )
     except Exception as error:
         raise AssertionError(f"{case}: {error!r}") from error
     assert found in ("read", "sentence"), f"{case}: {found}"
@@ -147,7 +194,9 @@ def read_mutated(seed: int, sources: list[Path], folder: Path) -> str:
             content = (replaced if rng.random() < 0.2 else damaged)(content, rng)
     path = folder / f"mutated{source.suffix}"
     path.write_bytes(content)
-    found = outcome(f"seed {seed} ({source.name})", lambda: read(path, source), len(content))
+    found = outcome(
+        f"seed {seed} ({source.name})", lambda: read(path, source), len(content)
+    )
     return f"{source.suffix} {found}"
 
 
@@ -155,8 +204,12 @@ def verbs() -> dict[str, Callable[[sdp.Measurements], object]]:
     """What is done with a log, by name."""
     problem = sdp.load_problem("two_link")
     model = sdp.identify(problem, small_run(problem))
-    first = {verb.__name__: partial(verb, problem) for verb in (sdp.identify, sdp.check)}
-    return first | {verb.__name__: partial(verb, model) for verb in (sdp.compare, sdp.diagnose)}
+    first = {
+        verb.__name__: partial(verb, problem) for verb in (sdp.identify, sdp.check)
+    }
+    return first | {
+        verb.__name__: partial(verb, model) for verb in (sdp.compare, sdp.diagnose)
+    }
 
 
 @pytest.mark.fuzz
@@ -171,7 +224,10 @@ def test_thousands_of_files(tmp_path, capsys):
             seen[read_mutated(k, sources, tmp_path)] += 1
         else:
             log = hostile_log(k)
-            seen[f"{name} {outcome(f'{name} of log {k}', lambda verb=verb, log=log: verb(log))}"] += 1
+            seen[
+                f"{name}"
+                f" {outcome(f'{name} of log {k}', lambda verb=verb, log=log: verb(log))}"
+            ] += 1
     with capsys.disabled():
         print(f"\n{seen.total()} cases, no failure: {dict(sorted(seen.items()))}")
     assert len(seen) > 10
@@ -181,8 +237,14 @@ def test_thousands_of_files(tmp_path, capsys):
 def test_what_the_reader_takes_the_check_can_judge(path, two_link):
     """Files that broke a reader once."""
     runs, reports, size = list[sdp.Measurements](), list[Any](), path.stat().st_size
-    outcome(f"{path.name} read", lambda: runs.append(sdp.load_measurements(path, joints=2)), size)
-    outcome(f"{path.name} checked", lambda: reports.extend(sdp.check(two_link, path)), size)
+    outcome(
+        f"{path.name} read",
+        lambda: runs.append(sdp.load_measurements(path, joints=2)),
+        size,
+    )
+    outcome(
+        f"{path.name} checked", lambda: reports.extend(sdp.check(two_link, path)), size
+    )
     if not reports:
         assert not runs or not np.any(np.abs(runs[0].tau) > 1e-12)
     elif not runs:
@@ -196,4 +258,6 @@ def test_a_models_own_filters_keep_the_budget(two_link, tmp_path):
     content["preprocessing"]["state_cutoff"] = 1e-4
     (tmp_path / "model.json").write_text(json.dumps(content))
     model = sdp.load_estimate(tmp_path / "model.json")
-    assert outcome("filters of hours", lambda: sdp.compare(model, run), 0.0) == "sentence"
+    assert (
+        outcome("filters of hours", lambda: sdp.compare(model, run), 0.0) == "sentence"
+    )

@@ -1,5 +1,6 @@
-"""Commands killed at any time: no partial file, no process after 5 s, the same bytes by a rerun; writers
-that meet. SDP_VS_PENALTY_KILLS=NUMBER:SEED kills each command so often, at other times.
+"""Commands killed at any time: no partial file, no process after 5 s, the same bytes by
+a rerun; writers that meet. SDP_VS_PENALTY_KILLS=NUMBER:SEED kills each command so
+often, at other times.
 """
 
 import csv
@@ -23,35 +24,55 @@ from small_runs import small_run, write_run
 from sdp_vs_penalty import InputError, identify, load_problem
 from sdp_vs_penalty.files import alone
 
-psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are killed as on Unix")
+psutil = pytest.importorskip(
+    "psutil", reason="it counts the processes: install the extra [test]"
+)
+pytestmark = pytest.mark.skipif(
+    not hasattr(os, "fork"), reason="processes are killed as on Unix"
+)
 NUMBER, SEED = map(int, os.environ.get("SDP_VS_PENALTY_KILLS", "4:1").split(":"))
 COMMANDS = {
-    "identify": "identify two_link --data a.csv b.csv --out out/model.json --proof out/proof.json",
-    "identify --jobs": "identify two_link --data a.csv b.csv --jobs 2 --out out/model.json",
+    "identify": (
+        "identify two_link --data a.csv b.csv --out out/model.json --proof"
+        " out/proof.json"
+    ),
+    "identify --jobs": (
+        "identify two_link --data a.csv b.csv --jobs 2 --out out/model.json"
+    ),
     "diagnose": "diagnose model.json --data a.csv --json out/findings.json",
     "tables --jobs": "tables III --problem two_link --jobs 2 --out out",
-    "shootout": "shootout --problems"
-    " 'two_link simulated one-step gyration,two_link simulated one-step plain'"
-    " --solvers clarabel,scs --accuracy 1e-4,1e-6 --jobs 2 --out out",
+    "shootout": (
+        "shootout --problems"
+        " 'two_link simulated one-step gyration,two_link simulated one-step plain'"
+        " --solvers clarabel,scs --accuracy 1e-4,1e-6 --jobs 2 --out out"
+    ),
 }
 #: Seconds after which no process of a killed command may live.
 GONE = 5.0
 
 
 def made(folder: Path) -> dict[str, Any]:
-    """What must be the same each time: the bytes; of a shootout, whose summary has times, its rows."""
+    """What must be the same each time: the bytes; of a shootout, whose summary has
+    times, its rows."""
     if (runs := folder / "out" / "runs.csv").exists():
         with runs.open(newline="") as file:
-            return {(r["problem"], r["solver"], r["settings"]): r["class"] for r in csv.DictReader(file)}
+            return {
+                (r["problem"], r["solver"], r["settings"]): r["class"]
+                for r in csv.DictReader(file)
+            }
     return {p.name: p.read_bytes() for p in (folder / "out").glob("[!.]*")}
 
 
 def started(words: list[str], folder: Path, mark: str) -> subprocess.Popen[bytes]:
     """The command in the folder; every process that comes of it carries the mark."""
     environment = {**os.environ, "MARK_OF_THIS_TEST": mark, "PYTHONPATH": HOME}
-    command, quiet = [sys.executable, "-m", "sdp_vs_penalty", *words], subprocess.DEVNULL
-    return subprocess.Popen(command, cwd=folder, env=environment, stdout=quiet, stderr=quiet)
+    command, quiet = (
+        [sys.executable, "-m", "sdp_vs_penalty", *words],
+        subprocess.DEVNULL,
+    )
+    return subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=quiet, stderr=quiet
+    )
 
 
 def alive(mark: str) -> list[Any]:
@@ -69,13 +90,20 @@ def alive(mark: str) -> list[Any]:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_that_is_killed_leaves_nothing_and_runs_again(name, tmp_path):
     problem, words = load_problem("two_link"), shlex.split(COMMANDS[name])
-    write_run(tmp_path / "a.csv", problem), write_run(tmp_path / "b.csv", problem, seed=1)
+    (
+        write_run(tmp_path / "a.csv", problem),
+        write_run(tmp_path / "b.csv", problem, seed=1),
+    )
     identify(problem, small_run(problem)).save(tmp_path / "model.json")
     for _ in range(2):  # the first one also reads its modules from the disk
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         begin = time.monotonic()
         assert started(words, tmp_path, "").wait(300) == 0
-    seconds, right, rng = time.monotonic() - begin, made(tmp_path), np.random.default_rng(SEED)
+    seconds, right, rng = (
+        time.monotonic() - begin,
+        made(tmp_path),
+        np.random.default_rng(SEED),
+    )
     assert right
     for _ in range(NUMBER):
         shutil.rmtree(tmp_path / "out")
@@ -94,7 +122,11 @@ def test_a_command_that_is_killed_leaves_nothing_and_runs_again(name, tmp_path):
 
 
 def test_of_two_writers_the_second_is_told(tmp_path):
-    with alone(tmp_path), pytest.raises(InputError, match="another command is writing"), alone(tmp_path):
+    with (
+        alone(tmp_path),
+        pytest.raises(InputError, match="another command is writing"),
+        alone(tmp_path),
+    ):
         pass
     code = f"""if True:
         import time
@@ -103,7 +135,9 @@ def test_of_two_writers_the_second_is_told(tmp_path):
         with alone(Path({str(tmp_path)!r})):
             print("mine", flush=True)
             time.sleep(60)"""
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as other:
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+    ) as other:
         assert other.stdout.readline() == "mine\n"
         with pytest.raises(InputError, match="another command"), alone(tmp_path):
             pass

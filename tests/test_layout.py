@@ -1,6 +1,8 @@
-"""The house: rooms in the order of the data, no import runs back, no circle, a small hall.
+"""The house: rooms in the order of the data, no import runs back, no circle, a small
+hall.
 
-Read from the imports themselves, lazy ones and those for types included: what a reader has to follow.
+Read from the imports themselves, lazy ones and those for types included: what a reader
+has to follow.
 """
 
 import ast
@@ -14,13 +16,34 @@ import sdp_vs_penalty
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 PACKAGE = ROOT.name
-#: From what knows nothing to what may use everything; the files at the package's root count as rooms.
+#: From what knows nothing to what may use everything; the files at the package's root
+#: count as rooms.
 ORDER = (
-    "version", "errors", "formatting", "files", "parallel", "plugins", "robot",
-    "data", "effects", "signals", "problem", "regression", "solvers", "estimators",
-    "estimation", "exporters", "diagnosis", "simulation", "checks", "reports", "page",
-    "research", "cli", "__main__",
-)  # fmt: skip
+    "version",
+    "errors",
+    "formatting",
+    "files",
+    "parallel",
+    "plugins",
+    "robot",
+    "data",
+    "effects",
+    "signals",
+    "problem",
+    "regression",
+    "solvers",
+    "estimators",
+    "estimation",
+    "exporters",
+    "diagnosis",
+    "simulation",
+    "checks",
+    "reports",
+    "page",
+    "research",
+    "cli",
+    "__main__",
+)
 #: The front door: re-exports for users, and nothing inside goes through it.
 DOOR = PACKAGE
 
@@ -65,13 +88,16 @@ def test_no_room_imports_a_higher_one():
         f"{name} imports {other}"
         for name, others in GRAPH.items()
         for other in others
-        if DOOR not in (name, other) and ORDER.index(room(other)) > ORDER.index(room(name))
+        if DOOR not in (name, other)
+        and ORDER.index(room(other)) > ORDER.index(room(name))
     ]
     assert not back
 
 
 def test_nothing_inside_goes_through_the_front_door():
-    assert not [name for name, others in GRAPH.items() if DOOR in others and name != DOOR]
+    assert not [
+        name for name, others in GRAPH.items() if DOOR in others and name != DOOR
+    ]
 
 
 BENCHMARKS = sorted((ROOT.parent / "benchmarks").rglob("*.py"))
@@ -83,7 +109,9 @@ def test_what_a_benchmark_imports_of_the_package_is_there(path):
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith(PACKAGE):
             home = importlib.import_module(str(node.module))
             for name in (alias.name for alias in node.names):
-                assert hasattr(home, name) or f"{node.module}.{name}" in KNOWN, f"{path}: {name}"
+                assert hasattr(home, name) or f"{node.module}.{name}" in KNOWN, (
+                    f"{path}: {name}"
+                )
 
 
 def test_there_is_no_circle():
@@ -91,7 +119,9 @@ def test_there_is_no_circle():
     try:
         list(TopologicalSorter(graph).static_order())
     except CycleError as error:
-        raise AssertionError(f"imports in a circle: {' -> '.join(error.args[1])}") from None
+        raise AssertionError(
+            f"imports in a circle: {' -> '.join(error.args[1])}"
+        ) from None
 
 
 def test_at_most_eight_files_and_seventeen_folders_at_the_root():
@@ -112,11 +142,17 @@ def test_every_error_has_a_remedy():
                 "Infeasible",
             ):
                 calls += 1
-                remedy = [k.value for k in node.keywords if k.arg == "remedy"] + node.args[1:2]
-                if not remedy or (isinstance(remedy[0], ast.Constant) and not remedy[0].value):
+                remedy = [
+                    k.value for k in node.keywords if k.arg == "remedy"
+                ] + node.args[1:2]
+                if not remedy or (
+                    isinstance(remedy[0], ast.Constant) and not remedy[0].value
+                ):
                     without.append(f"{path.relative_to(ROOT)}:{node.lineno}")
     assert calls > 200
-    assert [place for place in without if place.partition(":")[0] not in HANDED_ON] == []
+    assert [
+        place for place in without if place.partition(":")[0] not in HANDED_ON
+    ] == []
 
 
 def has_number(node: ast.AST) -> bool:
@@ -126,10 +162,15 @@ def has_number(node: ast.AST) -> bool:
 
 
 def constants(path: Path) -> set[str]:
-    """The module-level names in capitals, alone or several at once, bound to something with a number."""
+    """The module-level names in capitals, alone or several at once, bound to something
+    with a number."""
     found = set()
     for node in ast.parse(path.read_text()).body:
-        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        targets = (
+            node.targets
+            if isinstance(node, ast.Assign)
+            else [getattr(node, "target", None)]
+        )
         value = getattr(node, "value", None)
         if value is not None and has_number(value):
             names = (n for t in targets if t is not None for n in ast.walk(t))
@@ -140,6 +181,9 @@ def constants(path: Path) -> set[str]:
 def test_constants_become_fewer():
     """A number at module level is a decision; effects have their own. 200 is the aim."""
     counted = [
-        name for path in KNOWN.values() if "effects" not in path.parts for name in constants(path)
+        name
+        for path in KNOWN.values()
+        if "effects" not in path.parts
+        for name in constants(path)
     ]
     assert len(counted) <= 200

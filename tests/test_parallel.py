@@ -1,4 +1,5 @@
-"""Work on several processes or a cluster: the same result to the last bit, whoever dies on the way."""
+"""Work on several processes or a cluster: the same result to the last bit, whoever dies
+on the way."""
 
 import os
 import signal
@@ -29,7 +30,9 @@ def runs(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> Measure
 def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tmp_path):
     settings = two_link.preprocessing.resolve(runs)
     here = compress(FilteredRuns.of(runs, settings), two_link.model())
-    there = compress(FilteredRuns.of(runs, settings), two_link.model(), workers=Workers(2))
+    there = compress(
+        FilteredRuns.of(runs, settings), two_link.model(), workers=Workers(2)
+    )
     for a, b in zip(here.factors, there.factors, strict=True):
         np.testing.assert_array_equal(a.triangle, b.triangle)
     assert here.blocks == there.blocks
@@ -63,12 +66,16 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(two_link, runs):
     distributed = pytest.importorskip("distributed")
     alone = identify(two_link, runs, workers=ALONE)
     quiet = {"silence_logs": 50, "dashboard_address": None}
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as cluster:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, **quiet
+    ) as cluster:
         first = next(iter(cluster.workers.values())).pid
         killer = threading.Timer(0.5, os.kill, (first, signal.SIGKILL))
         killer.start()
         started = time.monotonic()
-        found = identify(two_link, runs, workers=Workers(scheduler=cluster.scheduler_address))
+        found = identify(
+            two_link, runs, workers=Workers(scheduler=cluster.scheduler_address)
+        )
         killer.join()
         assert time.monotonic() - started > 0.5  # it was killed while they worked
     np.testing.assert_array_equal(found.theta, alone.theta)
@@ -82,5 +89,7 @@ def test_a_scheduler_that_ends_is_a_sentence():
         results = spread(time.sleep, [0.0, 3.0, 3.0], cluster.scheduler_address)
         next(results)
         threading.Timer(0.2, cluster.sync, (cluster.scheduler.close,)).start()
-        with pytest.raises(InputError, match="the scheduler, or one worker after another, has ended"):
+        with pytest.raises(
+            InputError, match="the scheduler, or one worker after another, has ended"
+        ):
             next(results)

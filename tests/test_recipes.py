@@ -1,4 +1,5 @@
-"""The recipes of CONTRIBUTING: one new file is found by everything that lists, runs and compares."""
+"""The recipes of CONTRIBUTING: one new file is found by everything that lists, runs and
+compares."""
 
 import sys
 from collections.abc import Iterator
@@ -96,7 +97,9 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def test_an_estimator_is_one_file(two_link, added):
     assert "ridge" in estimator_types()
-    assert ("ridge", "least squares pulled to the nominal parameters") in listing("methods")[1]
+    assert ("ridge", "least squares pulled to the nominal parameters") in listing(
+        "methods"
+    )[1]
     run = experiment(two_link).training_run(seed=0)
     estimate = identify(two_link, run, "ridge")
     assert estimate.method == "ridge"
@@ -108,7 +111,9 @@ def test_an_estimator_is_one_file(two_link, added):
 def test_a_solver_is_one_file(two_link, added):
     assert "half-hearted" in [row[0] for row in listing("solvers")[1]]
     estimate = identify(
-        two_link, experiment(two_link).training_run(seed=0), LmiSdp(solver="half-hearted")
+        two_link,
+        experiment(two_link).training_run(seed=0),
+        LmiSdp(solver="half-hearted"),
     )
     gap = estimate.certificate.gap
     assert gap < 1e-7

@@ -1,4 +1,5 @@
-"""The wheel works from any directory; without any extra a verb names the one that it needs."""
+"""The wheel works from any directory; without any extra a verb names the one that it
+needs."""
 
 import json
 import subprocess
@@ -16,15 +17,31 @@ ROOT = Path(__file__).parents[1]
 
 def test_the_wheel_alone_works_from_another_folder(tmp_path, two_link):
     """The packages that it needs are from this environment."""
-    pytest.importorskip("hatchling", reason="hatchling builds the wheel: install the extra [test]")
+    pytest.importorskip(
+        "hatchling", reason="hatchling builds the wheel: install the extra [test]"
+    )
     folder, installed = tmp_path / "dist", tmp_path / "site"
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "hatchling",
+        "build",
+        "-t",
+        "wheel",
+        "-d",
+        str(folder),
+    ]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (built,) = folder.glob("*.whl")
     with zipfile.ZipFile(built) as archive:
         archive.extractall(installed)
-    assert {path.name.split("-")[0] for path in installed.iterdir()} == {"sdp_vs_penalty"}
-    assert all((installed / "sdp_vs_penalty" / x).is_file() for x in ("py.typed", "data/datasets.toml"))
+    assert {path.name.split("-")[0] for path in installed.iterdir()} == {
+        "sdp_vs_penalty"
+    }
+    assert all(
+        (installed / "sdp_vs_penalty" / x).is_file()
+        for x in ("py.typed", "data/datasets.toml")
+    )
     write_run(tmp_path / "run.csv", two_link)
     where = "import sdp_vs_penalty; print(sdp_vs_penalty.__file__)"
 
@@ -40,9 +57,19 @@ def test_the_wheel_alone_works_from_another_folder(tmp_path, two_link):
 
 #: Every package that only an extra brings, as it is imported.
 EXTRAS = (
-    "matplotlib", "rosbags", "plotly", "nicegui", "scs", "cvxopt", "sdpap", "qics",
-    "distributed", "mujoco", "dartpy", "pybullet",
-)  # fmt: skip
+    "matplotlib",
+    "rosbags",
+    "plotly",
+    "nicegui",
+    "scs",
+    "cvxopt",
+    "sdpap",
+    "qics",
+    "distributed",
+    "mujoco",
+    "dartpy",
+    "pybullet",
+)
 
 WITHOUT = """
 import sys
@@ -66,7 +93,9 @@ def test_each_verb_works_or_names_its_extra(two_link, tmp_path):
     write_run(tmp_path / "run.csv", two_link)
     (tmp_path / "run.mcap").write_bytes(b"\\x89MCAP0\\r\\n")
     asked = json.loads((ROOT / "tests/data/commands_and_extras.json").read_text())
-    program = textwrap.dedent(WITHOUT).format(extras=EXTRAS, lines=[words.split() for words in asked])
+    program = textwrap.dedent(WITHOUT).format(
+        extras=EXTRAS, lines=[words.split() for words in asked]
+    )
     done = python("-c", program, cwd=tmp_path)
     *said, _ = done.stderr.split("CODE")
     codes = [int(part.split()[0]) for part in done.stderr.split("CODE")[1:]]
@@ -75,4 +104,6 @@ def test_each_verb_works_or_names_its_extra(two_link, tmp_path):
         assert code == (2 if extra else 0), (words, text)
         assert f"[{extra}]" in text or not extra, (words, text)
         assert "Traceback" not in text, (words, text)
-    assert not (tmp_path / "demo").exists()  # nothing is worked out for a report that cannot be written
+    assert not (
+        tmp_path / "demo"
+    ).exists()  # nothing is worked out for a report that cannot be written

@@ -15,11 +15,19 @@ _RESULT = re.compile(r"\]\(\.\./(results/\w+\.md)\)")
 def on_files(files: Any, config: Any) -> Any:
     """Add every result that a page names."""
     pages = Path(config["docs_dir"]).glob("*.md")
-    named = {name for page in pages for name in _RESULT.findall(page.read_text(encoding="utf-8"))}
+    named = {
+        name
+        for page in pages
+        for name in _RESULT.findall(page.read_text(encoding="utf-8"))
+    }
     for name in sorted(named):
         text = (ROOT / name).read_text(encoding="utf-8")
         # What a result refers to is not there: its links become their text.
-        files.append(File.generated(config, name, content=re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)))
+        files.append(
+            File.generated(
+                config, name, content=re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+            )
+        )
     return files
 
 

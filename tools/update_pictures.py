@@ -1,4 +1,5 @@
-"""Make the pictures of docs/ anew, in a browser: the report's first section, and the page's screens.
+"""Make the pictures of docs/ anew, in a browser: the report's first section, and the
+page's screens.
 
     python tools/update_pictures.py [FOLDER]
 

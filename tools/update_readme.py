@@ -1,9 +1,10 @@
-"""Make README.md's results anew from results/: a small table between marker lines, two pictures.
+"""Make README.md's results anew from results/: a small table between marker lines, two
+pictures.
 
     python tools/update_readme.py
 
-tests/test_docs.py checks that the block holds what results/ say. The pictures, results/data.png and
-results/joint_7.png, need the extra [plot].
+tests/test_docs.py checks that the block holds what results/ say. The pictures,
+results/data.png and results/joint_7.png, need the extra [plot].
 """
 
 from __future__ import annotations
@@ -26,7 +27,12 @@ METHOD_COLUMNS = {
 #: The methods of that table that are shown here.
 METHODS = ("ols", "penalty-paper", "penalty", "lmi-sdp")
 #: Methods of the picture and of the second table, in the order of the legend.
-SHOWN = ("ols, joint prior", "lmi-sdp-plain, joint prior", "penalty, joint prior", "lmi-sdp")
+SHOWN = (
+    "ols, joint prior",
+    "lmi-sdp-plain, joint prior",
+    "penalty, joint prior",
+    "lmi-sdp",
+)
 
 
 def rows_of(table: str, data: str = "measured") -> list[dict[str, str]]:
@@ -57,15 +63,23 @@ def markdown(headings: list[str], rows: list[list[str]]) -> str:
 def headline() -> str:
     """The README's results: a small table, every figure as results/ have it."""
     by_name = {row["method"]: row for row in rows_of("methods")}
-    methods = [[rounded(by_name[name][column]) for column in METHOD_COLUMNS] for name in METHODS]
+    methods = [
+        [rounded(by_name[name][column]) for column in METHOD_COLUMNS]
+        for name in METHODS
+    ]
     return "\n\n".join(
         [
-            "On the authors' real run of the Panda, judged on five stretches of its motion that were "
-            "held out:",
+            (
+                "On the authors' real run of the Panda, judged on five stretches of its"
+                " motion that were held out:"
+            ),
             markdown(list(METHOD_COLUMNS.values()), methods),
-            "Errors hardly differ; what a simulator or controller can use does. `penalty-paper` is the "
-            "authors' weight with a budget of 3000 loss evaluations. All methods, what each figure "
-            "means, and what effects add: [results](results/README.md).",
+            (
+                "Errors hardly differ; what a simulator or controller can use does."
+                " `penalty-paper` is the authors' weight with a budget of 3000 loss"
+                " evaluations. All methods, what each figure means, and what effects"
+                " add: [results](results/README.md)."
+            ),
         ]
     )
 
@@ -79,12 +93,14 @@ def with_results(readme: str, results: str) -> str:
     return f"{before}{BEGIN}\n{results.strip()}\n\n{END}{after}"
 
 
-#: What a method's error is cut off at [%]: after a second nothing is learnt of what never moved.
+#: What a method's error is cut off at [%]: after a second nothing is learnt of what
+#: never moved.
 _CEILING = 20.0
 
 
 def draw_data(path: Path) -> None:
-    """Error on unseen motion against seconds of training data: median, and range over the windows."""
+    """Error on unseen motion against seconds of training data: median, and range over
+    the windows."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(7.0, 3.6), layout="constrained")
@@ -93,7 +109,8 @@ def draw_data(path: Path) -> None:
         rows = [row for row in rows_of("data") if row["method"] == method]
         x = [seconds.index(int(row["seconds"])) + 0.12 * (k - 1.5) for row in rows]
         middle, low, high = (
-            [float(row[f"error_percent_{name}"]) for row in rows] for name in ("median", "min", "max")
+            [float(row[f"error_percent_{name}"]) for row in rows]
+            for name in ("median", "min", "max")
         )
         (line,) = axes.plot(x, middle, marker="o", ms=4, lw=1.4, label=method)
         axes.vlines(x, low, high, color=line.get_color(), lw=1.2)
@@ -101,7 +118,12 @@ def draw_data(path: Path) -> None:
             if value > _CEILING:
                 text = f"{value:.0f} %"
                 axes.annotate(
-                    text, (place, 0.94 * _CEILING), rotation=90, va="top", ha="right", fontsize=7
+                    text,
+                    (place, 0.94 * _CEILING),
+                    rotation=90,
+                    va="top",
+                    ha="right",
+                    fontsize=7,
                 )
     axes.set(
         ylim=(1.0, _CEILING),
@@ -120,16 +142,24 @@ def draw_data(path: Path) -> None:
 
 
 def draw_joint(path: Path, joint: int = 7, method: str = "lmi-sdp") -> None:
-    """RMSE of one joint on every fold of unseen motion, with the usual effects and with hysteresis."""
+    """RMSE of one joint on every fold of unseen motion, with the usual effects and with
+    hysteresis."""
     import matplotlib.pyplot as plt
 
-    looks = {"": ("#999999", "usual effects"), "+ presliding_hysteresis": ("#0072b2", "with hysteresis")}
+    looks = {
+        "": ("#999999", "usual effects"),
+        "+ presliding_hysteresis": ("#0072b2", "with hysteresis"),
+    }
     figure, axes = plt.subplots(figsize=(7.0, 3.0), layout="constrained")
     for k, (added, (color, label)) in enumerate(looks.items()):
-        rows = [r for r in unseen() if r["method"] == method and r["added_effects"] == added]
+        rows = [
+            r for r in unseen() if r["method"] == method and r["added_effects"] == added
+        ]
         rows = [r for r in rows if r["judged_on"] != "repeatability"]
         values = [float(row[f"rmse_joint_{joint}"]) for row in rows]
-        bars = axes.bar([x + 0.4 * (k - 0.5) for x in range(len(rows))], values, 0.38, color=color)
+        bars = axes.bar(
+            [x + 0.4 * (k - 0.5) for x in range(len(rows))], values, 0.38, color=color
+        )
         axes.bar_label(bars, fmt="%.3f", fontsize=8)
         bars.set_label(label)
         axes.set_xticks(range(len(rows)), [row["judged_on"] for row in rows])
@@ -137,7 +167,10 @@ def draw_joint(path: Path, joint: int = 7, method: str = "lmi-sdp") -> None:
     axes.set(
         xlabel="unseen part of the motion",
         ylabel=f"RMSE of joint {joint} [N m]",
-        title=f"Panda, real run, {method}: joint {joint} on motion that was not trained on",
+        title=(
+            f"Panda, real run, {method}: joint {joint} on motion that was not"
+            " trained on"
+        ),
     )
     axes.legend(frameon=False, ncols=2, loc="upper center")
     figure.savefig(path, dpi=110, metadata={"Software": None})

@@ -1,1 +1,2 @@
-"""How often the diagnosis is right: cases in worlds of their own, their run, the report."""
+"""How often the diagnosis is right: cases in worlds of their own, their run, the
+report."""

@@ -1,4 +1,5 @@
-"""How often is the diagnosis right, on robots that are simulated independently of the library?
+"""How often is the diagnosis right, on robots that are simulated independently of the
+library?
 
 python benchmarks/challenge --classes clean --nuisance sign dahl --cases 4 --seed 1000 --out hidden
 """
@@ -17,9 +18,13 @@ from challenge.worlds.conditions import NUISANCES  # noqa: E402
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks/challenge", description=__doc__)
-    parser.add_argument("--cases", type=int, default=20, help="of each class; clean: of each nuisance")
+    parser.add_argument(
+        "--cases", type=int, default=20, help="of each class; clean: of each nuisance"
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("results"), help="folder for challenge.*")
+    parser.add_argument(
+        "--out", type=Path, default=Path("results"), help="folder for challenge.*"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     for word, known in (("--classes", [*CLASSES]), ("--nuisance", [*NUISANCES])):
         parser.add_argument(word, nargs="+", choices=known, default=known)

@@ -1,7 +1,9 @@
-"""How often is the diagnosis right? The classes of cases, and a case from its seed to its record.
+"""How often is the diagnosis right? The classes of cases, and a case from its seed to
+its record.
 
-Every case is simulated by its own seed, diagnosed without sight of the truth, and then compared with
-it. Cases are kept one by one, so that an interrupted challenge goes on where it stopped.
+Every case is simulated by its own seed, diagnosed without sight of the truth, and then
+compared with it. Cases are kept one by one, so that an interrupted challenge goes on
+where it stopped.
 """
 
 import json
@@ -16,7 +18,13 @@ import numpy as np
 
 from challenge.judge import Record, report_text
 from challenge.truth import energies, judged_curve, true_floor
-from challenge.worlds.conditions import NUISANCES, Conditions, Site, draw_conditions, fair
+from challenge.worlds.conditions import (
+    NUISANCES,
+    Conditions,
+    Site,
+    draw_conditions,
+    fair,
+)
 from challenge.worlds.hidden_unknown import disturbance, nameless, unknown
 from challenge.worlds.runs import Logged, draw_motion, draw_world, log_run, urdf_of
 from sdp_vs_penalty.data.measurements import concatenate
@@ -35,7 +43,8 @@ from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 #: What can be hidden from a model that is refitted.
 EFFECTS: Mapping[str, makers.Maker] = {**makers.FRICTION, **makers.MACHINE}
-#: What rubs as the world's own friction does, by its name where that turns round over a travel.
+#: What rubs as the world's own friction does, by its name where that turns round over a
+#: travel.
 SLOW = {"load_dependent_friction": "load_dependent_hysteresis"}
 
 
@@ -55,8 +64,8 @@ class Case:
 
 @dataclass(frozen=True)
 class CaseClass:
-    """what : none, effects, unknown, curves, disturbance or payload; level : of LEVELS; count : effects;
-    frozen : the model was identified before, without them."""
+    """what : none, effects, unknown, curves, disturbance or payload; level : of LEVELS;
+    count : effects; frozen : the model was identified before, without them."""
 
     what: str
     level: str = "strong"
@@ -68,11 +77,16 @@ class CaseClass:
         return self.what == "payload"
 
     def conditions(self, drawn: Conditions) -> Conditions:
-        return replace(drawn, runs=1, duration=max(drawn.duration, 20.0)) if self.one_run else drawn
+        return (
+            replace(drawn, runs=1, duration=max(drawn.duration, 20.0))
+            if self.one_run
+            else drawn
+        )
 
     def names(self, case: Case, rng: np.random.Generator) -> list[str]:
-        """Effects of the library to hide: a single one in turn, in an order of the seed's, so that each
-        is met equally often; of several none that the model usually has."""
+        """Effects of the library to hide: a single one in turn, in an order of the
+        seed's, so that each is met equally often; of several none that the model
+        usually has."""
         if self.what != "effects":
             return []
         if self.count == 1:
@@ -82,14 +96,22 @@ class CaseClass:
         return [str(x) for x in rng.choice(others, self.count, replace=False)]
 
     def hidden(
-        self, names: Sequence[str], world: Site, motions: Sequence[TrueMotion], rng: np.random.Generator
+        self,
+        names: Sequence[str],
+        world: Site,
+        motions: Sequence[TrueMotion],
+        rng: np.random.Generator,
     ) -> list[Hidden]:
         """The hidden effects, sized on the motions that are identified from."""
         kinds = {"unknown": unknown, "curves": nameless, "disturbance": disturbance}
         kinds |= {**makers.FROZEN, **EFFECTS}
-        coarse = [replace(m, **{x: v[::10] for x, v in vars(m).items()}) for m in motions]
+        coarse = [
+            replace(m, **{x: v[::10] for x, v in vars(m).items()}) for m in motions
+        ]
         wanted = names or {self.what} & set(kinds)
-        made = [(x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted]
+        made = [
+            (x, kinds[x](world, int(rng.integers(world.arm.n)), rng)) for x in wanted
+        ]
         slow = {} if world.dry.jumps else SLOW
         called = [replace(one, effect=one.effect or slow.get(x, x)) for x, one in made]
         return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
@@ -110,12 +132,21 @@ CLASSES: Mapping[str, CaseClass] = {
     "payload": CaseClass("payload", "strong"),
 }
 
-_KEPT = ("effect", "joints", "size", "std", "shape", "confidence", "indistinguishable_from")
+_KEPT = (
+    "effect",
+    "joints",
+    "size",
+    "std",
+    "shape",
+    "confidence",
+    "indistinguishable_from",
+)
 
 
 def run_case(case: Case) -> tuple[str, Record]:
-    """The case's key and its record, which is plain JSON: its world and runs, the last of which is the
-    test run, what the diagnosis says of them, in how many seconds of the processor, and the truth."""
+    """The case's key and its record, which is plain JSON: its world and runs, the last
+    of which is the test run, what the diagnosis says of them, in how many seconds of
+    the processor, and the truth."""
     # A stream of its own, whatever other cases there are.
     rng = np.random.default_rng([case.seed, case.index, zlib.crc32(case.key.encode())])
     kind = CLASSES[case.kind]
@@ -145,15 +176,23 @@ def run_case(case: Case) -> tuple[str, Record]:
     effects = [name for name in USUAL if name not in names]
     problem, begin = load_problem(urdf_of(conditions.arm)), time.process_time()
     try:
-        estimate = identify(problem, concatenate([x.run for x in learnt]), "ols", effects=effects)
-        record |= _diagnosed(kind, estimate, logged, hidden, time.process_time() - begin)
+        estimate = identify(
+            problem, concatenate([x.run for x in learnt]), "ols", effects=effects
+        )
+        record |= _diagnosed(
+            kind, estimate, logged, hidden, time.process_time() - begin
+        )
     except InputError as error:
         record |= {"verdict": "refused", "error": str(error)}
     return case.key, rounded(record)
 
 
 def _diagnosed(
-    kind: CaseClass, estimate: Estimate, logged: Sequence[Logged], hidden: Sequence[Hidden], spent: float
+    kind: CaseClass,
+    estimate: Estimate,
+    logged: Sequence[Logged],
+    hidden: Sequence[Hidden],
+    spent: float,
 ) -> Record:
     """spent : on identifying [s]."""
     *runs, test = logged
@@ -167,14 +206,19 @@ def _diagnosed(
         "events": result["events"],
         "identify_seconds": spent,
         "seconds": time.process_time() - begin,
-        "curves": [{"joint": c.joint, "of": c.of, "formula": c.formula} for c in diagnosis.curves],
+        "curves": [
+            {"joint": c.joint, "of": c.of, "formula": c.formula}
+            for c in diagnosis.curves
+        ],
     }
     if kind.what == "curves":
         record["curve"] = judged_curve(diagnosis, hidden[0], logged, estimate)
     if hidden:
         record["energy"] = energies(runs, estimate, kind.frozen)
     if kind.what in ("none", "effects"):
-        record["after"] = (np.array(result["held_out_rmse"]) / true_floor(test, estimate)).tolist()
+        record["after"] = (
+            np.array(result["held_out_rmse"]) / true_floor(test, estimate)
+        ).tolist()
     return record
 
 
@@ -186,7 +230,9 @@ def deviation(hidden: Hidden, world: Site, m: TrueMotion) -> float:
 
 def rounded(record: Record) -> Record:
     """As JSON has it, with all floats at six digits: thousands of records are kept."""
-    return dict(json.loads(json.dumps(record), parse_float=lambda x: float(f"{float(x):.6g}")))
+    return dict(
+        json.loads(json.dumps(record), parse_float=lambda x: float(f"{float(x):.6g}"))
+    )
 
 
 #: Of the record's format: cases of another version are simulated anew.
@@ -194,7 +240,8 @@ VERSION = 3
 
 
 def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list[Path]:
-    """Run what is missing; write challenge.json, and from all of its cases of this seed challenge.md."""
+    """Run what is missing; write challenge.json, and from all of its cases of this seed
+    challenge.md."""
     store, report = out / "challenge.json", out / "challenge.md"
     records: dict[str, Record] = {}
     with alone(out):
@@ -202,8 +249,14 @@ def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list
             kept = json.loads(store.read_text())
             records = kept["cases"] if kept.get("version") == VERSION else {}
         todo = [c for c in todo if c.key not in records]
-        for done, (_, (key, record)) in enumerate(spread(run_case, todo, jobs=jobs), start=1):
-            records = dict(sorted({**records, key: record}.items(), key=lambda pair: _order(pair[0])))
+        for done, (_, (key, record)) in enumerate(
+            spread(run_case, todo, jobs=jobs), start=1
+        ):
+            records = dict(
+                sorted(
+                    {**records, key: record}.items(), key=lambda pair: _order(pair[0])
+                )
+            )
             print(f"case {done} of {len(todo)}", end="\r")
             write_text(store, json.dumps({"version": VERSION, "cases": records}) + "\n")
         mine = {key: r for key, r in records.items() if key.split("/")[2] == str(seed)}
@@ -211,15 +264,27 @@ def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list
     return [store, report]
 
 
-def wanted(cases: int, seed: int, kinds: Sequence[str], conditions: Sequence[str]) -> list[Case]:
+def wanted(
+    cases: int, seed: int, kinds: Sequence[str], conditions: Sequence[str]
+) -> list[Case]:
     """Cases, class by class; what hides an effect meets the nuisances at random."""
     out = []
     for kind, k in product(kinds, range(cases)):
-        drawn = np.random.default_rng([seed, list(CLASSES).index(kind), k]).choice(conditions)
-        out += [Case(kind, x, seed, k) for x in (conditions if kind == "clean" else [str(drawn)])]
+        drawn = np.random.default_rng([seed, list(CLASSES).index(kind), k]).choice(
+            conditions
+        )
+        out += [
+            Case(kind, x, seed, k)
+            for x in (conditions if kind == "clean" else [str(drawn)])
+        ]
     return out
 
 
 def _order(key: str) -> tuple[int, int, int, int]:
     kind, nuisance, seed, index = key.split("/")
-    return list(CLASSES).index(kind), list(NUISANCES).index(nuisance), int(seed), int(index)
+    return (
+        list(CLASSES).index(kind),
+        list(NUISANCES).index(nuisance),
+        int(seed),
+        int(index),
+    )

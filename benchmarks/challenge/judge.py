@@ -1,4 +1,5 @@
-"""Is a diagnosis right? Answers about the record of one case, and shares with Wilson's intervals."""
+"""Is a diagnosis right? Answers about the record of one case, and shares with Wilson's
+intervals."""
 
 import re
 from collections import Counter
@@ -13,7 +14,8 @@ from sdp_vs_penalty.formatting import markdown_table
 
 Record = dict[str, Any]
 
-#: Energy, white and with the model partialled out, from which a hidden effect counts as identifiable.
+#: Energy, white and with the model partialled out, from which a hidden effect counts as
+#: identifiable.
 IDENTIFIABLE = 30.0
 #: Links that stand farther from where the encoders say [rad, m] belong to no machine.
 FARTHEST = 0.3
@@ -22,8 +24,8 @@ OUTCOMES = ("false", "named", "abstained", "silent")
 
 
 def counted(record: Record) -> bool:
-    """Each hidden effect by itself is visible in these data, and moves links as machines do; one without
-    a name is visible beside any one effect of the library."""
+    """Each hidden effect by itself is visible in these data, and moves links as
+    machines do; one without a name is visible beside any one effect of the library."""
     beyond = record.get("curve", {}).get("beyond", np.inf)
     visible = all(e > IDENTIFIABLE for e in (*record["energy"], beyond))
     return visible and all(d <= FARTHEST for d in record["deviation"])
@@ -42,7 +44,11 @@ def is_true(found: Record, record: Record) -> bool:
 
 def claims(record: Record) -> list[Record]:
     """Findings but those that are only fair to name under these conditions."""
-    return [f for f in record["found"] if f["effect"] not in record["fair"] or is_true(f, record)]
+    return [
+        f
+        for f in record["found"]
+        if f["effect"] not in record["fair"] or is_true(f, record)
+    ]
 
 
 def extras(record: Record, *, sure: bool = False) -> list[Record]:
@@ -56,8 +62,11 @@ def first_right(record: Record) -> bool:
 
 
 def in_set(record: Record) -> bool:
-    """A hidden effect is the first named one, or among those that it cannot be told apart from."""
-    rivals = {r.split(":")[0] for f in claims(record)[:1] for r in f["indistinguishable_from"]}
+    """A hidden effect is the first named one, or among those that it cannot be told
+    apart from."""
+    rivals = {
+        r.split(":")[0] for f in claims(record)[:1] for r in f["indistinguishable_from"]
+    }
     return first_right(record) or any(t["effect"] in rivals for t in record["truth"])
 
 
@@ -74,7 +83,8 @@ def flagged(record: Record) -> bool:
 
 
 def found_in_time(record: Record) -> bool:
-    """An event overlaps the disturbance, give or take a second; a hum goes on all the time."""
+    """An event overlaps the disturbance, give or take a second; a hum goes on all the
+    time."""
     truth = record["truth"][0]
     if truth["kind"] == "hum":
         return flagged(record)
@@ -83,10 +93,15 @@ def found_in_time(record: Record) -> bool:
 
 
 def outcome(record: Record) -> str:
-    """Of OUTCOMES, of a clean robot. False: an effect that is not fair to name, at whatever confidence;
-    an abstention where it is not fair; a refusal of what a real arm might have measured."""
+    """Of OUTCOMES, of a clean robot. False: an effect that is not fair to name, at
+    whatever confidence; an abstention where it is not fair; a refusal of what a real
+    arm might have measured."""
     unknown = abstained(record)
-    if extras(record) or record["verdict"] == "refused" or (unknown and not record["abstains"]):
+    if (
+        extras(record)
+        or record["verdict"] == "refused"
+        or (unknown and not record["abstains"])
+    ):
         return "false"
     if record["found"] or record["retuned"]:
         return "named"
@@ -94,12 +109,17 @@ def outcome(record: Record) -> str:
 
 
 def sizes(record: Record) -> list[tuple[str, float, float]]:
-    """Of hidden effects that are named and have one size: effect, its relative error, and the error in
-    standard deviations. Amplitudes of waves have no sign. Where a nuisance makes the same effect too (a
-    filter in the channel, which delays) the size is that of both, and is not judged."""
+    """Of hidden effects that are named and have one size: effect, its relative error,
+    and the error in standard deviations. Amplitudes of waves have no sign. Where a
+    nuisance makes the same effect too (a filter in the channel, which delays) the size
+    is that of both, and is not judged."""
     out = []
     for truth in record["truth"]:
-        mine = (f for f in record["found"] if same(f, truth) and f["effect"] not in record["fair"])
+        mine = (
+            f
+            for f in record["found"]
+            if same(f, truth) and f["effect"] not in record["fair"]
+        )
         if (f := next(mine, None)) and truth.get("size") is not None:
             wave = f["effect"] in ("torque_ripple", "base_tilt", "payload")
             error = (abs(f["size"]) if wave else f["size"]) - truth["size"]
@@ -118,14 +138,24 @@ def curve(record: Record) -> Mapping[str, Any]:
 
 #: What is counted in which classes: (classes, what is counted, how, figure to reach).
 MEASURES: Sequence[tuple[Sequence[str], str, Callable[[Record], bool], str]] = (
-    (("clean",), "false claims, all nuisances", lambda r: outcome(r) == "false", "<= 1 %"),
+    (
+        ("clean",),
+        "false claims, all nuisances",
+        lambda r: outcome(r) == "false",
+        "<= 1 %",
+    ),
     (("clean",), "false events", lambda record: bool(record["events"]), ""),
     (("clean",), "false curves", lambda r: bool(r.get("curves")), "<= 1 %"),
     (SINGLE[:2], "first named effect right", first_right, ">= 99 %"),
     (("weak",), "first named effect right", first_right, ">= 95 %"),
     (SINGLE, "truth in the equivalence set", in_set, ">= 99 %"),
     (SINGLE, "nothing named besides", lambda r: not extras(r), ""),
-    (SINGLE, "nothing confident besides", lambda r: not extras(r, sure=True), ">= 98 %"),
+    (
+        SINGLE,
+        "nothing confident besides",
+        lambda r: not extras(r, sure=True),
+        ">= 98 %",
+    ),
     (SINGLE, "no curve", lambda r: not r.get("curves"), ">= 98 %"),
     (("one_run",), "first named effect right", first_right, ">= 95 %"),
     (("pairs",), "both named", all_named, ">= 95 %"),
@@ -135,14 +165,23 @@ MEASURES: Sequence[tuple[Sequence[str], str, Callable[[Record], bool], str]] = (
     (("disturbance",), "an event at the right time", found_in_time, ">= 90 %"),
     (("payload",), "payload named first", first_right, ""),
     (("unknown",), "right variables", lambda r: curve(r)["variables"], ">= 90 %"),
-    (("unknown",), ">= 80 % of the missing energy removed", lambda r: curve(r)["removed"] >= 0.8, ""),
+    (
+        ("unknown",),
+        ">= 80 % of the missing energy removed",
+        lambda r: curve(r)["removed"] >= 0.8,
+        "",
+    ),
 )
 
 
 def share(hits: float, count: int) -> list[str]:
     """Cases, share and Wilson's 95 % interval (JASA 1927), which is of whole hits."""
     low, high = binomtest(round(hits), count).proportion_ci(method="wilson")
-    return [str(count), f"{100 * hits / count:.1f} %", f"{100 * low:.1f} to {100 * high:.1f} %"]
+    return [
+        str(count),
+        f"{100 * hits / count:.1f} %",
+        f"{100 * low:.1f} to {100 * high:.1f} %",
+    ]
 
 
 def _shares(records: Sequence[Record]) -> list[str]:
@@ -152,7 +191,9 @@ def _shares(records: Sequence[Record]) -> list[str]:
         for name in names:
             if mine := [r for r in records if r["class"] == name and counted(r)]:
                 rows.append([name, what, *share(sum(map(test, mine)), len(mine)), goal])
-    return markdown_table(("class", "counted", "cases", "share", "interval", "to reach"), rows)
+    return markdown_table(
+        ("class", "counted", "cases", "share", "interval", "to reach"), rows
+    )
 
 
 def report_text(records: Mapping[str, Record], seed: int) -> str:
@@ -163,16 +204,25 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
         [
             "# Challenge: does diagnose name what is hidden, and nothing else?",
             "",
-            f"`benchmarks/challenge --seed {seed}`, cases as counted below. Robots, friction, channels "
-            "and hidden effects are simulated by code that shares nothing with the library "
-            "(`sdp_vs_penalty/simulation/worlds`). Thresholds were set on other seeds. Intervals are "
-            "Wilson's, 95 %. What a nuisance makes fair to name is stated in "
-            "`challenge/worlds/conditions.py` and is neither right nor false. "
-            "Hidden effects count where these data show them: energy above 30, white and with the model "
-            "partialled out, and no link moved by more than 0.3 rad.",
+            (
+                f"`benchmarks/challenge --seed {seed}`, cases as counted below. Robots,"
+                " friction, channels and hidden effects are simulated by code that"
+                " shares nothing with the library"
+                " (`sdp_vs_penalty/simulation/worlds`). Thresholds were set on other"
+                " seeds. Intervals are Wilson's, 95 %. What a nuisance makes fair to"
+                " name is stated in `challenge/worlds/conditions.py` and is neither"
+                " right nor false. Hidden effects count where these data show them:"
+                " energy above 30, white and with the model partialled out, and no"
+                " link moved by more than 0.3 rad."
+            ),
             "",
             *_shares(every),
-            *(line for part in parts if len(part) > 1 for line in ("", f"## {part[0]}", "", *part[1:])),
+            *(
+                line
+                for part in parts
+                if len(part) > 1
+                for line in ("", f"## {part[0]}", "", *part[1:])
+            ),
             "",
         ]
     )
@@ -181,16 +231,27 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
 def _clean(records: Sequence[Record]) -> list[str]:
     rows = []
     for name in NUISANCES:
-        if group := [r for r in records if (r["class"], r["nuisance"]) == ("clean", name)]:
+        if group := [
+            r for r in records if (r["class"], r["nuisance"]) == ("clean", name)
+        ]:
             count = Counter(map(outcome, group))
             rest = [str(count[kind]) for kind in OUTCOMES[1:]]
             cpu = f"{np.mean([r.get('seconds', 0.0) for r in group]):.1f}"
             rows.append([name, *share(count["false"], len(group)), *rest, cpu])
-    headings = ["nuisance", "cases", "false", "interval", "named", "abstained", "silent", "CPU s"]
+    headings = [
+        "nuisance",
+        "cases",
+        "false",
+        "interval",
+        "named",
+        "abstained",
+        "silent",
+        "CPU s",
+    ]
     note = (
-        "Nothing is hidden. False: an effect that is not fair to name, or an abstention where "
-        "something has a name; named: only what is fair, or a changed shape constant; abstained: where "
-        "that is fair."
+        "Nothing is hidden. False: an effect that is not fair to name, or an abstention"
+        " where something has a name; named: only what is fair, or a changed shape"
+        " constant; abstained: where that is fair."
     )
     table = [note, "", *markdown_table(headings, rows)] if rows else []
     return ["Clean robots, by nuisance", *table]
@@ -202,12 +263,15 @@ def _numbers(records: Sequence[Record]) -> list[str]:
         mine = [r for r in records if r["class"] == name and counted(r) and r["after"]]
         if worst := [max(r["after"]) for r in mine if name == "clean" or all_named(r)]:
             lines.append(
-                f"- held-out error with what was found over the true floor, {name} ({len(worst)} "
-                f"cases): worst joint {np.median(worst):.3f} in the median (to reach: 1.05), "
-                f"{np.quantile(worst, 0.9):.3f} at 90 %"
+                f"- held-out error with what was found over the true floor, {name}"
+                f" ({len(worst)} cases): worst joint {np.median(worst):.3f} in the"
+                f" median (to reach: 1.05), {np.quantile(worst, 0.9):.3f} at 90 %"
             )
     if cpu := [r["seconds"] for r in records if "seconds" in r]:
-        figures = f"median {np.median(cpu):.2f}, mean {np.mean(cpu):.2f}, worst {np.max(cpu):.1f}"
+        figures = (
+            f"median {np.median(cpu):.2f}, mean {np.mean(cpu):.2f}, worst"
+            f" {np.max(cpu):.1f}"
+        )
         lines.append(f"- CPU seconds a diagnosis: {figures}")
     return lines
 
@@ -221,7 +285,11 @@ def _by_effect(records: Sequence[Record]) -> list[str]:
         wrong = Counter(_instead(r) for r in shown if not first_right(r))
         named = [s for r in shown for s in sizes(r)]
         counts = len(group) - len(shown), len(shown), sum(map(first_right, shown))
-        cells = [effect, *map(str, counts), ", ".join(f"{k} {v}" for k, v in wrong.items())]
+        cells = [
+            effect,
+            *map(str, counts),
+            ", ".join(f"{k} {v}" for k, v in wrong.items()),
+        ]
         error = f"{100 * np.median([s[1] for s in named]):.1f} %" if named else ""
         rows.append([*cells, error, f"{_held(named)} of {len(named)}" if named else ""])
     every = [s for r in records if counted(r) for s in sizes(r)]
@@ -229,12 +297,25 @@ def _by_effect(records: Sequence[Record]) -> list[str]:
         return []
     count, part, interval = share(_held(every), len(every))
     note = (
-        "Left out: not shown by these data. Sizes, of those named: the median relative error, and how "
-        f"often the 95 % interval holds the truth. Over all classes: {part} of {count} ({interval}); "
-        "to reach: 90 to 98 % for every effect."
+        "Left out: not shown by these data. Sizes, of those named: the median relative"
+        " error, and how often the 95 % interval holds the truth. Over all classes:"
+        f" {part} of {count} ({interval}); to reach: 90 to 98 % for every effect."
     )
-    headings = ["hidden", "left out", "cases", "right", "named instead", "size error", "interval holds"]
-    return ["By effect: all classes that hide one", note, "", *markdown_table(headings, rows)]
+    headings = [
+        "hidden",
+        "left out",
+        "cases",
+        "right",
+        "named instead",
+        "size error",
+        "interval holds",
+    ]
+    return [
+        "By effect: all classes that hide one",
+        note,
+        "",
+        *markdown_table(headings, rows),
+    ]
 
 
 def _held(named: Sequence[tuple[str, float, float]]) -> int:
@@ -243,17 +324,30 @@ def _held(named: Sequence[tuple[str, float, float]]) -> int:
 
 def _instead(record: Record) -> str:
     if not (named := claims(record)):
-        return "nothing" if record["verdict"] == "nothing_missing" else str(record["verdict"])
+        return (
+            "nothing"
+            if record["verdict"] == "nothing_missing"
+            else str(record["verdict"])
+        )
     effect = str(named[0]["effect"])
-    return "another joint" if any(effect == t["effect"] for t in record["truth"]) else effect
+    return (
+        "another joint"
+        if any(effect == t["effect"] for t in record["truth"])
+        else effect
+    )
 
 
 def _false_claims(records: Mapping[str, Record]) -> list[str]:
     lines = ["False claims about clean robots"]
     for key, r in records.items():
         if r["class"] == "clean" and outcome(r) == "false":
-            of = [(f["effect"], "+".join(map(str, f["joints"])), f["confidence"]) for f in extras(r)]
-            what = ", ".join(f"{name}{joints and ':'}{joints} ({sure})" for name, joints, sure in of)
+            of = [
+                (f["effect"], "+".join(map(str, f["joints"])), f["confidence"])
+                for f in extras(r)
+            ]
+            what = ", ".join(
+                f"{name}{joints and ':'}{joints} ({sure})" for name, joints, sure in of
+            )
             said = what or r.get("error", "")
             lines.append(f"- {key} on {r['conditions']['arm']}: {r['verdict']}; {said}")
     return lines

@@ -1,9 +1,10 @@
-"""The arms whose logs are corrupted: five real ones, and any number simulated by Pinocchio alone.
+"""The arms whose logs are corrupted: five real ones, and any number simulated by
+Pinocchio alone.
 
-The simulated torque is pinocchio.rnea on links that the library never sees, plus viscous and sign(dq)
-Coulomb friction and white noise: nothing of it shares code with the library. Arms called "drawn" are
-drawn whole from the number in their name; their joints dip at slow speed, differ by side, turn rotors
-behind gears and ripple.
+The simulated torque is pinocchio.rnea on links that the library never sees, plus
+viscous and sign(dq) Coulomb friction and white noise: nothing of it shares code with
+the library. Arms called "drawn" are drawn whole from the number in their name; their
+joints dip at slow speed, differ by side, turn rotors behind gears and ripple.
 """
 
 import tempfile
@@ -32,9 +33,11 @@ from sdp_vs_penalty.simulation.worlds.world import inverse_dynamics
 
 @dataclass(frozen=True)
 class Arm:
-    """A problem, the run that is spoiled, and a clean run that what is identified is judged on.
+    """A problem, the run that is spoiled, and a clean run that what is identified is
+    judged on.
 
-    others : clean runs that the check must be silent about, beside the one that is spoiled.
+    others : clean runs that the check must be silent about, beside the one that is
+    spoiled.
     """
 
     problem: Problem
@@ -47,8 +50,11 @@ class Arm:
         return identify(self.problem, self.train)
 
     def harm(self, estimate: Estimate) -> float:
-        """Held-out error over the clean model's: root mean square of the joints' ratios."""
-        errors, least = (compare(model, self.test)[0].mse for model in (estimate, self.clean))
+        """Held-out error over the clean model's: root mean square of the joints'
+        ratios."""
+        errors, least = (
+            compare(model, self.test)[0].mse for model in (estimate, self.clean)
+        )
         return float(np.sqrt(np.mean(errors / least)))
 
     def corruptions(self) -> list[Corruption]:
@@ -68,13 +74,19 @@ class Arm:
         one = [((j,), np.eye(self.train.n)[j]) for j in joints]
         for share in (1.0, 0.9):
             for which, mask in (*one, ((), np.ones(self.train.n))):
-                how = f"{100 * share:g} %", ("gravity removed",), _less(share * weight * mask)
+                how = (
+                    f"{100 * share:g} %",
+                    ("gravity removed",),
+                    _less(share * weight * mask),
+                )
                 yield Corruption("gravity removed", which, *how)
         both = ("load step", "two arms")
         yield Corruption("load picked up", (), "2 kg", both, _less(-late * load))
         yield Corruption("two arms in one file", (), "", both, _less(-late * exchange))
         apart = ("another load", "another arm")
-        yield Corruption("tool in one of two runs", (), "2 kg", apart, _less(-load), beside=True)
+        yield Corruption(
+            "tool in one of two runs", (), "2 kg", apart, _less(-load), beside=True
+        )
 
     def _torque(self, theta: Array, still: bool = False) -> Array:
         """A model's torque (N, n) at the training run's samples."""
@@ -113,10 +125,14 @@ def _parted(problem: Problem, run: Measurements, middle: float) -> Arm:
 
 
 def real(name: str, data: Path) -> Arm:
-    """Positions and torques alone, of one long run or of several. emps : a prismatic axis, whose force
-    is the control voltage times the drive's gain; ur10 : of Salerno, 17.6 s."""
+    """Positions and torques alone, of one long run or of several. emps : a prismatic
+    axis, whose force is the control voltage times the drive's gain; ur10 : of Salerno,
+    17.6 s."""
     if name == "ur10":
-        problem, path = load_problem(data / "ur10_salerno/robot.urdf"), data / "ur10_salerno/train.csv"
+        problem, path = (
+            load_problem(data / "ur10_salerno/robot.urdf"),
+            data / "ur10_salerno/train.csv",
+        )
         run = load_measurements(path, joints=6, names=problem.robot.joint_names)
         return _parted(problem, run, 12.0)
     problem, found = load_problem(name), converted(name, data / name)
@@ -127,14 +143,22 @@ def real(name: str, data: Path) -> Arm:
     if name == "tx40":  # every tenth row of the first 9 s
         return _parted(problem, runs["exciting"].rows(np.arange(0, 45_000, 10)), 6.0)
     if name == "ur10e":
-        names = ("02_12-50sec_12harm", "02_19_14harm50sec", "02_19_15harm50sec", "02_19_14harm50secLoad")
-        train, test, *others = (runs[f"ur-20_{x}"] for x in (*names, "01_17-ptp_10_points"))
+        names = (
+            "02_12-50sec_12harm",
+            "02_19_14harm50sec",
+            "02_19_15harm50sec",
+            "02_19_14harm50secLoad",
+        )
+        train, test, *others = (
+            runs[f"ur-20_{x}"] for x in (*names, "01_17-ptp_10_points")
+        )
         return Arm(problem, train, test.window(0.0, 20.0), (test, *others))
     train, test = runs.values()
     return Arm(problem, train, test, (test,))
 
 
-# mass, centre of mass, axis, origin and kind of each joint's link; metres and kilograms.
+# mass, centre of mass, axis, origin and kind of each joint's link; metres and
+# kilograms.
 FIVE = (
     ("revolute", "0 0 1", "0 0 0.2", 12.0, "0.1 0.02 0.1"),
     ("revolute", "0 1 0", "0.2 0 0.2", 7.0, "0.18 -0.03 0.02"),
@@ -146,16 +170,18 @@ Axis = tuple[str, str, str, float, str]
 
 
 def urdf(name: str, axes: tuple[Axis, ...]) -> str:
-    """The arm as a URDF file, its links solid balls of 7 cm about their centres of mass."""
+    """The arm as a URDF file, its links solid balls of 7 cm about their centres of
+    mass."""
     parts = ['<link name="l0"/>']
     for k, (kind, axis, origin, mass, com) in enumerate(axes, start=1):
         i, limit = 0.4 * mass * 0.07**2, 0.4 if kind == "prismatic" else 3.0
         parts.append(
-            f'<link name="l{k}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{i}" iyy="{1.3 * i}" izz="{0.8 * i}" ixy="{0.1 * i}" ixz="0" iyz="0"/>'
-            f'</inertial></link><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/>'
-            f'<child link="l{k}"/><origin xyz="{origin}"/><axis xyz="{axis}"/>'
-            f'<limit lower="{-limit}" upper="{limit}" velocity="3" effort="400"/></joint>'
+            f'<link name="l{k}"><inertial><origin xyz="{com}"/><mass'
+            f' value="{mass}"/><inertia ixx="{i}" iyy="{1.3 * i}" izz="{0.8 * i}"'
+            f' ixy="{0.1 * i}" ixz="0" iyz="0"/></inertial></link><joint name="j{k}"'
+            f' type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/><origin'
+            f' xyz="{origin}"/><axis xyz="{axis}"/><limit lower="{-limit}"'
+            f' upper="{limit}" velocity="3" effort="400"/></joint>'
         )
     return f'<robot name="{name}">{"".join(parts)}</robot>'
 
@@ -166,9 +192,14 @@ def drawn(seed: int, fewest: int = 4, most: int = 7) -> tuple[Axis, ...]:
     say = lambda v: " ".join(f"{x:.4g}" for x in v)  # noqa: E731
     for k in range(int(rng.integers(fewest, most + 1))):
         kind = "prismatic" if rng.random() < 0.12 else "revolute"
-        axis, along = (np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0]) for _ in range(2))
+        axis, along = (
+            np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0]) for _ in range(2)
+        )
         origin = rng.uniform(0.15, 0.4) * 0.9**k * along
-        com, mass = 0.4 * origin + rng.uniform(-0.05, 0.05, 3), 14.0 * 0.65**k * rng.uniform(0.7, 1.3)
+        com, mass = (
+            0.4 * origin + rng.uniform(-0.05, 0.05, 3),
+            14.0 * 0.65**k * rng.uniform(0.7, 1.3),
+        )
         axes.append((kind, say(axis), say(origin), mass, say(com)))
     return tuple(axes)
 
@@ -182,7 +213,8 @@ def believed(name: str, axes: tuple[Axis, ...]) -> Problem:
 
 
 def true_model(axes: tuple[Axis, ...], rng: np.random.Generator) -> Any:
-    """Pinocchio's model; links differ from the URDF's inertials by up to 30 % and some centimetres."""
+    """Pinocchio's model; links differ from the URDF's inertials by up to 30 % and some
+    centimetres."""
     model = pin.buildModelFromXML(urdf("true", axes))
     for inertia in list(model.inertias)[1:]:
         inertia.mass *= rng.uniform(0.7, 1.3)
@@ -193,17 +225,23 @@ def true_model(axes: tuple[Axis, ...], rng: np.random.Generator) -> Any:
 def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
     """Two runs of the true model, one held out; 200 Hz, 20 s, position steps of 1e-5."""
     real = name.startswith("drawn")
-    train, test = (_simulate(axes, np.random.default_rng([seed, k]), seed, real) for k in (0, 1))
+    train, test = (
+        _simulate(axes, np.random.default_rng([seed, k]), seed, real) for k in (0, 1)
+    )
     return Arm(believed(name, axes), train, test, (test,))
 
 
-def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real: bool) -> Measurements:
+def _simulate(
+    axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real: bool
+) -> Measurements:
     machine, n = np.random.default_rng(seed), len(axes)
     model, size = true_model(axes, machine), np.array([30.0 * 0.7**k for k in range(n)])
     viscous, coulomb = machine.uniform(0.05, 0.12, (2, n)) * size
     t = np.arange(0.0, 20.0, 0.005)
     reach = np.array([0.12 if a[0] == "prismatic" else 0.7 for a in axes])
-    shares, phases = rng.uniform([[0.3], [-np.pi]], [[1.0], [np.pi]], (5, 2, n)).swapaxes(0, 1)
+    shares, phases = rng.uniform(
+        [[0.3], [-np.pi]], [[1.0], [np.pi]], (5, 2, n)
+    ).swapaxes(0, 1)
     k = np.arange(1, 6).astype(float)[:, None]
     q, dq, ddq = waves(reach / np.sqrt(k) * shares, 2.0 * np.pi * 0.1 * k, phases)(t)
     q += np.where(reach > 0.5, rng.uniform(-0.4, 0.4, n), 0.0)
@@ -211,8 +249,14 @@ def _simulate(axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real:
     if real:  # of the machine, not of the run
         own, speed = np.random.default_rng([seed, 5]), dq.std(axis=0)
         side = np.where(dq > 0.0, 1.0, own.uniform(0.85, 1.15, n)) - 1.0
-        tau += coulomb * np.sign(dq) * (side + 0.2 * np.exp(-((dq / (0.1 * speed)) ** 2)))
-        tau += own.uniform(0.1, 1.5) * np.diag(pin.crba(model, model.createData(), q[0])) * ddq
+        tau += (
+            coulomb * np.sign(dq) * (side + 0.2 * np.exp(-((dq / (0.1 * speed)) ** 2)))
+        )
+        tau += (
+            own.uniform(0.1, 1.5)
+            * np.diag(pin.crba(model, model.createData(), q[0]))
+            * ddq
+        )
         ripple = own.uniform(0.0, 0.01) * tau.std(axis=0)
         tau += ripple * np.sin(40.0 * q / speed + own.uniform(-np.pi, np.pi, n))
     tau += viscous * dq + coulomb * np.sign(dq)

@@ -1,4 +1,5 @@
-"""Every corruption on every arm: is it named, and how much harm does it do where it is not refused?
+"""Every corruption on every arm: is it named, and how much harm does it do where it is
+not refused?
 
     python benchmarks/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out results]
 
@@ -43,11 +44,20 @@ from sdp_vs_penalty.problem.problem import Problem
 HARMFUL = 1.3
 #: Issues that say that something is wrong, and not what.
 _GENERAL = {
-    "torque not explained", "unexplained torque", "poor excitation", "quantisation", "low sample rate",
-}  # fmt: skip
+    "torque not explained",
+    "unexplained torque",
+    "poor excitation",
+    "quantisation",
+    "low sample rate",
+}
 #: Which numbers of a joint, or of the log, an issue states.
 _NUMBERS = {
-    "torque's size": {"torque gain", "torque unit", "torque channel kind", "dead channel"},
+    "torque's size": {
+        "torque gain",
+        "torque unit",
+        "torque channel kind",
+        "dead channel",
+    },
     "torque's sign": {"torque sign", "joint sign", "torque magnitude"},
     "position's sign": {"position sign", "joint sign"},
     "position's zero": {"encoder offset"},
@@ -74,11 +84,14 @@ class Case:
 
 
 def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
-    """What is checked: an arm's log that was corrupted, and the problem that is believed."""
+    """What is checked: an arm's log that was corrupted, and the problem that is
+    believed."""
     run, problem = corruption.spoil(arm.train), corruption.problem(arm.problem)
     if corruption.beside:  # half of the run is clean: another run of the same arm
         middle = 0.5 * (run.t[0] + run.t[-1])
-        run = concatenate([arm.train.rows(run.t < middle, "a"), run.rows(run.t > middle, "b")])
+        run = concatenate(
+            [arm.train.rows(run.t < middle, "a"), run.rows(run.t > middle, "b")]
+        )
     return problem, run
 
 
@@ -93,24 +106,40 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
         except InputError:
             outcome = "refused"
     joints = "+".join(str(j + 1) for j in corruption.joints)
-    return _case((arm.problem.name, corruption.kind, joints, corruption.size), outcome, harm, reports)
+    return _case(
+        (arm.problem.name, corruption.kind, joints, corruption.size),
+        outcome,
+        harm,
+        reports,
+    )
 
 
-def _case(of: tuple[str, str, str, str], outcome: str, harm: float, reports: Sequence[Report]) -> Case:
-    said = "; ".join(f"{f.kind} ({f.where})" for report in reports for f in report.problems)
+def _case(
+    of: tuple[str, str, str, str], outcome: str, harm: float, reports: Sequence[Report]
+) -> Case:
+    said = "; ".join(
+        f"{f.kind} ({f.where})" for report in reports for f in report.problems
+    )
     return Case(*of, outcome, harm, said, any(map(contradicts, reports)))
 
 
 def contradicts(report: Report) -> bool:
     """Whether two issues are about the same number of the same joint."""
     every = product(_NUMBERS.items(), report.problems)
-    asked = [(number, _joints(f) or {0}) for (number, kinds), f in every if f.kind in kinds]
-    return any(a == b and (j & k or {0} in (j, k)) for (a, j), (b, k) in combinations(asked, 2))
+    asked = [
+        (number, _joints(f) or {0}) for (number, kinds), f in every if f.kind in kinds
+    ]
+    return any(
+        a == b and (j & k or {0} in (j, k)) for (a, j), (b, k) in combinations(asked, 2)
+    )
 
 
 def _outcome(corruption: Corruption, problems: Sequence[Issue]) -> str:
     joints = {j + 1 for j in corruption.joints}
-    if any(f.kind in corruption.causes and (not joints or _joints(f) == joints) for f in problems):
+    if any(
+        f.kind in corruption.causes and (not joints or _joints(f) == joints)
+        for f in problems
+    ):
         return "named"
     if not problems:
         return "silent"
@@ -146,7 +175,9 @@ def bench(name: str, data: Path, kinds: str, every: int, part: int) -> list[Case
     """Of one arm: another sample of corruptions for each, the same in every run."""
     one = arm(name, data)
     chosen = [c for c in one.corruptions() if kinds in c.name]
-    return clean(one) + [run_case(one, c) for c in chosen[(sum(name.encode()) + part) % every :: every]]
+    return clean(one) + [
+        run_case(one, c) for c in chosen[(sum(name.encode()) + part) % every :: every]
+    ]
 
 
 def summary(title: str, cases: Sequence[Case]) -> list[str]:
@@ -156,48 +187,88 @@ def summary(title: str, cases: Sequence[Case]) -> list[str]:
     bad = [c for c in spoiled if c.outcome == "silent" and c.harm > HARMFUL]
     seen = [c for c in spoiled if c.outcome != "silent" or c.harm > 1.1]
     alarms = [c.outcome for c in cases if c.outcome.startswith("false")]
-    shares = (len(bad), len(spoiled)), (count["named"], len(spoiled)), (count["named"], len(seen))
+    shares = (
+        (len(bad), len(spoiled)),
+        (count["named"], len(spoiled)),
+        (count["named"], len(seen)),
+    )
     cells = [title, str(len(spoiled)), *(str(count[w]) for w in _WORDS)]
-    alarm = f"{len(alarms)} ({alarms.count('false error')} errors) of {len(cases) - len(spoiled)}"
+    alarm = (
+        f"{len(alarms)} ({alarms.count('false error')} errors) of"
+        f" {len(cases) - len(spoiled)}"
+    )
     told = ["{1} ({2})".format(*share(*x)) if x[1] else "" for x in shares]
     return [*cells, *told, alarm, str(sum(c.contradicts for c in cases))]
 
 
 def markdown(cases: Sequence[Case], command: str) -> str:
-    groups = {name: [c for c in cases if c.arm == name] for name in dict.fromkeys(c.arm for c in cases)}
+    groups = {
+        name: [c for c in cases if c.arm == name]
+        for name in dict.fromkeys(c.arm for c in cases)
+    }
     head = ["log", "cases", *_WORDS, "silent and harmful", "cause named"]
-    head += ["cause named, of those that do harm or are mentioned", "false alarms", "contradictions"]
-    kinds = {kind: [c for c in cases if c.kind == kind] for kind in dict.fromkeys(c.kind for c in cases)}
+    head += [
+        "cause named, of those that do harm or are mentioned",
+        "false alarms",
+        "contradictions",
+    ]
+    kinds = {
+        kind: [c for c in cases if c.kind == kind]
+        for kind in dict.fromkeys(c.kind for c in cases)
+    }
     silent = [c for c in cases if c.outcome == "silent" and c.harm > HARMFUL]
     text = ["# Corrupted logs: what the data check says", ""]
-    text += [f"Made by `{command}`. Harm: error on clean held-out data over that of the model from the"]
+    text += [
+        f"Made by `{command}`. Harm: error on clean held-out data over that of the"
+        " model from the"
+    ]
     text += ["clean run. In brackets Wilson's 95 % interval.", ""]
-    text += markdown_table(head, [summary(*g) for g in (*groups.items(), ("all", cases))])
+    text += markdown_table(
+        head, [summary(*g) for g in (*groups.items(), ("all", cases))]
+    )
     text += ["", "## By kind", ""]
     counts = [[k, *summary(k, v)[1 : 2 + len(_WORDS)]] for k, v in kinds.items()]
     text += markdown_table(["kind", "cases", *_WORDS], counts)
     text += ["", f"## Silent, and more than {HARMFUL:g} times worse on clean data", ""]
-    told = [f"- {c.arm}: {c.kind} {c.joints} {c.size}: {c.harm:.3g} times" for c in silent]
+    told = [
+        f"- {c.arm}: {c.kind} {c.joints} {c.size}: {c.harm:.3g} times" for c in silent
+    ]
     return "\n".join([*text, *(told or ["none"]), ""])
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--data", type=Path, default=Path("."))
     parser.add_argument("--out", type=Path, default=Path("results"))
     parser.add_argument("--arms", default="panda,ur10e,tx40,ur10,emps,sim5")
     parser.add_argument("--kinds", default="", help="those with this in their name")
-    parser.add_argument("--every", type=int, default=1, help="one corruption in so many")
-    parser.add_argument("--part", type=int, default=0, help="which of these samples, from 0")
+    parser.add_argument(
+        "--every", type=int, default=1, help="one corruption in so many"
+    )
+    parser.add_argument(
+        "--part", type=int, default=0, help="which of these samples, from 0"
+    )
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    command = f"python benchmarks/corruptions --data DATA --arms {given.arms} --every {given.every}"
-    work = partial(bench, data=given.data, kinds=given.kinds, every=given.every, part=given.part)
+    command = (
+        f"python benchmarks/corruptions --data DATA --arms {given.arms} --every"
+        f" {given.every}"
+    )
+    work = partial(
+        bench, data=given.data, kinds=given.kinds, every=given.every, part=given.part
+    )
     cases: list[Case] = []
     with ProcessPoolExecutor(given.workers) as pool:
         for found in pool.map(work, given.arms.split(",")):  # kept after each arm
             cases += found
-            table = pandas.DataFrame(cases).to_csv(index=False, lineterminator="\n", float_format="%.3g")
+            table = pandas.DataFrame(cases).to_csv(
+                index=False, lineterminator="\n", float_format="%.3g"
+            )
             write_text(given.out / "corruptions.csv", table)
-            write_text(given.out / "corruptions.md", markdown(cases, f"{command} --part {given.part}"))
+            write_text(
+                given.out / "corruptions.md",
+                markdown(cases, f"{command} --part {given.part}"),
+            )
             print(" | ".join(summary(found[0].arm, found)), flush=True)

@@ -37,10 +37,11 @@ __all__ = ["Issue", "Report", "check"]
 
 @dataclass(frozen=True, repr=False)
 class Report(Shown):
-    """issues : of one run, the gravest first; mended : the run with every repair made, those that are
-    only likely included; fixed : with the certain ones only; unexplained : share of the torques' energy
-    that the arm's dynamics leave over, after mending, None where there is nothing to fit; arm : the rows
-    and their net repair, where these had samples to spare for its parameters.
+    """issues : of one run, the gravest first; mended : the run with every repair made,
+    those that are only likely included; fixed : with the certain ones only; unexplained
+    : share of the torques' energy that the arm's dynamics leave over, after mending,
+    None where there is nothing to fit; arm : the rows and their net repair, where these
+    had samples to spare for its parameters.
     """
 
     run: str
@@ -48,7 +49,9 @@ class Report(Shown):
     mended: Measurements
     fixed: Measurements
     unexplained: float | None = None
-    arm: tuple[Likelihood, Repair] | None = field(default=None, compare=False, repr=False)
+    arm: tuple[Likelihood, Repair] | None = field(
+        default=None, compare=False, repr=False
+    )
 
     @property
     def meaningless(self) -> bool:
@@ -62,13 +65,21 @@ class Report(Shown):
 
     @property
     def verdict(self) -> str:
-        """How many problems there are, and how well the arm's dynamics explain the torque."""
+        """How many problems there are, and how well the arm's dynamics explain the
+        torque."""
         found = formatting.count(len(self.problems), "problem")
         if self.unexplained is None:
-            why = "nothing to identify from" if self.mended.torque_logged else "no torque was logged"
+            why = (
+                "nothing to identify from"
+                if self.mended.torque_logged
+                else "no torque was logged"
+            )
             return f"{self.run}: {found}; {why}"
         share = 100.0 * self.unexplained**0.5
-        return f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque unexplained"
+        return (
+            f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque"
+            " unexplained"
+        )
 
     def _summary(self) -> Summary:
         return self.verdict, [(f.severity, f.what) for f in self.issues]
@@ -78,11 +89,21 @@ class Report(Shown):
         return (("kind", "where", "certainty", "remedy"), rows) if rows else None
 
     def changes(self, name: str) -> str:
-        """What a repaired copy of the file of this name differs in from it, and what is left to do."""
+        """What a repaired copy of the file of this name differs in from it, and what is
+        left to do."""
         done = [f for f in self.issues if f.mends]
         left = [f for f in self.problems if not f.mends]
-        lines = [f"Repaired copy of {name}, in the order of repair:" if done else f"Copy of {name}:"]
-        lines += [f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})" for f in done]
+        lines = [
+            (
+                f"Repaired copy of {name}, in the order of repair:"
+                if done
+                else f"Copy of {name}:"
+            )
+        ]
+        lines += [
+            f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})"
+            for f in done
+        ]
         lines += [] if done else ["- nothing was changed"]
         lines += ["Not repaired:"] if left else []
         lines += [f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left]
@@ -93,7 +114,9 @@ class Report(Shown):
         return {
             "run": self.run,
             "meaningless": self.meaningless,
-            "unexplained_percent": None if self.unexplained is None else 100.0 * self.unexplained**0.5,
+            "unexplained_percent": (
+                None if self.unexplained is None else 100.0 * self.unexplained**0.5
+            ),
             "findings": [f.to_dict() for f in self.issues],
         }
 
@@ -105,7 +128,8 @@ def check(
     *,
     thorough: bool = True,
 ) -> list[Report]:
-    """One report a run. The measurements need not be usable: clock and numbers are checked as well.
+    """One report a run. The measurements need not be usable: clock and numbers are
+    checked as well.
 
     problem : a built-in name, a folder, a URDF file, or a Problem; measurements : whatever
         :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than
@@ -117,7 +141,11 @@ def check(
     """
     problem = as_problem(problem, "check(problem=...)")
     measurements = as_measurements(
-        measurements, problem.robot.n, problem.robot.joint_names, "check(measurements=...)", usable=False
+        measurements,
+        problem.robot.n,
+        problem.robot.joint_names,
+        "check(measurements=...)",
+        usable=False,
     )
     check_torque(measurements)
     if measurements.n != problem.robot.n:
@@ -126,7 +154,9 @@ def check(
     reports: list[Report] = []
     for run in measurements.runs():
         windows = [run]
-        if run.samples > PARTS * PART:  # half as many windows, whose rows count from their first
+        if (
+            run.samples > PARTS * PART
+        ):  # half as many windows, whose rows count from their first
             name = run.names[0]
             try:
                 check_usable(name, run)
@@ -135,14 +165,19 @@ def check(
                 reports.append(Report(name, (issue,), run, run))
                 continue
             starts = np.linspace(0, run.samples - PART, PARTS // 2).astype(int).tolist()
-            windows = [run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts]
-        reports += [_check_run(problem, window, settings, thorough) for window in windows]
+            windows = [
+                run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on")
+                for k in starts
+            ]
+        reports += [
+            _check_run(problem, window, settings, thorough) for window in windows
+        ]
     return of_one_arm(reports)
 
 
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
-    """Runs of one arm share its mounting, its zeros, its gains and its load: where one run's differ,
-    it is named."""
+    """Runs of one arm share its mounting, its zeros, its gains and its load: where one
+    run's differ, it is named."""
     out, whole = list(reports), [k for k, r in enumerate(reports) if r.arm]
     for number, issue in residual.compare([(*r.arm, r.run) for r in reports if r.arm]):
         report = out[k := whole[number]]
@@ -157,30 +192,42 @@ def _gravest_first(issues: Sequence[Issue]) -> tuple[Issue, ...]:
     return tuple(sorted(issues, key=lambda f: grave(f.severity)))
 
 
-def _check_run(problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool) -> Report:
+def _check_run(
+    problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool
+) -> Report:
     issues, work, fixed = mended(run, problem.robot, settings.standstill)
     report = Report(run.names[0], (), work, fixed)
     try:
         report = _channels(problem, report, settings, thorough)
     except InputError as error:
-        issues.append(_stopped("too little data", error, "certain: the filters need more"))
+        issues.append(
+            _stopped("too little data", error, "certain: the filters need more")
+        )
     issues += report.issues
     if not any(f.severity == "error" for f in issues):
         try:
             check_plausible(problem.robot, run)
         except InputError as error:
-            far, sure = far_outside(problem.robot, run.q), "certain: `identify` refuses it"
+            far, sure = (
+                far_outside(problem.robot, run.q),
+                "certain: `identify` refuses it",
+            )
             issues.append(_stopped("position range", error, sure, far))
     return replace(report, issues=_gravest_first(issues))
 
 
-def _stopped(kind: str, error: InputError, sure: str, joints: Sequence[int] = ()) -> Issue:
+def _stopped(
+    kind: str, error: InputError, sure: str, joints: Sequence[int] = ()
+) -> Issue:
     what, where = f"{error.what.rstrip('.')}.", "" if joints else "the run"
     return Issue.of(kind, "error", joints, what, sure, error.remedy, where=where)
 
 
-def _channels(problem: Problem, report: Report, settings: Preprocessing, thorough: bool) -> Report:
-    """What a mended run's channels mean: the net repair that makes them one arm's, and what is left.
+def _channels(
+    problem: Problem, report: Report, settings: Preprocessing, thorough: bool
+) -> Report:
+    """What a mended run's channels mean: the net repair that makes them one arm's, and
+    what is left.
 
     Raises InputError for a run that is too short for any question."""
     run = report.mended
@@ -196,29 +243,42 @@ def _channels(problem: Problem, report: Report, settings: Preprocessing, thoroug
         issues += [*rules.coarse(glance, motion, settings), *rules.beside(glance)]
         return replace(report, issues=tuple(issues))
     first = [*rules.torques(glance)]
-    if any(i.kind == "torque magnitude" for i in first):  # nothing else can be asked of such torques
+    if any(
+        i.kind == "torque magnitude" for i in first
+    ):  # nothing else can be asked of such torques
         return replace(report, issues=tuple(first))
     log = Likelihood(problem, data := RegressionData.of(problem, run, settings))
     net = (search := Search(log)).run()
-    if apart := list(residual.two_arms(log, net)):  # another arm, or load, makes steps of its own
+    if apart := list(
+        residual.two_arms(log, net)
+    ):  # another arm, or load, makes steps of its own
         net = replace(net, events=())
     stated, certain = search.told(net)
     left = [*residual.size(log, net), *residual.find(log, net), *apart]
     if any(i.kind == "torque channel kind" for i in left):
         scales = "torque gain", "torque unit"
-        stated = [replace(i, severity="note") if i.kind in scales else i for i in stated]
+        stated = [
+            replace(i, severity="note") if i.kind in scales else i for i in stated
+        ]
     bent = [i.figures["joints"] for i in stated if i.kind == "saturation"]
-    issues += [i for i in first if i.kind != "saturation" or i.figures["joints"] not in bent]
+    issues += [
+        i for i in first if i.kind != "saturation" or i.figures["joints"] not in bent
+    ]
     issues += [*stated, *rules.coarse(glance, data.motion, settings), *left]
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
         issues += rules.beside(glance)
     work, fixed = net.apply(run), certain.apply(report.fixed)
     for issue in left:
         if issue.repair is not None:
-            work, fixed = issue.repair(work), issue.repair(fixed) if issue.mends else fixed
+            work, fixed = (
+                issue.repair(work),
+                issue.repair(fixed) if issue.mends else fixed,
+            )
     if thorough:
         moved = problem.with_gravity(net.gravity)
         issues += residual.not_excited(moved, FilteredRuns.of(work, settings))
     # A report holds the rows, not what was worked out of them.
     arm = (Likelihood(problem, data), net) if log.spare > 0.0 else None
-    return Report(report.run, tuple(issues), work, fixed, log.score(net).unexplained, arm)
+    return Report(
+        report.run, tuple(issues), work, fixed, log.score(net).unexplained, arm
+    )

@@ -1,38 +1,39 @@
-"""The decision constants of the check: unit, meaning, and where each number comes from (the bench of
-benchmarks/corruptions on its tuning arms, where nothing else is said)."""
+"""The decision constants of the check: unit, meaning, and where each number comes from
+(the bench of benchmarks/corruptions on its tuning arms, where nothing else is said)."""
 
 import numpy as np
 
 # -- rows and columns that hypotheses are judged on ----------------------------------------------------
 #: Rows that hypotheses are judged on.
 ROWS = 320
-#: Velocities over which Coulomb friction may turn [rad/s, m/s]: from a sign to a smooth one.
+#: Velocities over which Coulomb friction may turn [rad/s, m/s]: from a sign to a smooth
+#: one.
 COULOMB_WIDTHS = (0.002, 0.03, 0.1)
-#: Travels over which bristles bend before they slide [rad, m]: gears' (2e-4 to 2e-2) as an own column,
-#: longer ones as a law that the model lacks.
+#: Travels over which bristles bend before they slide [rad, m]: gears' (2e-4 to 2e-2) as
+#: an own column, longer ones as a law that the model lacks.
 TRAVELS = {"gear": (5e-4, 5e-3), "hysteresis": (2e-2, 1e-1, 0.5)}
 
 # -- the likelihood ------------------------------------------------------------------------------------
 #: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
 RIDGE = 1e-9
-#: A residual below 0.3 % of the torque is explained: friction laws and filters are no better. A number
-#: of whose effect the arm's parameters leave no more is not seen.
+#: A residual below 0.3 % of the torque is explained: friction laws and filters are no
+#: better. A number of whose effect the arm's parameters leave no more is not seen.
 FLOOR = 1e-5
 #: Rounds of reweighting each joint by its own residual.
 ROUNDS = 3
 #: Parts of the log that are left out in turn.
 PARTS = 8
-#: Physics may speak with so much (natural logarithm) on each joint: estimates of friction are rough.
-#: What is likelier than that by itself is certain.
+#: Physics may speak with so much (natural logarithm) on each joint: estimates of
+#: friction are rough. What is likelier than that by itself is certain.
 LOUDEST = 60.0
 
 # -- the search ----------------------------------------------------------------------------------------
 #: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
 #: logarithm): one log in some hundred has a given fault.
 ODDS = 6.0
-#: Standard errors by which what the arm leaves of parts that it was not fitted to has to fall (half of
-#: them where a number tells as well), and that a number has to lie beyond what is usual (Student's t of
-#: PARTS, 99.5 %).
+#: Standard errors by which what the arm leaves of parts that it was not fitted to has
+#: to fall (half of them where a number tells as well), and that a number has to lie
+#: beyond what is usual (Student's t of PARTS, 99.5 %).
 SIGMAS = 4.0
 #: At most so many things are wrong at once; so many proposals are looked at closely.
 MOST = 6
@@ -41,7 +42,8 @@ MOST = 6
 #: Zeros and bases are calibrated to so much [rad]; beyond the second, as many times what is usual of
 #: anything else, it is no calibration, and makes a model wrong, not only worse.
 CALIBRATED, GROSS = (float(np.radians(x)) for x in (1.5, 10.0))
-#: Drives, the rate of clocks and the size of gravity are known to so much (natural logarithm).
+#: Drives, the rate of clocks and the size of gravity are known to so much (natural
+#: logarithm).
 CALIBRATED_GAIN = 0.06
 #: Drives and their drivers take as long [s].
 USUAL_DELAY = 0.01
@@ -51,22 +53,26 @@ USUAL_DELAY = 0.01
 #: and with torques from motor currents, whose friction is part of them. Twice as much is a warning, and
 #: so is quantisation that adds as much noise.
 TYPICAL = {"link": 0.05, "unknown": 0.05, "motor": 0.1}
-#: Above this share of the energy, half of the torque, the arm's dynamics do not make it; and up to this
-#: share of the base parameters, rotors included, an ordinary motion of a good arm leaves unseen.
+#: Above this share of the energy, half of the torque, the arm's dynamics do not make
+#: it; and up to this share of the base parameters, rotors included, an ordinary motion
+#: of a good arm leaves unseen.
 UNRELATED = 0.25
-#: A joint contradicts its neighbours where one arm leaves so many times the energy that the joint's own
-#: model leaves of it, and at least this share of the torque's energy.
+#: A joint contradicts its neighbours where one arm leaves so many times the energy that
+#: the joint's own model leaves of it, and at least this share of the torque's energy.
 CONTRADICTS = (2.0, 1e-4)
 
 # -- rows, clock and channels
 #: What is so many times what it is elsewhere is no chance: constant stretches, an event, a rough clock.
 TIMES = 3.0
-#: A frozen channel or packet stays for so many rows (in which a joint that comes to rest slows down;
-#: twice as many freezes are a coarse sensor), and so long [s] (packets for less are a warning).
+#: A frozen channel or packet stays for so many rows (in which a joint that comes to
+#: rest slows down; twice as many freezes are a coarse sensor), and so long [s] (packets
+#: for less are a warning).
 STUCK, STUCK_SECONDS = 10, 0.1
-#: Fewest rows that tell anything of a run, of one that follows another in one file or comes twice.
+#: Fewest rows that tell anything of a run, of one that follows another in one file or
+#: comes twice.
 RUN = 50
-#: A spike leaves its neighbours by so many times their usual scatter, and this share of the range.
+#: A spike leaves its neighbours by so many times their usual scatter, and this share of
+#: the range.
 SPIKE = (40.0, 0.25)
 #: The filters need so many samples a period of the fastest motion.
 SAMPLES_A_PERIOD = 30.0

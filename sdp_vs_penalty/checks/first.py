@@ -1,4 +1,5 @@
-"""What the verbs do beyond their functions: `check` first (Python's ``check=False`` leaves it out)."""
+"""What the verbs do beyond their functions: `check` first (Python's ``check=False``
+leaves it out)."""
 
 from __future__ import annotations
 
@@ -38,19 +39,28 @@ def refuse_meaningless(
     gains: bool = False,
     warn: Callable[[str], Any] = warnings.warn,
 ) -> dict[str, list[dict[str, Any]]]:
-    """All that the fast part of the check says of each run, by the run's hash, as a model keeps it for a
-    report.
+    """All that the fast part of the check says of each run, by the run's hash, as a
+    model keeps it for a report.
 
-    otherwise : how to do ``verb`` all the same, in words; gains : whether its work determines the
-    torque channels' gains, so that the check need not; warn : hears its warnings, a sentence each.
-    Raises InputError where that work would be meaningless.
+    otherwise : how to do ``verb`` all the same, in words; gains : whether its work
+    determines the torque channels' gains, so that the check need not; warn : hears its
+    warnings, a sentence each. Raises InputError where that work would be meaningless.
     """
     reports = check_data(problem, measurements, thorough=False)
-    found = [(r.run, f) for r in reports for f in r.problems if not (gains and f.kind == "torque gain")]
+    found = [
+        (r.run, f)
+        for r in reports
+        for f in r.problems
+        if not (gains and f.kind == "torque gain")
+    ]
     errors = [(run, f) for run, f in found if f.severity == "error"]
     if errors:
         run, f = errors[0]
-        more = f"; {formatting.count(len(errors) - 1, 'more error')}" if len(errors) > 1 else ""
+        more = (
+            f"; {formatting.count(len(errors) - 1, 'more error')}"
+            if len(errors) > 1
+            else ""
+        )
         raise InputError(
             f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `check`)",
             f"fix the data (`check --fix`), or {otherwise} {verb} anyway",
@@ -60,7 +70,9 @@ def refuse_meaningless(
         warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
     hashes = [run.data_hash for run in measurements.runs()]
     whole = reports if len(hashes) == len(reports) else []
-    return {h: [f.to_dict() for f in r.issues] for h, r in zip(hashes, whole, strict=False)}
+    return {
+        h: [f.to_dict() for f in r.issues] for h, r in zip(hashes, whole, strict=False)
+    }
 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:
@@ -73,7 +85,9 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
     """`identify` or `diagnose` with one more argument, ``check``."""
 
     @functools.wraps(verb)
-    def checked(first: Any, measurements: Any, *more: Any, check: bool = True, **settings: Any) -> Any:
+    def checked(
+        first: Any, measurements: Any, *more: Any, check: bool = True, **settings: Any
+    ) -> Any:
         name, said = verb.__name__, dict[str, Any]()
         if name == "identify":
             first = problem = as_problem(first, "identify(problem=...)")
@@ -82,20 +96,30 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
         else:
             first = as_estimate(first, "diagnose(estimate=...)")
             problem, names = first.problem, first.robot.joint_names
-            measurements = as_measurements(measurements, names=names, what="diagnose(measurements=...)")
+            measurements = as_measurements(
+                measurements, names=names, what="diagnose(measurements=...)"
+            )
             first.require_joints(measurements, "measurements")
             ask = check and not consented(first, measurements)
         if ask:
             gains = bool(settings.get("known_loads"))
-            warn = functools.partial(warnings.warn, stacklevel=3)  # where the verb was called
-            said = refuse_meaningless(problem, measurements, name, gains=gains, warn=warn)
+            warn = functools.partial(
+                warnings.warn, stacklevel=3
+            )  # where the verb was called
+            said = refuse_meaningless(
+                problem, measurements, name, gains=gains, warn=warn
+            )
         made = verb(first, measurements, *more, **settings)
         if name == "identify":
             made.provenance.update(checked=check, checks=said)
         return made
 
     given = inspect.signature(verb)
-    asked = inspect.Parameter("check", inspect.Parameter.KEYWORD_ONLY, default=True, annotation="bool")
-    checked.__signature__ = given.replace(parameters=[*given.parameters.values(), asked])  # type: ignore[attr-defined]
+    asked = inspect.Parameter(
+        "check", inspect.Parameter.KEYWORD_ONLY, default=True, annotation="bool"
+    )
+    checked.__signature__ = given.replace(
+        parameters=[*given.parameters.values(), asked]
+    )  # type: ignore[attr-defined]
     checked.__doc__ = f"{(verb.__doc__ or '').rstrip()}{_DOC}"
     return checked

@@ -10,7 +10,8 @@ from sdp_vs_penalty.data.measurements import Measurements
 
 @dataclass(frozen=True)
 class Issue:
-    """kind : what is wrong, in two or three words; where : joints, channels, rows or instants.
+    """kind : what is wrong, in two or three words; where : joints, channels, rows or
+    instants.
 
     severity : "error" (identification would be meaningless), "warning" (it would be worse than it
         need be) or "note" (a fact worth knowing).
@@ -31,14 +32,32 @@ class Issue:
 
     @classmethod
     def of(
-        cls, kind: str, severity: str, joints: Any, what: str, certainty: str, remedy: str,
-        repair: Callable[[Measurements], Measurements] | None = None, where: str = "", **figures: Any,
-    ) -> "Issue":  # fmt: skip
-        """About some joints (from 0), whose names ``{where}`` is in ``what`` if it is not said."""
+        cls,
+        kind: str,
+        severity: str,
+        joints: Any,
+        what: str,
+        certainty: str,
+        remedy: str,
+        repair: Callable[[Measurements], Measurements] | None = None,
+        where: str = "",
+        **figures: Any,
+    ) -> "Issue":
+        """About some joints (from 0), whose names ``{where}`` is in ``what`` if it is
+        not said."""
         where = where or joints_text(joints)
         numbers = {"joints": [int(j) + 1 for j in joints]} if len(joints) else {}
         told = what.replace("{where}", where)
-        return cls(kind, severity, where, told, certainty, remedy, repair, {**numbers, **figures})
+        return cls(
+            kind,
+            severity,
+            where,
+            told,
+            certainty,
+            remedy,
+            repair,
+            {**numbers, **figures},
+        )
 
     @property
     def mends(self) -> bool:

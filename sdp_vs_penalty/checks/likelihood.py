@@ -1,18 +1,20 @@
-"""How well one arm explains a repaired log: the one score by which all hypotheses are compared.
+"""How well one arm explains a repaired log: the one score by which all hypotheses are
+compared.
 
-With S_j the squared residual of joint j's torque under one theta for all joints, each joint with noise
-of its own, the Gaussian log-likelihood is, up to constants,
+With S_j the squared residual of joint j's torque under one theta for all joints, each
+joint with noise of its own, the Gaussian log-likelihood is, up to constants,
 
     L = -M/2 sum_j log(S_j / |tau_j|^2),
 
-M the number of independent samples. It is free of units and gains. Own columns (friction, rotor,
-offset) are projected out of each joint's normal equations, which add: of parts of a log, and of several
-logs. Physics adds what L cannot know: the probability that inertia and masses are positive and that
-friction takes power,
+M the number of independent samples. It is free of units and gains. Own columns
+(friction, rotor, offset) are projected out of each joint's normal equations, which add:
+of parts of a log, and of several logs. Physics adds what L cannot know: the probability
+that inertia and masses are positive and that friction takes power,
 
     sum log Phi(z),   z = estimate / standard deviation,
 
-which tells a sign from a reversed clock. Prior costs of a repair are the search's matter.
+which tells a sign from a reversed clock. Prior costs of a repair are the search's
+matter.
 """
 
 from __future__ import annotations
@@ -41,9 +43,10 @@ At: TypeAlias = Callable[[float], Repair]
 
 @dataclass(frozen=True)
 class Equations:
-    """Normal equations of n joints' rows, of one log or of several (..., n): gram (..., n, s, s), cross
-    (..., n, s), energy (..., n) of the torque with own columns projected out, whole (..., n) before; own
-    (..., n, k, s + 1) what these columns take of the shared ones and of the torque."""
+    """Normal equations of n joints' rows, of one log or of several (..., n): gram (...,
+    n, s, s), cross (..., n, s), energy (..., n) of the torque with own columns
+    projected out, whole (..., n) before; own (..., n, k, s + 1) what these columns take
+    of the shared ones and of the torque."""
 
     gram: Array
     cross: Array
@@ -53,8 +56,11 @@ class Equations:
 
     @classmethod
     def of(cls, full: Array, k: int) -> Equations:
-        """full (..., n, w, w) : Gram matrices of k own columns, the shared ones and the torque."""
-        size = np.trace(full[..., :k, :k], axis1=-2, axis2=-1)[..., None, None] / max(k, 1)
+        """full (..., n, w, w) : Gram matrices of k own columns, the shared ones and the
+        torque."""
+        size = np.trace(full[..., :k, :k], axis1=-2, axis2=-1)[..., None, None] / max(
+            k, 1
+        )
         # A joint that rests in these rows has nothing of its own there.
         mine = full[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
         own = np.linalg.solve(mine, full[..., :k, k:])
@@ -66,14 +72,20 @@ class Equations:
     def together(cls, logs: Sequence[Equations]) -> Equations:
         """The joints of several logs (1, n, ...) side by side, to fit one arm to them."""
         names = "gram", "cross", "energy", "whole"
-        return cls(*(np.concatenate([getattr(x, name) for x in logs], axis=1) for name in names))
+        return cls(
+            *(
+                np.concatenate([getattr(x, name) for x in logs], axis=1)
+                for name in names
+            )
+        )
 
     def left_of(self, full: Array, theta: Array) -> Array:
-        """(..., n) squared residuals that each joint's parameters (..., n, s), with the own ones they go
-        with, leave of rows with such Gram matrices (..., n, w, w)."""
+        """(..., n) squared residuals that each joint's parameters (..., n, s), with the
+        own ones they go with, leave of rows with such Gram matrices (..., n, w, w)."""
         v = np.append(theta, -np.ones((*theta.shape[:-1], 1)), axis=-1)[..., None]
         v = np.concatenate(
-            [-self.own @ v, np.broadcast_to(v, (*full.shape[:-2], *v.shape[-2:]))], axis=-2
+            [-self.own @ v, np.broadcast_to(v, (*full.shape[:-2], *v.shape[-2:]))],
+            axis=-2,
         )
         return np.asarray(np.sum(v * (full @ v), axis=(-2, -1)))
 
@@ -81,11 +93,14 @@ class Equations:
         """(..., s, s) and (..., s) : sums over joints of such weights (..., n)."""
         s = self.gram.shape[-1]
         flat = weights[..., None, :] @ self.gram.reshape(*self.gram.shape[:-2], s * s)
-        return flat.reshape(*flat.shape[:-2], s, s), np.einsum("...j,...js->...s", weights, self.cross)
+        return flat.reshape(*flat.shape[:-2], s, s), np.einsum(
+            "...j,...js->...s", weights, self.cross
+        )
 
     def fitted(self, asked: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """(..., s) parameters at the maximum of L, by reweighting each joint, and (..., n) squared
-        residuals there, at least FLOOR of the whole; asked (n,) : which joints move."""
+        """(..., s) parameters at the maximum of L, by reweighting each joint, and (...,
+        n) squared residuals there, at least FLOOR of the whole; asked (n,) : which
+        joints move."""
         left = self.whole
         for _ in range(ROUNDS):
             gram, cross = self.normal(asked / left)
@@ -97,18 +112,26 @@ class Equations:
 
 
 class Likelihood:
-    """Of one problem and one log's rows; what depends on a part of a repair is kept for repairs of the
-    rest."""
+    """Of one problem and one log's rows; what depends on a part of a repair is kept for
+    repairs of the rest."""
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
         self.problem, self.data = problem, data
         self.n, self.moving = len(data.moving), data.moving
         self.joints: list[int] = np.flatnonzero(self.moving).tolist()
-        self.revolute = [j for j in self.joints if problem.robot.joints[j].kind == "revolute"]
+        self.revolute = [
+            j for j in self.joints if problem.robot.joints[j].kind == "revolute"
+        ]
         self.none = Repair.none(self.n, problem.robot.gravity)
-        self._rows, self.columns = lru_cache(6)(partial(Rows, self)), lru_cache(12)(self._made_columns)
+        self._rows, self.columns = (
+            lru_cache(6)(partial(Rows, self)),
+            lru_cache(12)(self._made_columns),
+        )
         self._model = lru_cache(12)(self._made_model)
-        self._basis, self._late = lru_cache(20)(self._made_basis), lru_cache(40)(self._shifted)
+        self._basis, self._late = (
+            lru_cache(20)(self._made_basis),
+            lru_cache(40)(self._shifted),
+        )
 
     @cached_property
     def screen(self) -> Likelihood:
@@ -121,7 +144,8 @@ class Likelihood:
 
     @cached_property
     def spare(self) -> float:
-        """Share of the log's independent samples that are more than one arm has parameters."""
+        """Share of the log's independent samples that are more than one arm has
+        parameters."""
         held = 2.0 * self.data.cutoff * float(np.ptp(self.data.motion.t))
         score = self.score(self.none)
         asked = len(score.theta) + self.n * self.data.own.shape[2]
@@ -133,7 +157,9 @@ class Likelihood:
         for j, k in enumerate(repair.tau_order):
             value, rate = (x[:, k] for x in self._late(repair.lead[j]))
             if repair.bend[j]:
-                limit = max(float(self.data.largest[k]) / repair.bend[j], 1e-300)  # a dead channel
+                limit = max(
+                    float(self.data.largest[k]) / repair.bend[j], 1e-300
+                )  # a dead channel
                 value = limit * np.arctanh(np.clip(value / limit, -0.999, 0.999))
             out[j] = repair.gain[j] * (value + repair.lag[j] * rate)
         return out * self.heard(repair)
@@ -153,14 +179,17 @@ class Likelihood:
         m, order, scale = self.data.motion, list(repair.order), np.array(repair.scale)
         dq = speed * scale * m.dq[:, order] / repair.rate
         ddq = push * scale * m.ddq[:, order] / repair.rate**2
-        return Motion(m.t[0] + repair.rate * (m.t - m.t[0]), repair.positions(m.q), dq, ddq)
+        return Motion(
+            m.t[0] + repair.rate * (m.t - m.t[0]), repair.positions(m.q), dq, ddq
+        )
 
     def rows(self, repair: Repair) -> Rows:
         """What depends on the motion alone."""
         return self._rows(repair.of_motion)
 
     def raw(self, repair: Repair) -> Array:
-        """(n, M, s) the columns of the parameters that joints share, 0 where torque is not asked for."""
+        """(n, M, s) the columns of the parameters that joints share, 0 where torque is
+        not asked for."""
         columns = self.shared(repair)
         if any(repair.lacks):
             weight = self.shared(repair, 0.0, 0.0)
@@ -168,44 +197,74 @@ class Likelihood:
         return np.asarray(self.heard(repair)[:, :, None] * columns)
 
     def _made_model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
-        """What joints share, under another gravity, with other distances between joints [m]."""
+        """What joints share, under another gravity, with other distances between joints
+        [m]."""
         robot, joints = self.problem.robot, list(self.problem.robot.joints)
         for j in np.flatnonzero(longer).tolist():
             placement = joints[j].placement.copy()
-            placement[:3, 3] *= 1.0 + longer[j] / or_one(np.linalg.norm(placement[:3, 3]))
+            placement[:3, 3] *= 1.0 + longer[j] / or_one(
+                np.linalg.norm(placement[:3, 3])
+            )
             joints[j] = replace(joints[j], placement=placement)
-        robot, shared = replace(robot, gravity=gravity, joints=tuple(joints)), self.data.shared
+        robot, shared = (
+            replace(robot, gravity=gravity, joints=tuple(joints)),
+            self.data.shared,
+        )
         return None if shared is None else on_robot(shared, robot)
 
-    def _made_columns(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
+    def _made_columns(
+        self, repair: Repair, speed: float = 1.0, push: float = 1.0
+    ) -> Array:
         """(n, M, p) columns of all parameters that joints share, of ``motion``."""
-        model, motion = self._model(repair.gravity, repair.longer), self.motion(repair, speed, push)
-        return np.zeros((self.n, self.data.count, 0)) if model is None else model.wide(motion)
+        model, motion = (
+            self._model(repair.gravity, repair.longer),
+            self.motion(repair, speed, push),
+        )
+        return (
+            np.zeros((self.n, self.data.count, 0))
+            if model is None
+            else model.wide(motion)
+        )
 
     def shared(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
         """(n, M, s) those that say all that the others do."""
-        return self.columns(repair.of_arm, speed, push)[:, :, list(self.data.independent)]
+        return self.columns(repair.of_arm, speed, push)[
+            :, :, list(self.data.independent)
+        ]
 
     def nominal(self, repair: Repair, speed: float = 1.0) -> Array:
-        """(M, n) torque of a plausible arm on the repaired motion, of its weight what channels hold;
-        where speed is 0, all of its weight."""
+        """(M, n) torque of a plausible arm on the repaired motion, of its weight what
+        channels hold; where speed is 0, all of its weight."""
         known = self.data.shared
         rigid = np.arange(0) if known is None else known.rigid_indices
-        columns, links = self.columns(repair.of_arm, speed, speed), self.problem.nominal_links.ravel()
-        torque = np.asarray(np.swapaxes(columns[:, :, rigid] @ links[: len(rigid)], 0, 1), float)
+        columns, links = (
+            self.columns(repair.of_arm, speed, speed),
+            self.problem.nominal_links.ravel(),
+        )
+        torque = np.asarray(
+            np.swapaxes(columns[:, :, rigid] @ links[: len(rigid)], 0, 1), float
+        )
         if speed and any(repair.lacks):
             torque = torque - np.array(repair.lacks) * self.nominal(repair, 0.0)
         return torque
 
     def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
-        """(n, M, k) bases of the joints' own columns, 0 for columns that depend on others."""
+        """(n, M, k) bases of the joints' own columns, 0 for columns that depend on
+        others."""
         data = self.data
         own = np.arange(self.n)[:, None]
         shapes = [
-            data.laws[e.at][[order[e.joint]]] if isinstance(e.at, str) else e.shape(data.motion.t)
+            (
+                data.laws[e.at][[order[e.joint]]]
+                if isinstance(e.at, str)
+                else e.shape(data.motion.t)
+            )
             for e in events
         ]
-        shapes = [x * (own == e.joint)[:, :, None] for e, x in zip(events, shapes, strict=True)]
+        shapes = [
+            x * (own == e.joint)[:, :, None]
+            for e, x in zip(events, shapes, strict=True)
+        ]
         columns = np.concatenate([data.own[list(order)], *shapes], axis=2)
         columns = columns * data.heard.T[list(order)][:, :, None]
         columns = columns / or_one(np.linalg.norm(columns, axis=1, keepdims=True))
@@ -213,12 +272,16 @@ class Likelihood:
         return np.asarray(u * (s > 1e-6 * s.max(axis=1, keepdims=True))[:, None])
 
     def unexplained(self, repair: Repair, theta: Array) -> Array:
-        """(n, M) what an arm (s,) leaves of the channels, its joints' own columns apart."""
+        """(n, M) what an arm (s,) leaves of the channels, its joints' own columns
+        apart."""
         return np.asarray(self.channels(repair) - self.raw(repair) @ theta)
 
-    def parts(self, repair: Repair, count: int = PARTS, more: Array | None = None) -> tuple[Array, int]:
-        """(count, n, w, w) Gram matrices of that many parts of the log, which add, and how many of their
-        columns are own ones; more (n, M, r) : further columns that joints share."""
+    def parts(
+        self, repair: Repair, count: int = PARTS, more: Array | None = None
+    ) -> tuple[Array, int]:
+        """(count, n, w, w) Gram matrices of that many parts of the log, which add, and
+        how many of their columns are own ones; more (n, M, r) : further columns that
+        joints share."""
         rows, y = self.rows(repair), self.channels(repair)[:, :, None]
         further = y[:, :, :0] if more is None else more
         full = np.concatenate([rows.basis, rows.raw, further, y], axis=2)
@@ -230,10 +293,14 @@ class Likelihood:
         """One arm fitted to each."""
         rows, y = [self.rows(r) for r in repairs], [self.channels(r) for r in repairs]
         gram = np.stack([x.gram for x in rows])
-        cross = np.stack([np.einsum("jms,jm->js", x.apart, z) for x, z in zip(rows, y, strict=True)])
+        cross = np.stack(
+            [np.einsum("jms,jm->js", x.apart, z) for x, z in zip(rows, y, strict=True)]
+        )
         rests = [x.rest(z[:, :, None])[:, :, 0] for x, z in zip(rows, y, strict=True)]
         energy, whole = (np.sum(np.square(x), axis=2) for x in (rests, y))
-        theta, left = Equations(gram, cross, energy, whole := _positive(whole)).fitted(self.moving)
+        theta, left = Equations(gram, cross, energy, whole := _positive(whole)).fitted(
+            self.moving
+        )
         both = zip(rows, y, theta, left, whole, strict=True)
         return [Score(self, *found) for found in both]
 
@@ -242,12 +309,16 @@ class Likelihood:
         return self.scores([repair])[0]
 
     def left_out(
-        self, repair: Repair, weights: Array, more: Array | None = None, others: Normal | None = None
+        self,
+        repair: Repair,
+        weights: Array,
+        more: Array | None = None,
+        others: Normal | None = None,
     ) -> tuple[Array, Array]:
-        """By leaving out each part of the log in turn (a delete-a-group jackknife): (PARTS, s) the arms
-        of all other parts, whose joints weigh (n,), and of other logs' normal equations, which further
-        columns (n, M, r) are no part of; (PARTS, n) what they leave of the part, over the mean energy of
-        a part."""
+        """By leaving out each part of the log in turn (a delete-a-group jackknife):
+        (PARTS, s) the arms of all other parts, whose joints weigh (n,), and of other
+        logs' normal equations, which further columns (n, M, r) are no part of; (PARTS,
+        n) what they leave of the part, over the mean energy of a part."""
         parts, k = self.parts(repair, PARTS, more)
         rests = Equations.of(parts.sum(axis=0) - parts, k)
         gram, cross = rests.normal(weights)
@@ -257,26 +328,39 @@ class Likelihood:
             cross[:, :s] += others[1]
         arms = solve(gram, cross[..., None])[..., 0]
         whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
-        return arms, np.maximum(PARTS * rests.left_of(parts, arms[:, None]) / whole, FLOOR)
+        return arms, np.maximum(
+            PARTS * rests.left_of(parts, arms[:, None]) / whole, FLOOR
+        )
 
     def alone(self, repair: Repair) -> Array:
-        """(n,) share of each channel that its joint's own model leaves of parts it was not fitted to."""
+        """(n,) share of each channel that its joint's own model leaves of parts it was
+        not fitted to."""
         parts, k = self.parts(repair)
         rests = Equations.of(parts.sum(axis=0) - parts, k)
         left = rests.left_of(parts, solve(rests.gram, rests.cross[..., None])[..., 0])
-        return np.maximum(left.sum(axis=0) / _positive(parts[..., -1, -1].sum(axis=0)), FLOOR)
+        return np.maximum(
+            left.sum(axis=0) / _positive(parts[..., -1, -1].sum(axis=0)), FLOOR
+        )
 
-    def steps(self, now: Repair, ats: Sequence[At], values: Array, h: Array) -> tuple[Array, Array]:
-        """(r,) by how much each of some numbers of ``now`` would have to change alone, to first order,
-        and (r,) the standard deviations of that, infinite where the arm's parameters take its place: by
-        a jackknife, because what the model lacks varies from part to part: noise alone would look exact.
-        With A, c the normal equations of the arm and a, b, c_x those of d(y - Y theta)/dx,
+    def steps(
+        self, now: Repair, ats: Sequence[At], values: Array, h: Array
+    ) -> tuple[Array, Array]:
+        """(r,) by how much each of some numbers of ``now`` would have to change alone,
+        to first order, and (r,) the standard deviations of that, infinite where the
+        arm's parameters take its place: by a jackknife, because what the model lacks
+        varies from part to part: noise alone would look exact. With A, c the normal
+        equations of the arm and a, b, c_x those of d(y - Y theta)/dx,
 
             change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b)."""
         score = self.score(now)
-        here, slopes = self.unexplained(now, score.theta), np.zeros((self.n, self.data.count, len(ats)))
+        here, slopes = (
+            self.unexplained(now, score.theta),
+            np.zeros((self.n, self.data.count, len(ats))),
+        )
         for r, at in enumerate(ats):
-            slopes[..., r] = (self.unexplained(at(values[r] + h[r]), score.theta) - here) / h[r]
+            slopes[..., r] = (
+                self.unexplained(at(values[r] + h[r]), score.theta) - here
+            ) / h[r]
         sizes = np.linalg.norm(slopes, axis=(0, 1))
         parts, k = self.parts(now, PARTS, -slopes / or_one(sizes))
         gram, cross = Equations.of(parts.sum(axis=0) - parts, k).normal(score.weights)
@@ -284,7 +368,9 @@ class Likelihood:
         full = np.concatenate([gram, cross[:, :, None]], axis=2)
         arm = solve(full[:, :s, :s], full[:, :s, s:])
         beside = full[:, s:, s:] - full[:, s:, :s] @ arm
-        own, whole = (np.einsum("pkk->pk", x[..., :-1]) for x in (beside, full[:, s:, s:]))
+        own, whole = (
+            np.einsum("pkk->pk", x[..., :-1]) for x in (beside, full[:, s:, s:])
+        )
         change, spread = jackknifed(
             beside[..., -1] / np.maximum(own + RIDGE * whole, 1e-300) / or_one(sizes)
         )
@@ -293,23 +379,25 @@ class Likelihood:
         return change, np.where(seen, spread, np.inf)
 
     def predicts(self, before: Array, after: Array) -> float:
-        """By how many standard errors the second of what two repairs leave (PARTS, n) of parts that were
-        left out is less, all joints that move together."""
+        """By how many standard errors the second of what two repairs leave (PARTS, n)
+        of parts that were left out is less, all joints that move together."""
         change = np.log(before / after)[:, self.moving].sum(axis=1)
         return float(np.mean(change) / max(np.std(change) / np.sqrt(PARTS), 1e-300))
 
 
 class Rows:
-    """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own columns, raw
-    (n, M, s) columns of the shared parameters, apart (n, M, s) the same with own columns projected out,
-    gram (n, s, s) of these."""
+    """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own
+    columns, raw (n, M, s) columns of the shared parameters, apart (n, M, s) the same
+    with own columns projected out, gram (n, s, s) of these."""
 
     def __init__(self, of: Likelihood, repair: Repair) -> None:
         self.of, self.repair = of, repair
         self.basis, self.raw = of._basis(repair.order, repair.events), of.raw(repair)
         left = self.rest(self.raw)
         seen = np.linalg.norm(left, axis=1) > 1e-6 * np.linalg.norm(self.raw, axis=1)
-        self.apart = left * seen[:, None]  # rounding errors of the others are no columns
+        self.apart = (
+            left * seen[:, None]
+        )  # rounding errors of the others are no columns
         self.gram = np.swapaxes(self.apart, 1, 2) @ self.apart
 
     def rest(self, y: Array) -> Array:
@@ -318,18 +406,22 @@ class Rows:
 
     @cached_property
     def pushed(self) -> Array:
-        """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the weight's mean
-        product with the weight of a plausible arm."""
+        """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the
+        weight's mean product with the weight of a plausible arm."""
         of, repair = self.of, self.repair
         ddq, weight = of.motion(repair).ddq, of.shared(repair, 0.0, 0.0)
         made = of.shared(repair, 0.0, 1.0) - weight, weight
         both = zip(made, (ddq, of.nominal(self.repair, 0.0)), strict=True)
-        return np.array([np.tensordot(along, x, ((1, 0), (0, 1))) for x, along in both]) / of.data.count
+        return (
+            np.array([np.tensordot(along, x, ((1, 0), (0, 1))) for x, along in both])
+            / of.data.count
+        )
 
 
 @dataclass
 class Score:
-    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole (n,) [(N m)^2]."""
+    """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole
+    (n,) [(N m)^2]."""
 
     of: Likelihood
     rows: Rows
@@ -355,18 +447,22 @@ class Score:
 
     @property
     def poor(self) -> NDArray[np.bool_]:
-        """(n,) joints of whose torque more is unexplained than what friction laws and filters are worth:
-        their motion may be another one."""
+        """(n,) joints of whose torque more is unexplained than what friction laws and
+        filters are worth: their motion may be another one."""
         return np.asarray(self.of.moving & (self.shares > 2.0 * FLOOR))
 
     @cached_property
     def residual(self) -> Array:
         """(n, M) what the arm leaves of the channels."""
-        return self.rows.rest(self.channels[:, :, None])[:, :, 0] - self.rows.apart @ self.theta
+        return (
+            self.rows.rest(self.channels[:, :, None])[:, :, 0]
+            - self.rows.apart @ self.theta
+        )
 
     def gained(self, x: Array) -> Array:
-        """(n, K) by how much log S_j falls with one more own column of joint j, of x (n, M, K) without
-        what the own ones explain: a score test, less what the arm's parameters take of it."""
+        """(n, K) by how much log S_j falls with one more own column of joint j, of x
+        (n, M, K) without what the own ones explain: a score test, less what the arm's
+        parameters take of it."""
         pull = np.einsum("jm,jmk->jk", self.residual, x) ** 2
         shared = np.swapaxes(self.rows.apart, 1, 2) @ x
         normal = np.tensordot(self.weights, self.rows.gram, 1)
@@ -377,11 +473,13 @@ class Score:
 
     @cached_property
     def samples(self) -> float:
-        """How many independent samples M rows hold whose neighbours are alike, and no parameter takes:
-        M / (1 + 2 sum_k rho_k) of the median joint, over lags before what the arm leaves is correlated
-        no more (Geyer 1992)."""
+        """How many independent samples M rows hold whose neighbours are alike, and no
+        parameter takes: M / (1 + 2 sum_k rho_k) of the median joint, over lags before
+        what the arm leaves is correlated no more (Geyer 1992)."""
         left, count = self.residual[self.of.moving], self.channels.shape[1]
-        power = np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
+        power = (
+            np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
+        )
         rho = np.fft.irfft(power)[:, :count]
         rho = rho / or_one(rho[:, :1])
         lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
@@ -393,14 +491,16 @@ class Score:
         return np.where(self.of.moving, 1.0 / self.left, 0.0)
 
     def physics(self, repair: Repair, samples: float) -> float:
-        """log-probability that inertia and masses are positive and friction takes power: the mean of
-        dq_j times what the links leave of joint j's torque, of ddq^T times the inertial torque, and of
-        the weight times that of a plausible arm."""
+        """log-probability that inertia and masses are positive and friction takes
+        power: the mean of dq_j times what the links leave of joint j's torque, of ddq^T
+        times the inertial torque, and of the weight times that of a plausible arm."""
         from scipy.special import log_ndtr
 
         m, slopes = self.of.motion(repair), self.rows.pushed
         states = np.stack([-m.dq.T if repair.reversed else m.dq.T, m.ddq.T]) / len(m.t)
-        states -= states.mean(axis=2, keepdims=True)  # what is constant, as a weight, is neither
+        states -= states.mean(
+            axis=2, keepdims=True
+        )  # what is constant, as a weight, is neither
         states = states * self.of.heard(repair)
         values = np.sum(states * (self.channels - self.rows.raw @ self.theta), axis=2)
         gradients = -(states[:, :, None, :] @ self.rows.raw)[:, :, 0]
@@ -418,17 +518,20 @@ class Score:
 
 def _positive(whole: Array) -> Array:
     """(..., n) energies of torques, none of them 0."""
-    return np.maximum(whole, 1e-12 * whole.max(axis=-1, keepdims=True, initial=0.0) + 1e-280)
+    return np.maximum(
+        whole, 1e-12 * whole.max(axis=-1, keepdims=True, initial=0.0) + 1e-280
+    )
 
 
 def jackknifed(found: Array) -> tuple[Array, Array]:
-    """Numbers and their standard deviations, from their values (PARTS, ...) without one part each."""
+    """Numbers and their standard deviations, from their values (PARTS, ...) without one
+    part each."""
     return np.mean(found, axis=0), np.sqrt((PARTS - 1) * np.var(found, axis=0))
 
 
 def solve(gram: Array, right: Array) -> Array:
-    """(..., s, r) (G + ridge)^-1 B with columns of G (..., s, s) scaled to one; zero for those that are
-    not there."""
+    """(..., s, r) (G + ridge)^-1 B with columns of G (..., s, s) scaled to one; zero
+    for those that are not there."""
     norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
     seen = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
     scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)[..., None]

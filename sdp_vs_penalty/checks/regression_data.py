@@ -1,9 +1,11 @@
-"""The rows of one log that hypotheses are judged on, and the columns of an arm's torque.
+"""The rows of one log that hypotheses are judged on, and the columns of an arm's
+torque.
 
-Rows are filtered as an identification filters them. Columns are those that joints share, and those of
-each joint's own motion: what friction, a rotor and an offset may look like. Beside the model's they hold
-laws that the model may lack (sharper and rounder Coulomb friction, bristles that bend before they slide,
-Dahl 1968): what they explain is the model's matter, and no fault of the log.
+Rows are filtered as an identification filters them. Columns are those that joints
+share, and those of each joint's own motion: what friction, a rotor and an offset may
+look like. Beside the model's they hold laws that the model may lack (sharper and
+rounder Coulomb friction, bristles that bend before they slide, Dahl 1968): what they
+explain is the model's matter, and no fault of the log.
 """
 
 from __future__ import annotations
@@ -39,8 +41,8 @@ def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
     return [np.column_stack([dahl(q, d) for q in motion.q.T]) for d in travels]
 
 
-#: Laws of a joint that arms have and models lack, (N, n) columns by its motion: as strong as they may
-#: be, they are no fault of the log.
+#: Laws of a joint that arms have and models lack, (N, n) columns by its motion: as
+#: strong as they may be, they are no fault of the log.
 LAWS: dict[str, Callable[[Motion], list[Array]]] = {
     "a spring": lambda m: [m.q],
     "drag": lambda m: [m.dq * np.abs(m.dq)],
@@ -53,11 +55,12 @@ LAWS: dict[str, Callable[[Motion], list[Array]]] = {
 class RegressionData:
     """At M instants of one log at which the arm moves.
 
-    motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over time;
-    own : (n, M, k) columns that each joint's own motion makes; laws : those of LAWS, as many; heard :
-    (M, n) 1 where a joint slides, 0 where its torque is not asked; moving : (n,); shared : the effects
-    whose columns joints share, independent : which of these say all that the others do, however the arm
-    is mounted; largest : (n,) sizes that the channels reach; cutoff : of the low-pass [Hz].
+    motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over
+    time; own : (n, M, k) columns that each joint's own motion makes; laws : those of
+    LAWS, as many; heard : (M, n) 1 where a joint slides, 0 where its torque is not
+    asked; moving : (n,); shared : the effects whose columns joints share, independent :
+    which of these say all that the others do, however the arm is mounted; largest :
+    (n,) sizes that the channels reach; cutoff : of the low-pass [Hz].
     """
 
     shared: Model | None
@@ -82,8 +85,11 @@ class RegressionData:
         return replace(self, motion=motion, own=own, laws=laws, heard=self.heard[rows])
 
     @classmethod
-    def of(cls, problem: Problem, run: Measurements, settings: Preprocessing) -> RegressionData:
-        """``settings`` resolved. Raises InputError for a log that is shorter than the filters need."""
+    def of(
+        cls, problem: Problem, run: Measurements, settings: Preprocessing
+    ) -> RegressionData:
+        """``settings`` resolved. Raises InputError for a log that is shorter than the
+        filters need."""
         from scipy.interpolate import CubicSpline
 
         assert settings.torque_cutoff is not None
@@ -105,18 +111,26 @@ class RegressionData:
             if some := min(round(ROWS * len(k) / count), len(k)):
                 spread = k[np.linspace(0, len(k) - 1, some).astype(int)]
                 pieces.append(_piece(filters, part, spread, laws))
-                at = np.arange(filters.column.half, part.count - filters.column.half, filters.stride)
+                at = np.arange(
+                    filters.column.half,
+                    part.count - filters.column.half,
+                    filters.stride,
+                )
                 grid.append((part.clock(at), filters.torque(part, at)))
         states, columns = zip(*pieces, strict=True)
         motion, own = joined(states), np.concatenate(columns, axis=1)
         times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
         spline = CubicSpline(times, torque)
-        moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)  # and its channel is not dead
+        moving = moving_joints(run) & (
+            np.ptp(run.tau, axis=0) > 0.0
+        )  # and its channel is not dead
         slides = np.abs(motion.dq) > SLIDES * np.sqrt(np.mean(motion.dq**2, axis=0))
         asked = np.flatnonzero(np.any(slides[:, moving], axis=1))
         if not len(asked):
             raise InputError(
-                "no joint both moves and has a torque that changes", "record such a run", run.names[0]
+                "no joint both moves and has a torque that changes",
+                "record such a run",
+                run.names[0],
             )
         # Where all have stopped nothing is asked of any joint.
         motion, heard = motion.part(asked), slides[asked].astype(float)
@@ -125,16 +139,22 @@ class RegressionData:
         for name, law in reversed(LAWS.items()):  # the last columns
             own, lacking[name] = np.split(own, [-len(law(motion))], axis=2)
         free = _independent(shared)
-        return cls(shared, free, motion, spline, own, lacking, heard, moving, largest, cutoff)
+        return cls(
+            shared, free, motion, spline, own, lacking, heard, moving, largest, cutoff
+        )
 
 
 def _piece(
-    filters: RunFilter, part: Stretch, at: NDArray[np.int64], laws: Sequence[JointEffect]
+    filters: RunFilter,
+    part: Stretch,
+    at: NDArray[np.int64],
+    laws: Sequence[JointEffect],
 ) -> tuple[Motion, Array]:
     """States and own columns (n, M, k) of one stretch."""
     half, reach = filters.coarse.half, filters.stride * filters.coarse.half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
-    # Off the column grid by at most half a step: both sides of the relation alike would cost more.
+    # Off the column grid by at most half a step: both sides of the relation alike would
+    # cost more.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
     local = np.clip(local, half, len(dense.t) - 1 - half)
     low_pass = Decimator(filters.coarse, local)
@@ -149,21 +169,30 @@ def _piece(
 
 
 def split(model: Model) -> tuple[list[JointEffect], Model | None]:
-    """Frictions of every joint by its own motion; the model without all that has one column on every
-    joint, made by that joint's motion: the links, couplings."""
+    """Frictions of every joint by its own motion; the model without all that has one
+    column on every joint, made by that joint's motion: the links, couplings."""
     every = list(range(model.robot.n))
-    own = [e for e in model.effects if isinstance(e, JointEffect) and list(e.joints) == every]
+    own = [
+        e
+        for e in model.effects
+        if isinstance(e, JointEffect) and list(e.joints) == every
+    ]
     rest = tuple(e for e in model.effects if e not in own)
-    return [e for e in own if "friction" in e.name], Model(model.robot, rest) if rest else None
+    return [e for e in own if "friction" in e.name], Model(
+        model.robot, rest
+    ) if rest else None
 
 
 def on_robot(model: Model, robot: Robot) -> Model:
     """The same effects of another robot."""
-    return Model(robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects))
+    return Model(
+        robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects)
+    )
 
 
 def _independent(shared: Model | None) -> tuple[int, ...]:
-    """The columns that lead the base parameters under a gravity along none of the arm's axes."""
+    """The columns that lead the base parameters under a gravity along none of the arm's
+    axes."""
     if shared is None:
         return ()
     gravity = tuple(np.random.default_rng(0).normal(size=3).tolist())

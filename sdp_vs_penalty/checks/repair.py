@@ -1,12 +1,15 @@
-"""What is done to a log, as one record: the net repair that every hypothesis is a value of.
+"""What is done to a log, as one record: the net repair that every hypothesis is a value
+of.
 
-A hypothesis changes entries of this record; a composition of hypotheses is again one record. So no
-joint can have two zeros, two gains or two signs, and what is reported is what is done to the raw log:
+A hypothesis changes entries of this record; a composition of hypotheses is again one
+record. So no joint can have two zeros, two gains or two signs, and what is reported is
+what is done to the raw log:
 
     q_j   = scale_j q_raw[order_j] + zero_j            time  t = t_0 + rate (t_raw - t_0), or reversed
     tau_j = gain_j (tau_raw[tau_order_j] earlier by lead_j) + lag_j d(tau_j)/dt - events_j
 
-where a channel that bends is straightened first: s artanh(tau_raw / s), s = max |tau_raw| / bend_j.
+where a channel that bends is straightened first: s artanh(tau_raw / s), s = max
+|tau_raw| / bend_j.
 """
 
 from __future__ import annotations
@@ -27,8 +30,8 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Event:
-    """What one joint's torque has beside the arm's: a drift over the whole log, a step at a time ``at``
-    [s], or a law of its own motion, by name."""
+    """What one joint's torque has beside the arm's: a drift over the whole log, a step
+    at a time ``at`` [s], or a law of its own motion, by name."""
 
     joint: int
     at: float | str | None = None
@@ -42,10 +45,11 @@ class Event:
 
 @dataclass(frozen=True)
 class Repair:
-    """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base frame;
-    ``lacks``, the share of the arm's weight that each torque channel lacks, and ``longer`` [m], how much
-    farther a joint is from the one before than the problem says: what a model has to assume, no change
-    of the log; ``bend`` of a repaired file stays as it is."""
+    """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base
+    frame; ``lacks``, the share of the arm's weight that each torque channel lacks, and
+    ``longer`` [m], how much farther a joint is from the one before than the problem
+    says: what a model has to assume, no change of the log; ``bend`` of a repaired file
+    stays as it is."""
 
     order: Order
     scale: Numbers
@@ -75,30 +79,42 @@ class Repair:
 
     def with_entries(self, name: str, joints: Sequence[int], value: Any) -> Repair:
         """Some joints' entries of one of the tuples."""
-        entries: Any = tuple(value if j in joints else x for j, x in enumerate(getattr(self, name)))
+        entries: Any = tuple(
+            value if j in joints else x for j, x in enumerate(getattr(self, name))
+        )
         return replace(self, **{name: entries})
 
     def times(self, name: str, joints: Sequence[int], factor: float) -> Repair:
         """Some joints' entries multiplied by a factor."""
-        entries: Any = tuple(factor * x if j in joints else x for j, x in enumerate(getattr(self, name)))
+        entries: Any = tuple(
+            factor * x if j in joints else x for j, x in enumerate(getattr(self, name))
+        )
         return replace(self, **{name: entries})
 
     def with_swap(self, a: int, b: int, *names: str) -> Repair:
-        """The channels that joints a and b take, exchanged: of ``order``, ``tau_order`` or both."""
+        """The channels that joints a and b take, exchanged: of ``order``, ``tau_order``
+        or both."""
         places = [b if j == a else a if j == b else j for j in range(self.n)]
-        swapped: dict[str, Any] = {x: tuple(getattr(self, x)[k] for k in places) for x in names}
+        swapped: dict[str, Any] = {
+            x: tuple(getattr(self, x)[k] for k in places) for x in names
+        }
         return replace(self, **swapped)
 
     def with_event(self, event: Event) -> Repair:
         """With one more event; itself where it has it."""
-        return self if event in self.events else replace(self, events=(*self.events, event))
+        return (
+            self
+            if event in self.events
+            else replace(self, events=(*self.events, event))
+        )
 
     def without(self, event: Event) -> Repair:
         """But for an event."""
         return replace(self, events=tuple(e for e in self.events if e != event))
 
     def changed(self, name: str) -> list[tuple[tuple[int, ...], float]]:
-        """Joints whose entry of a tuple is not zero, and the entry: all where it is one."""
+        """Joints whose entry of a tuple is not zero, and the entry: all where it is
+        one."""
         values = getattr(self, name)
         if len(set(values)) == 1:
             return [(tuple(range(self.n)), values[0])] if values[0] else []
@@ -106,16 +122,19 @@ class Repair:
 
     @cached_property
     def of_motion(self) -> Repair:
-        """Without what is done to the torque's channels alone, and whichever way time runs."""
+        """Without what is done to the torque's channels alone, and whichever way time
+        runs."""
         return self.reset("tau_order", "gain", "lead", "lag", "bend", "reversed")
 
     @cached_property
     def of_arm(self) -> Repair:
-        """What of it the columns depend on that joints share, with all of the arm's weight."""
+        """What of it the columns depend on that joints share, with all of the arm's
+        weight."""
         return self.of_motion.reset("lacks", "events")
 
     def reset(self, *names: str) -> Repair:
-        """With these entries as a log has them that is right; itself where it is, as most hypotheses."""
+        """With these entries as a log has them that is right; itself where it is, as
+        most hypotheses."""
         none = Repair.none(self.n, self.gravity)
         right: dict[str, Any] = {name: getattr(none, name) for name in names}
         same = all(getattr(self, name) == value for name, value in right.items())
@@ -123,19 +142,32 @@ class Repair:
 
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""
-        return np.asarray(q[:, list(self.order)] * np.array(self.scale) + np.array(self.zero))
+        return np.asarray(
+            q[:, list(self.order)] * np.array(self.scale) + np.array(self.zero)
+        )
 
     def apply(self, run: Measurements) -> Measurements:
-        """The log repaired; gravity, weight and events are the model's matter and are left alone."""
-        if self.reset("lacks", "longer", "bend", "events") == Repair.none(self.n, self.gravity):
+        """The log repaired; gravity, weight and events are the model's matter and are
+        left alone."""
+        if self.reset("lacks", "longer", "bend", "events") == Repair.none(
+            self.n, self.gravity
+        ):
             return run
-        t, tau, speed = run.t, run.tau[:, list(self.tau_order)], np.array(self.scale) / self.rate
+        t, tau, speed = (
+            run.t,
+            run.tau[:, list(self.tau_order)],
+            np.array(self.scale) / self.rate,
+        )
         dq = None if run.dq is None else run.dq[:, list(self.order)] * speed
         for j, late in enumerate(self.lead):
             if late:
                 tau[:, j] = np.interp(t + late, t, tau[:, j])
         keep = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
-        t, q, tau = t[0] + self.rate * (t - t[0]), self.positions(run.q), tau * np.array(self.gain)
+        t, q, tau = (
+            t[0] + self.rate * (t - t[0]),
+            self.positions(run.q),
+            tau * np.array(self.gain),
+        )
         out = replace(run, t=t, q=q, tau=tau, dq=dq).rows(keep)
         if not self.reversed:
             return out

@@ -1,13 +1,14 @@
-"""What the repaired log leaves over: is it what such arms leave, everywhere and all the time? Are the
-torques of a possible size, and which parameters can this motion not show?
+"""What the repaired log leaves over: is it what such arms leave, everywhere and all the
+time? Are the torques of a possible size, and which parameters can this motion not show?
 
-Two witnesses for each joint: how much one arm leaves of its torque, and how much more that is than a
-model of this joint alone would leave. Friction, however odd, is in both.
+Two witnesses for each joint: how much one arm leaves of its torque, and how much more
+that is than a model of this joint alone would leave. Friction, however odd, is in both.
 
-Of several runs: is it the same arm in each? All are fitted by one arm, and each by itself; what each
-joint's own motion makes (friction, which warms up, and zeros of torque) is a run's own. Where one run
-does not belong to the others' arm, the same question is asked as within a log: which number of that run
-makes it theirs, to first order: a gain, a zero, or the ten parameters of a load on the last link.
+Of several runs: is it the same arm in each? All are fitted by one arm, and each by
+itself; what each joint's own motion makes (friction, which warms up, and zeros of
+torque) is a run's own. Where one run does not belong to the others' arm, the same
+question is asked as within a log: which number of that run makes it theirs, to first
+order: a gain, a zero, or the ten parameters of a load on the last link.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,22 +32,34 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 #: A one-off event lasts at most so long [s].
 _WIDTH = 1.0
-_SURE = "certain: signs, orders, gains, zeros, delays, units and gravity were tried; none explains it"
+_SURE = (
+    "certain: signs, orders, gains, zeros, delays, units and gravity were tried; none"
+    " explains it"
+)
 
 
 def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
-    """A warning where more is left over than such an arm leaves, of logs with samples to spare for its
-    parameters; an error where nothing is explained."""
+    """A warning where more is left over than such an arm leaves, of logs with samples
+    to spare for its parameters; an error where nothing is explained."""
     score = log.score(repair)
-    dark, percent, total = _dark(score), 100.0 * np.sqrt(score.shares), 100.0 * score.unexplained**0.5
+    dark, percent, total = (
+        _dark(score),
+        100.0 * np.sqrt(score.shares),
+        100.0 * score.unexplained**0.5,
+    )
     if dark > c.UNRELATED:
         yield Issue.of(
-            "torque not explained", "error", (),
-            f"No inertia and friction of this arm explain {100.0 * dark:.0f} % of the torque energy.",
-            _SURE, "check that this is the right robot, that the columns are joint torques, and that "
-            "positions and torques come from the same recording", where="all torque channels",
+            "torque not explained",
+            "error",
+            (),
+            f"No inertia and friction of this arm explain {100.0 * dark:.0f} % of the"
+            " torque energy.",
+            _SURE,
+            "check that this is the right robot, that the columns are joint torques,"
+            " and that positions and torques come from the same recording",
+            where="all torque channels",
             unexplained_percent=100.0 * dark,
-        )  # fmt: skip
+        )
     elif log.spare > 0.0:
         times, least = c.CONTRADICTS
         odd = score.shares > np.maximum(times * log.alone(repair), least)
@@ -58,12 +71,16 @@ def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         left = ", ".join(f"{percent[j]:.2g} %" for j in joints)
         if left:
             yield Issue.of(
-                "unexplained torque", "warning", joints,
-                f"the torque of {{where}} {what}: {left} of it stays unexplained.", _SURE,
-                "look at that channel: `diagnose` draws what is left; check its source, gain and zero, "
-                "and that robot, mounting and torque side are those of the problem",
+                "unexplained torque",
+                "warning",
+                joints,
+                f"the torque of {{where}} {what}: {left} of it stays unexplained.",
+                _SURE,
+                "look at that channel: `diagnose` draws what is left; check its source,"
+                " gain and zero, and that robot, mounting and torque side are those of"
+                " the problem",
                 percent=percent[joints].round(2).tolist(),
-            )  # fmt: skip
+            )
         yield from _event(log, repair, score)
 
 
@@ -72,56 +89,94 @@ def _dark(score: Score) -> float:
 
 
 def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
-    """A moment at which the error is far larger than at any other: contact, a push. At its ends the arm
-    starts or comes to rest, which is stiction; a step has been told."""
+    """A moment at which the error is far larger than at any other: contact, a push. At
+    its ends the arm starts or comes to rest, which is stiction; a step has been told.
+    """
     t = log.data.motion.t
     known = [t[0], t[-1], *(e.at for e in repair.events if isinstance(e.at, float))]
     for j in log.joints:
         error = np.abs(score.residual[j])
         at, most = float(t[np.argmax(error)]), float(error.max())
         elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
-        if np.min(np.abs(np.subtract(known, at))) > 3.0 * _WIDTH and most > c.TIMES * elsewhere > 0.0:
+        if (
+            np.min(np.abs(np.subtract(known, at))) > 3.0 * _WIDTH
+            and most > c.TIMES * elsewhere > 0.0
+        ):
             yield Issue.of(
-                "one-off event", "warning", [j],
-                f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost packet): the error is "
-                f"{most:.3g} {log.problem.robot.torque_units[j]} in joint {j + 1}, over {c.TIMES:g} "
-                "times that at any other moment.",
-                "likely: an effect of the arm itself would recur", f"exclude {_WIDTH:g} s around it",
+                "one-off event",
+                "warning",
+                [j],
+                f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost"
+                f" packet): the error is {most:.3g} {log.problem.robot.torque_units[j]}"
+                f" in joint {j + 1}, over {c.TIMES:g} times that at any other moment.",
+                "likely: an effect of the arm itself would recur",
+                f"exclude {_WIDTH:g} s around it",
                 lambda r: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH),  # noqa: B023
-                f"t = {at:.3g} s, {joints_text([j])}", t=at,
-            )  # fmt: skip
+                f"t = {at:.3g} s, {joints_text([j])}",
+                t=at,
+            )
             return
 
 
 def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
-    """Torques of an impossible size: another unit, motor currents, the motor's side of the gear.
+    """Torques of an impossible size: another unit, motor currents, the motor's side of
+    the gear.
 
-    What joints share tells the channels' ratios, never their common size. Two witnesses do: the joints'
-    effort limits, which bind every sample, and what an arm of the problem's masses needs on the motion.
+    What joints share tells the channels' ratios, never their common size. Two witnesses
+    do: the joints' effort limits, which bind every sample, and what an arm of the
+    problem's masses needs on the motion.
     """
-    problem, channels, sure = log.problem, log.channels(repair).T, "likely: judged by size alone"
-    effort = np.array([j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints])
+    problem, channels, sure = (
+        log.problem,
+        log.channels(repair).T,
+        "likely: judged by size alone",
+    )
+    effort = np.array(
+        [j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints]
+    )
     each = log.data.largest[list(repair.tau_order)] * np.abs(repair.gain) / effort
-    over, odd = float(np.max(each, initial=-1.0, where=each > 0.0)), np.flatnonzero(each > c.EFFORT[1])
-    convert = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
+    over, odd = (
+        float(np.max(each, initial=-1.0, where=each > 0.0)),
+        np.flatnonzero(each > c.EFFORT[1]),
+    )
+    convert = (
+        "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
+    )
     if 0 < len(odd) <= 0.3 * log.n:
         times = formatting.words([f"{x:.3g}" for x in each[odd]])
-        what = f"the torque of {{where}} is {times} times what the joint is made for: in another unit."
+        what = (
+            f"the torque of {{where}} is {times} times what the joint is made for: in"
+            " another unit."
+        )
         yield Issue.of("torque unit", "error", odd, what, sure, convert)
         return
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
-    known, weighs = masses > 0.0 and not np.all(problem.guessed_links), f"{low:g} to {high:g}"
+    known, weighs = (
+        masses > 0.0 and not np.all(problem.guessed_links),
+        f"{low:g} to {high:g}",
+    )
     if not np.isfinite(high):
         low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
-    least, most, measured = 1e-2, 1.0, over  # beside the effort limits where no mass is known
+    least, most, measured = (
+        1e-2,
+        1.0,
+        over,
+    )  # beside the effort limits where no mass is known
     told = f"{over:.3g} times what the joints are made for"
     large = small = False
     if known:  # least and largest ratio of measured to nominal torque
-        rows, arm = log.rows(repair), (log.heard(repair).T * log.nominal(repair)).T[:, :, None]
+        rows, arm = (
+            log.rows(repair),
+            (log.heard(repair).T * log.nominal(repair)).T[:, :, None],
+        )
         measured = _size(channels) / _size(arm)
-        least, most = max(low, 0.1 * high) / masses / c.EFFORT[1], high / masses * c.EFFORT[1]
+        least, most = (
+            max(low, 0.1 * high) / masses / c.EFFORT[1],
+            high / masses * c.EFFORT[1],
+        )
         told = f"{measured:.3g} times what an arm of {weighs} kg needs"
-        # Upright axes bear friction, and no weight: without it they have to be too large as well.
+        # Upright axes bear friction, and no weight: without it they have to be too
+        # large as well.
         made = _size(rows.apart @ log.score(repair).theta) / _size(rows.rest(arm))
         large, small = min(measured, made) > most, measured < least
     far = over > c.EFFORT[1]
@@ -133,20 +188,39 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         why = f"{why} {share:.0f} % of the joints' effort limits"
         remedy = "correct total_mass in problem.toml (the inertials of a URDF)"
     elif large or (far and not known):
-        factor = next((u for u in UNITS if far and u < 0.1 and least <= measured * u <= most), None)
+        factor = next(
+            (u for u in UNITS if far and u < 0.1 and least <= measured * u <= most),
+            None,
+        )
         why, remedy = "their unit is not N m", f"{convert}; {right}"
         if factor is not None:
             why, remedy = f"they are in {UNITS[factor]}", f"multiply by {factor:g}"
             mend = lambda r: replace(r, tau=r.tau * factor)  # noqa: E731
     elif small:
         kind, severity = "torque channel kind", "warning"
-        why = "they are motor currents, or torques on the motor side of the gear. A model of them is"
+        why = (
+            "they are motor currents, or torques on the motor side of the gear. A model"
+            " of them is"
+        )
         why = f"{why} unscaled: its ratios are right, its kilograms are not"
-        remedy = f"multiply each channel by its drive gain (N m per A, gear ratio included); {right}"
+        remedy = (
+            "multiply each channel by its drive gain (N m per A, gear ratio included);"
+            f" {right}"
+        )
     else:
         return
     what, ratio = f"the torques are {told}: {why}.", measured if known else None
-    yield Issue.of(kind, severity, range(log.n), what, sure, remedy, mend, where, times_nominal=ratio)
+    yield Issue.of(
+        kind,
+        severity,
+        range(log.n),
+        what,
+        sure,
+        remedy,
+        mend,
+        where,
+        times_nominal=ratio,
+    )
 
 
 def _size(torques: Array) -> float:
@@ -155,28 +229,40 @@ def _size(torques: Array) -> float:
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
-    """Base parameters that the data do not determine; those of idle joints are named elsewhere."""
+    """Base parameters that the data do not determine; those of idle joints are named
+    elsewhere."""
     model = problem.model()
     data = compress(rows, model)
-    known = of_regression(make_task(problem, model, data), data, base_rows(problem, model), white=True)
+    known = of_regression(
+        make_task(problem, model, data), data, base_rows(problem, model), white=True
+    )
     dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
     if dark:
         total, joint_of = len(known.base), {p.name: p.joint for p in model.parameters}
         joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
         severity = "warning" if len(dark) > c.UNRELATED * total else "note"
         yield Issue(
-            "poor excitation", severity, joints_text(joints) if joints else "the robot",
-            f"{len(dark)} of {total} base parameters are not identifiable from this motion: "
-            f"{', '.join(dark)}.", "likely: by least squares, were its error white noise",
-            "move these joints farther, faster and independently of each other, or add runs that do",
-            None, {"base_parameters": total, **counts(known.base), "names": dark},
-        )  # fmt: skip
+            "poor excitation",
+            severity,
+            joints_text(joints) if joints else "the robot",
+            f"{len(dark)} of {total} base parameters are not identifiable from this"
+            f" motion: {', '.join(dark)}.",
+            "likely: by least squares, were its error white noise",
+            "move these joints farther, faster and independently of each other, or add"
+            " runs that do",
+            None,
+            {"base_parameters": total, **counts(known.base), "names": dark},
+        )
 
 
-#: What is different in a run, and what to do about it; x is the number, j the joint from 1.
+#: What is different in a run, and what to do about it; x is the number, j the joint
+#: from 1.
 _WORDS = {
     "another arm": (
-        "{run} is not of the same arm: no gain, zero or load of one run explains the difference",
+        (
+            "{run} is not of the same arm: no gain, zero or load of one run explains"
+            " the difference"
+        ),
         "identify from one run at a time",
     ),
     "another load": (
@@ -191,24 +277,30 @@ _WORDS = {
         "the zero of joint {j} is {away} away in {run}",
         "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
-}  # fmt: skip
+}
 
 
 def compare(
     logs: Sequence[tuple[Likelihood, Repair, str]], worse: float = 1.0
 ) -> Iterator[tuple[int, Issue]]:
-    """(number, issue) where the arm of a log is not that of the others; none for a single one.
+    """(number, issue) where the arm of a log is not that of the others; none for a
+    single one.
 
-    logs : rows, net repair and name of each; worse : only where one arm for all explains them so many
-    times worse than one for each. What is said of a run predicts the parts of it that nothing was fitted
-    to, best of all that may be different, and its number is far from none."""
+    logs : rows, net repair and name of each; worse : only where one arm for all
+    explains them so many times worse than one for each. What is said of a run predicts
+    the parts of it that nothing was fitted to, best of all that may be different, and
+    its number is far from none."""
     if len(logs) < 2:
         return
     fits, repairs, names = zip(*logs, strict=True)
     # A law of one run's joint is that of the arm's.
     laws = dict.fromkeys(e for r in repairs for e in r.events if isinstance(e.at, str))
-    repairs = tuple(replace(r, events=tuple(dict.fromkeys((*r.events, *laws)))) for r in repairs)
-    samples = float(np.mean([s.score(r).samples for s, r in zip(fits, repairs, strict=True)]))
+    repairs = tuple(
+        replace(r, events=tuple(dict.fromkeys((*r.events, *laws)))) for r in repairs
+    )
+    samples = float(
+        np.mean([s.score(r).samples for s, r in zip(fits, repairs, strict=True)])
+    )
     runs = [Equations.of(*s.parts(r, 1)) for s, r in zip(fits, repairs, strict=True)]
     asked = np.stack([s.moving for s in fits])
     alone = np.concatenate([x.fitted(a)[1] for x, a in zip(runs, asked, strict=True)])
@@ -228,8 +320,12 @@ def compare(
         none = log.raw(repair)[:, :, :0]
         before = log.left_out(repair, weights[odd], none, others)[1]
         for kind, j, more in (("another arm", -1, none), *_changes(log, repair, theta)):
-            arms, after = log.left_out(repair, weights[odd], more, others if j >= 0 else None)
-            gain = float(np.log(before / after)[:, log.moving].sum()) * (1.0 if j >= 0 else 0.5)
+            arms, after = log.left_out(
+                repair, weights[odd], more, others if j >= 0 else None
+            )
+            gain = float(np.log(before / after)[:, log.moving].sum()) * (
+                1.0 if j >= 0 else 0.5
+            )
             x, spread = map(float, jackknifed(arms[:, -max(more.shape[2], 1)]))
             if j < 0 or abs(x) > max(c.SIGMAS * spread, usual.get(kind, 0.0)):
                 causes.append((gain, odd, kind, j, x, log.predicts(before, after)))
@@ -239,22 +335,52 @@ def compare(
         return
     unit = fits[odd].problem.robot.position_units[j]
     away = f"{np.degrees(-x):.2g} degrees" if unit == "rad" else f"{-x:.2g} {unit}"
-    figures = {"run": names[odd], "j": j + 1, "x": 1.0 + x if kind == "torque gain" else x}
-    what, remedy = (text.format(**figures, away=away, unit=unit) for text in _WORDS[kind])
+    figures = {
+        "run": names[odd],
+        "j": j + 1,
+        "x": 1.0 + x if kind == "torque gain" else x,
+    }
+    what, remedy = (
+        text.format(**figures, away=away, unit=unit) for text in _WORDS[kind]
+    )
     joints = [] if j < 0 else [j]
-    yield odd, Issue(
-        kind, "warning", joints_text(joints) if joints else "the run", f"{what}, beside the others.",
-        f"likely: one arm for all runs explains them {times:.2g} times worse than one for each", remedy,
-        None, {"joints": [k + 1 for k in joints], "run": names[odd], "size": x, "times": times},
-    )  # fmt: skip
+    yield (
+        odd,
+        Issue(
+            kind,
+            "warning",
+            joints_text(joints) if joints else "the run",
+            f"{what}, beside the others.",
+            f"likely: one arm for all runs explains them {times:.2g} times worse than"
+            " one for each",
+            remedy,
+            None,
+            {
+                "joints": [k + 1 for k in joints],
+                "run": names[odd],
+                "size": x,
+                "times": times,
+            },
+        ),
+    )
 
 
 def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
-    """Two stretches of a log that are not one arm's, as two runs: a load picked up, or two arms' logs in
-    one file. Each run has offsets of its own, so that of a step in a torque alone nothing is left."""
-    repair = replace(repair, events=tuple(e for e in repair.events if not isinstance(e.at, float)))
-    few = log.data.count < 4 * c.PARTS  # each of the two has parts of its own, that are left out
-    if repair.events or few or log.spare <= 0.0 or _dark(log.score(repair)) > c.UNRELATED:
+    """Two stretches of a log that are not one arm's, as two runs: a load picked up, or
+    two arms' logs in one file. Each run has offsets of its own, so that of a step in a
+    torque alone nothing is left."""
+    repair = replace(
+        repair, events=tuple(e for e in repair.events if not isinstance(e.at, float))
+    )
+    few = (
+        log.data.count < 4 * c.PARTS
+    )  # each of the two has parts of its own, that are left out
+    if (
+        repair.events
+        or few
+        or log.spare <= 0.0
+        or _dark(log.score(repair)) > c.UNRELATED
+    ):
         return
     parts, k = log.parts(repair, 2 * c.PARTS)
     cuts = range(3, len(parts) - 2)  # neither may be short
@@ -264,24 +390,41 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     row = cut * log.data.count // len(parts)
     t, sides = float(log.data.motion.t[row]), (slice(row), slice(row, None))
     names = f"the part before t = {t:.4g} s", f"the part from t = {t:.4g} s on"
-    logs = [(log.some(rows), repair, name) for rows, name in zip(sides, names, strict=True)]
-    for _, issue in compare(logs, c.TIMES**0.5):  # within a log, friction changes as well
-        place = f"{issue.where}, t = {t:.4g} s" if issue.figures["joints"] else f"t = {t:.4g} s"
+    logs = [
+        (log.some(rows), repair, name) for rows, name in zip(sides, names, strict=True)
+    ]
+    for _, issue in compare(
+        logs, c.TIMES**0.5
+    ):  # within a log, friction changes as well
+        place = (
+            f"{issue.where}, t = {t:.4g} s"
+            if issue.figures["joints"]
+            else f"t = {t:.4g} s"
+        )
         yield replace(
-            issue, kind="two arms", where=place,
+            issue,
+            kind="two arms",
+            where=place,
             severity="error" if issue.figures["times"] > c.TIMES else "warning",
             remedy="cut the run there and use each part by itself (--window)",
             figures={**issue.figures, "t": t},
-        )  # fmt: skip
+        )
 
 
-def _changes(log: Likelihood, repair: Repair, theta: Array) -> Iterator[tuple[str, int, Array]]:
-    """Kind, joint and columns (n, M, r) of what may be different in a run, beside an arm's torque."""
+def _changes(
+    log: Likelihood, repair: Repair, theta: Array
+) -> Iterator[tuple[str, int, Array]]:
+    """Kind, joint and columns (n, M, r) of what may be different in a run, beside an
+    arm's torque."""
     torque, here = log.raw(repair) @ theta, log.unexplained(repair, theta)
     for j in log.joints:
         yield "torque gain", j, (torque * np.eye(log.n)[j][:, None])[:, :, None]
         shifted = repair.with_entries("zero", (j,), repair.zero[j] + 0.01)
-        yield "encoder offset", j, (here - log.unexplained(shifted, theta))[:, :, None] / 0.01
+        yield (
+            "encoder offset",
+            j,
+            (here - log.unexplained(shifted, theta))[:, :, None] / 0.01,
+        )
     if log.data.shared is not None:
         last = log.columns(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]
         yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last

@@ -1,8 +1,9 @@
 """The search over compositions of transformations: add the best, refine its numbers.
 
-What is maximised is one posterior, L + log p(physics) - cost of the repair (see likelihood.py). A
-repair that is added has to predict parts of the log that the arm was not fitted to, and its number has
-to lie beyond what arms and loggers differ by themselves, with its interval.
+What is maximised is one posterior, L + log p(physics) - cost of the repair (see
+likelihood.py). A repair that is added has to predict parts of the log that the arm was
+not fitted to, and its number has to lie beyond what arms and loggers differ by
+themselves, with its interval.
 """
 
 from collections.abc import Sequence
@@ -55,21 +56,34 @@ class Search:
     def proposals(self, now: Repair) -> list[Repair]:
         """One more thing that may be believed, the best first.
 
-        A number's best value explains at most twice what a rough one does, and physics gives back at
-        most what it takes of ``now``: what does not reach the odds so is not looked at."""
+        A number's best value explains at most twice what a rough one does, and physics
+        gives back at most what it takes of ``now``: what does not reach the odds so is
+        not looked at."""
         score, screen = self.log.score(now), self.log.screen
         made = (t.proposals(self.log, now, score) for t in TRANSFORMATIONS)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
-        here, scores = screen.score(now), dict(zip(asked, screen.scores(asked), strict=True))
+        here, scores = (
+            screen.score(now),
+            dict(zip(asked, screen.scores(asked), strict=True)),
+        )
         self._known_of(sorted(scores.values(), key=lambda s: s.score)[:1])
         least = c.ODDS - self.likelihood(score, now) + self.posterior(now)
-        gain = {r: 0.5 * self.samples * (here.score - s.score) for r, s in scores.items()}
-        more, before = {r: max(x, 0.0) for r, x in gain.items()}, self.likelihood(here, now)
+        gain = {
+            r: 0.5 * self.samples * (here.score - s.score) for r, s in scores.items()
+        }
+        more, before = (
+            {r: max(x, 0.0) for r, x in gain.items()},
+            self.likelihood(here, now),
+        )
         near = [r for r in asked if gain[r] + more[r] > least]  # before its cost
         value = {r: self.likelihood(scores[r], r) - before for r in near}
-        order = sorted((r for r in near if value[r] + more[r] > least), key=lambda r: -round(value[r]))
+        order = sorted(
+            (r for r in near if value[r] + more[r] > least),
+            key=lambda r: -round(value[r]),
+        )
         tied = [r for r in order if _same_fit(r, now)]
-        # Of each thing its best number: a grid's neighbours must not crowd out another thing.
+        # Of each thing its best number: a grid's neighbours must not crowd out another
+        # thing.
         best: dict[frozenset[object], Repair] = {}
         for r in order:
             best.setdefault(frozenset(e.name for e in self.elements(r)), r)
@@ -87,39 +101,57 @@ class Search:
             law = all(e.severity == "note" for e in self.new(repair, now))
             return -round(self.posterior(repair) + c.ODDS * law)
 
-        return next((r for r in sorted(likely, key=rank) if self.believed(r, now)), None)
+        return next(
+            (r for r in sorted(likely, key=rank) if self.believed(r, now)), None
+        )
 
     def _known_of(self, scores: Sequence[Score]) -> None:
-        """The error of a wrong arm lasts longer than noise does: of that the best one knows most."""
+        """The error of a wrong arm lasts longer than noise does: of that the best one
+        knows most."""
         self.samples = max([self.samples, *(s.samples for s in scores)])
         self.posterior.cache_clear()
 
     def believed(self, repair: Repair, now: Repair) -> bool:
-        """Whether it predicts what the arm was not fitted to, and its numbers are beyond what is usual.
-        Of a number, whose interval tells as well, half as clear a prediction of several joints is
-        enough."""
+        """Whether it predicts what the arm was not fitted to, and its numbers are
+        beyond what is usual.
+        Of a number, whose interval tells as well, half as clear a prediction of several
+        joints is enough."""
         fits, new = self.log, self.new(repair, now)
         if not all(self._determined(e.number) for e in new if e.number):
             return False
-        before, after = (fits.left_out(r, fits.score(r).weights)[1] for r in (now, repair))
-        least = c.SIGMAS * (0.5 if len(fits.joints) > 1 and all(e.number for e in new) else 1.0)
+        before, after = (
+            fits.left_out(r, fits.score(r).weights)[1] for r in (now, repair)
+        )
+        least = c.SIGMAS * (
+            0.5 if len(fits.joints) > 1 and all(e.number for e in new) else 1.0
+        )
         # Where the fit is the same, physics alone may tell.
-        return fits.predicts(before, after) > (-least if _same_fit(repair, now) else least)
+        return fits.predicts(before, after) > (
+            -least if _same_fit(repair, now) else least
+        )
 
     def _determined(self, number: Number) -> bool:
-        """Beyond what is usual by more than its interval, which is closed: as far as the best value is
-        looked for, to either side, it explains less."""
+        """Beyond what is usual by more than its interval, which is closed: as far as
+        the best value is looked for, to either side, it explains less."""
         reach = c.SIGMAS * self.step(number)[1]
         if abs(number.value) <= number.tolerance + reach:
             return False
         far = max(number.reach, reach)
-        here, *sides = self.log.scores([number.at(number.value + x) for x in (0.0, -far, far)])
-        return self.samples * (min(s.score for s in sides) - here.score) >= (0.5 * c.SIGMAS) ** 2
+        here, *sides = self.log.scores(
+            [number.at(number.value + x) for x in (0.0, -far, far)]
+        )
+        return (
+            self.samples * (min(s.score for s in sides) - here.score)
+            >= (0.5 * c.SIGMAS) ** 2
+        )
 
     def step(self, number: Number) -> tuple[float, float]:
-        """To first order, what a number lacks of its best value, and its standard deviation."""
+        """To first order, what a number lacks of its best value, and its standard
+        deviation."""
         value, h = np.array([[number.value], [0.3 * number.tolerance]])
-        (change,), (spread,) = self.log.steps(number.at(number.value), [number.at], value, h)
+        (change,), (spread,) = self.log.steps(
+            number.at(number.value), [number.at], value, h
+        )
         return float(change), float(spread)
 
     def numbers(self, repair: Repair) -> dict[tuple[str, tuple[int, ...]], Number]:
@@ -127,9 +159,9 @@ class Search:
         return {e.name: e.number for e in self.elements(repair) if e.number}
 
     def refined(self, repair: Repair, now: Repair) -> Repair:
-        """With the best values of its numbers, of those first that ``now`` does not have, and itself
-        where these are none: looked for on few rows, then one step to first order on all; round ones
-        where arms differ as much."""
+        """With the best values of its numbers, of those first that ``now`` does not
+        have, and itself where these are none: looked for on few rows, then one step to
+        first order on all; round ones where arms differ as much."""
         from scipy.optimize import minimize_scalar
 
         known, found = self.numbers(now), self.numbers(repair)
@@ -140,9 +172,14 @@ class Search:
             ends = number.value - number.reach, number.value + number.reach
             few = lambda x, at=number.at: self.log.screen.score(at(float(x))).score  # noqa: E731
             settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
-            least = minimize_scalar(few, bounds=ends, method="bounded", options=settings)
+            least = minimize_scalar(
+                few, bounds=ends, method="bounded", options=settings
+            )
             best = float(least.x) if least.fun < few(number.value) else number.value
-            change, far = self.step(replace(number, value=best))[0], 0.9 * number.tolerance
+            change, far = (
+                self.step(replace(number, value=best))[0],
+                0.9 * number.tolerance,
+            )
             better = best + float(np.clip(change, -far, far))
             near = replace(number, value=better).round_within(number.tolerance)
             tried = [number.at(x) for x in near or (best, better)]
@@ -150,34 +187,53 @@ class Search:
         return repair
 
     def rounded(self, repair: Repair) -> Repair:
-        """A number that is believed becomes the round one from which it is not told as it is from none:
-        by more than arms differ, and its standard errors."""
-        for name in [name for name, number in self.numbers(repair).items() if number.snaps]:
+        """A number that is believed becomes the round one from which it is not told as
+        it is from none: by more than arms differ, and its standard errors."""
+        for name in [
+            name for name, number in self.numbers(repair).items() if number.snaps
+        ]:
             number = self.numbers(repair)[name]
-            for x in number.round_within(number.tolerance + c.SIGMAS * self.step(number)[1]):
+            for x in number.round_within(
+                number.tolerance + c.SIGMAS * self.step(number)[1]
+            ):
                 repair = number.at(x)
         return repair
 
     def told(self, net: Repair) -> tuple[list[Issue], Repair]:
-        """An issue for each element of the net repair, with its interval and what it explains; the
-        repair without what is only likely."""
+        """An issue for each element of the net repair, with its interval and what it
+        explains; the repair without what is only likely."""
         certain, out, after = net, list[Issue](), self.log.score(net).shares
         for e in self.elements(net):
             gain = self.posterior(net) - self.posterior(e.without)
             change = np.log(self.log.score(e.without).shares / after)
-            j, word = int(np.argmax(change)), "certain" if gain > c.LOUDEST else "likely"
-            before, now = (100.0 * np.sqrt(after[j] * x) for x in (np.exp(change[j]), 1.0))
+            j, word = (
+                int(np.argmax(change)),
+                "certain" if gain > c.LOUDEST else "likely",
+            )
+            before, now = (
+                100.0 * np.sqrt(after[j] * x) for x in (np.exp(change[j]), 1.0)
+            )
             why = (
-                f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque falls from "
-                f"{before:.3g} % to {now:.3g} %"
+                f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque"
+                f" falls from {before:.3g} % to {now:.3g} %"
             )
             if change[j] < 0.05:  # the fit is the same: physics alone tells
-                why = "as recorded, friction would drive the motion, or inertia be negative"
-            figures = {"joints": [j + 1 for j in e.joints], **e.figures, "log_odds": gain}
+                why = (
+                    "as recorded, friction would drive the motion, or inertia be"
+                    " negative"
+                )
+            figures = {
+                "joints": [j + 1 for j in e.joints],
+                **e.figures,
+                "log_odds": gain,
+            }
             what, gravity = e.what, None
             if (number := e.number) is not None:
                 reach = 2.0 * self.step(number)[1]
-                figures["interval"] = ends = [number.value - reach, number.value + reach]
+                figures["interval"] = ends = [
+                    number.value - reach,
+                    number.value + reach,
+                ]
                 low, high = map(number.text, ends)
                 what = f"{what.rstrip('.')} (95 %: {low} to {high})."
             if e.kind.startswith("gravity"):
@@ -185,14 +241,30 @@ class Search:
                 gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
             mend = net.apply if e.mends else None
             sure, where = f"{word}: {why}", e.place or joints_text(e.joints)
-            out.append(Issue(e.kind, e.severity, where, what, sure, e.remedy, mend, figures, gravity))
+            out.append(
+                Issue(
+                    e.kind,
+                    e.severity,
+                    where,
+                    what,
+                    sure,
+                    e.remedy,
+                    mend,
+                    figures,
+                    gravity,
+                )
+            )
             if not out[-1].mends:
-                certain = next((x.without for x in self.elements(certain) if x.name == e.name), certain)
+                certain = next(
+                    (x.without for x in self.elements(certain) if x.name == e.name),
+                    certain,
+                )
         return out, certain
 
 
 def _same_fit(a: Repair, b: Repair) -> bool:
-    """Whether two repairs differ in signs alone: of torques, of gravity, of the direction of time."""
+    """Whether two repairs differ in signs alone: of torques, of gravity, of the
+    direction of time."""
 
     def unsigned(r: Repair) -> Repair:
         gravity = max(r.gravity, tuple(-g for g in r.gravity))

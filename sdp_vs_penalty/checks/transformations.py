@@ -1,5 +1,5 @@
-"""What may be wrong with a log, a class for each kind: the repairs that it proposes, what these cost
-beforehand, and what is said of them."""
+"""What may be wrong with a log, a class for each kind: the repairs that it proposes,
+what these cost beforehand, and what is said of them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
@@ -20,16 +20,27 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
-UNITS = {NAMED["mnm"]: "mN m", NAMED["ncm"]: "N cm", NAMED["kgfm"]: "kgf m", NAMED["lbfin"]: "lbf in"}
-#: Factors that are tried beside the nearest: units, and a grid whose steps the refinement bridges.
+UNITS = {
+    NAMED["mnm"]: "mN m",
+    NAMED["ncm"]: "N cm",
+    NAMED["kgfm"]: "kgf m",
+    NAMED["lbfin"]: "lbf in",
+}
+#: Factors that are tried beside the nearest: units, and a grid whose steps the
+#: refinement bridges.
 _GAINS = (*UNITS, 0.1, 0.3, 3, 100, 1e3)
 #: True time over the file's that is tried; the ends are round.
 _RATES = (0.5, 0.75, 1.4, 2.0)
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
-_LATE = {"lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12), "lag": (0.01, 0.04, 0.1, 0.2)}
-#: Below this bend, the largest logged torque over the limit, a channel is as straight as sensors are.
+_LATE = {
+    "lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12),
+    "lag": (0.01, 0.04, 0.1, 0.2),
+}
+#: Below this bend, the largest logged torque over the limit, a channel is as straight
+#: as sensors are.
 _STRAIGHT = 0.2
-#: Share of the time on either side of a step that the joint has to move each way: else it is friction's.
+#: Share of the time on either side of a step that the joint has to move each way: else
+#: it is friction's.
 _WAYS = 0.15
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
 _EARTH = max(map(abs, STANDARD_GRAVITY))
@@ -37,10 +48,12 @@ _EARTH = max(map(abs, STANDARD_GRAVITY))
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a repair, 0 where the log is right; ``at`` gives the repair with another one.
+    """One number of a repair, 0 where the log is right; ``at`` gives the repair with
+    another one.
 
-    tolerance : what arms and loggers differ by themselves, in the number's own unit; reach : how far to
-    either side the best value is looked for; text : with unit; snaps : round values, tried beside it.
+    tolerance : what arms and loggers differ by themselves, in the number's own unit;
+    reach : how far to either side the best value is looked for; text : with unit; snaps
+    : round values, tried beside it.
     """
 
     value: float
@@ -60,21 +73,29 @@ class Number:
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
         logs = tuple(float(np.log(s)) for s in snaps)
         text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
-        return cls(float(np.log(x)), lambda v: at(float(np.exp(v))), c.CALIBRATED_GAIN, 0.5, text, logs)
+        return cls(
+            float(np.log(x)),
+            lambda v: at(float(np.exp(v))),
+            c.CALIBRATED_GAIN,
+            0.5,
+            text,
+            logs,
+        )
 
 
 def choices(count: int) -> float:
-    """Natural logarithm of the odds against one of so many alike, none of them likelier than another."""
+    """Natural logarithm of the odds against one of so many alike, none of them likelier
+    than another."""
     return c.ODDS + float(np.log(max(count, 1)))
 
 
 @dataclass(frozen=True)
 class Element:
-    """One thing that a repair does, and what is said of it; ``of`` : the repair without it, or its
-    number.
+    """One thing that a repair does, and what is said of it; ``of`` : the repair without
+    it, or its number.
 
-    cost : natural logarithm of the odds against it; place : default: the joints; mends : whether a
-    repaired log can be written.
+    cost : natural logarithm of the odds against it; place : default: the joints; mends
+    : whether a repaired log can be written.
     """
 
     kind: str
@@ -95,7 +116,10 @@ class Element:
     @property
     def odd(self) -> bool:
         """Whether it is a number that is not round."""
-        return isinstance(self.of, Number) and not np.isclose(self.of.value, self.of.snaps).any()
+        return (
+            isinstance(self.of, Number)
+            and not np.isclose(self.of.value, self.of.snaps).any()
+        )
 
     @property
     def without(self) -> Repair:
@@ -111,7 +135,8 @@ class Transformation(ABC):
 
     @abstractmethod
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        """Repairs that differ from ``now``, whose score is given, by one more thing of this kind."""
+        """Repairs that differ from ``now``, whose score is given, by one more thing of
+        this kind."""
 
     @abstractmethod
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
@@ -132,18 +157,24 @@ class Degrees(Transformation):
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
         reach = float(np.abs(without.positions(log.data.motion.q)[:, joints]).max())
-        every, named = joints == tuple(log.revolute), ", ".join(f"q{j + 1}" for j in joints)
+        every, named = (
+            joints == tuple(log.revolute),
+            ", ".join(f"q{j + 1}" for j in joints),
+        )
         kind, cost = "positions in degrees", c.ODDS
         if not every:
             kind, cost = "position unit", len(joints) * choices(log.n)
-        what = f"the position of {joints_text(joints)} is in degrees: it reaches {reach:.4g}."
+        what = (
+            f"the position of {joints_text(joints)} is in degrees: it reaches"
+            f" {reach:.4g}."
+        )
         remedy = f"multiply {named} (and dq) by pi / 180"
         yield Element(kind, "error", joints, what, remedy, without, cost, named)
 
 
 class Clock(Transformation):
-    """A clock at another rate, or rows in reverse order: inertia beside the weight tells the rate,
-    friction the direction."""
+    """A clock at another rate, or rows in reverse order: inertia beside the weight
+    tells the rate, friction the direction."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         yield replace(now, reversed=not now.reversed)
@@ -154,17 +185,25 @@ class Clock(Transformation):
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
             remedy, without = "reverse q and tau in time", repair.reset("reversed")
-            yield Element("time reversed", "error", (), what, remedy, without, place="all rows")
+            yield Element(
+                "time reversed", "error", (), what, remedy, without, place="all rows"
+            )
         if (x := repair.rate) != 1.0:
             word, at = "fast" if x < 1.0 else "slow", lambda v: replace(repair, rate=v)
-            what = f"time runs {max(x, 1.0 / x):.3g} times too {word}: inertia does not fit the weight."
+            what = (
+                f"time runs {max(x, 1.0 / x):.3g} times too {word}: inertia does not"
+                " fit the weight."
+            )
             remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
             number = Number.factor(x, at, (min(_RATES), max(_RATES)))
-            yield Element("clock rate", "error", (), what, remedy, number, place="column t")
+            yield Element(
+                "clock rate", "error", (), what, remedy, number, place="column t"
+            )
 
 
 class Sign(Transformation):
-    """Joints and torques that count the other way: the torque's sign, the position's, or both."""
+    """Joints and torques that count the other way: the torque's sign, the position's,
+    or both."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         for turned in (range(log.n), *((j,) for j in range(log.n))):
@@ -177,17 +216,26 @@ class Sign(Transformation):
         q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
         for j in np.flatnonzero(q).tolist():
             without, k = repair.times("scale", (j,), -1.0), j + 1
-            kind, what = "position sign", f"the position of joint {k} has the wrong sign."
+            kind, what = (
+                "position sign",
+                f"the position of joint {k} has the wrong sign.",
+            )
             remedy = f"flip the sign of q{k} (and dq{k})"
             if tau[j]:
                 without = without.times("gain", (j,), -1.0)
-                kind, what = "joint sign", f"joint {k} counts the other way, position and torque alike."
+                kind, what = (
+                    "joint sign",
+                    f"joint {k} counts the other way, position and torque alike.",
+                )
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
             yield Element(kind, "error", (j,), what, remedy, without, choices(log.n))
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
             every = len(alone) == log.n
             cost = c.ODDS if every else len(alone) * choices(log.n)
-            what = f"the torque of {'every joint' if every else joints_text(alone)} has the wrong sign."
+            what = (
+                f"the torque of {'every joint' if every else joints_text(alone)} has"
+                " the wrong sign."
+            )
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
             yield Element("torque sign", "error", alone, what, remedy, without, cost)
@@ -209,20 +257,32 @@ class Exchange(Transformation):
             ("torque order", "the torques", "tau", ("tau_order",)),
         ]
         if repair.order == repair.tau_order:
-            told = [("joint order", "positions and torques", "q, dq and tau", ("order", "tau_order"))]
+            told = [
+                (
+                    "joint order",
+                    "positions and torques",
+                    "q, dq and tau",
+                    ("order", "tau_order"),
+                )
+            ]
         for kind, word, columns, names in told:
             order = getattr(repair, names[0])
             if changed := tuple(j for j, k in enumerate(order) if j != k):
-                how = ", ".join(f"column {order[j] + 1} is joint {j + 1}'s" for j in changed)
+                how = ", ".join(
+                    f"column {order[j] + 1} is joint {j + 1}'s" for j in changed
+                )
                 how = "" if len(changed) == 2 else f": {how}"
                 what = f"{word} of {joints_text(changed)} are swapped{how}."
                 cost = (len(changed) - 1) * choices(log.n * (log.n - 1) // 2)
                 remedy = f"rename the columns of {columns}"
-                yield Element(kind, "error", changed, what, remedy, repair.reset(*names), cost)
+                yield Element(
+                    kind, "error", changed, what, remedy, repair.reset(*names), cost
+                )
 
 
 class Mounting(Transformation):
-    """Gravity along another direction of the base: its six axes first, then around the assumed one."""
+    """Gravity along another direction of the base: its six axes first, then around the
+    assumed one."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         given = np.array(now.gravity)
@@ -250,17 +310,24 @@ class Mounting(Transformation):
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
         of: Repair | Number = _under(repair, assumed)
         if not _earthly(given):
-            kind, remedy = "gravity of the problem", f"{remedy}, or correct the problem's gravity"
+            kind, remedy = (
+                "gravity of the problem",
+                f"{remedy}, or correct the problem's gravity",
+            )
         elif np.count_nonzero(np.abs(g) > 1e-9) > 1:
             of = Number(angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees)
-        seen, told = (", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) for g in (g, assumed))
+        seen, told = (
+            ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) for g in (g, assumed)
+        )
         what = (
-            f"the weight in the torques points along ({seen}) m/s^2, {np.degrees(angle):.0f} degrees "
-            f"away from the assumed ({told})."
+            f"the weight in the torques points along ({seen}) m/s^2,"
+            f" {np.degrees(angle):.0f} degrees away from the assumed ({told})."
         )
         severity = "warning" if _earthly(given) and angle < c.GROSS else "error"
         figures = {"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]}
-        yield Element(kind, severity, (), what, remedy, of, c.ODDS, "the base", False, figures)
+        yield Element(
+            kind, severity, (), what, remedy, of, c.ODDS, "the base", False, figures
+        )
 
 
 def _earthly(size: float) -> bool:
@@ -284,14 +351,20 @@ class Weight(Transformation):
     """The arm's weight taken out of one channel, or of all, by the controller."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        # The weight that a wrist's last link holds is within the error of its friction's law: of one
-        # channel alone it has to be half (8 s of the real Panda, tests/test_docs.py::test_the_tutorial).
+        # The weight that a wrist's last link holds is within the error of its
+        # friction's law: of one channel alone it has to be half (8 s of the real Panda,
+        # tests/test_docs.py::test_the_tutorial).
         held = np.sqrt(np.mean(log.nominal(now, 0.0) ** 2, axis=0))
         logged = np.sqrt(np.mean(log.data.torque(log.data.motion.t) ** 2, axis=0))
         each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
         every = range(log.n)
-        # A little weight that is left makes the rest look like inertia under another clock.
-        for joints, lacks in ((every, 1.0), (every, 0.8), *((one, 1.0) for one in each)):
+        # A little weight that is left makes the rest look like inertia under another
+        # clock.
+        for joints, lacks in (
+            (every, 1.0),
+            (every, 0.8),
+            *((one, 1.0) for one in each),
+        ):
             if any(now.gravity):
                 yield now.with_entries("lacks", joints, lacks)
 
@@ -299,25 +372,39 @@ class Weight(Transformation):
         for joints, x in repair.changed("lacks"):
             of, how = f"the torque of {joints_text(joints)}", ""
             if len(joints) == log.n:
-                left = ",".join(f"{float(round((1.0 - x) * v, 3)) + 0.0:g}" for v in repair.gravity)
+                left = ",".join(
+                    f"{float(round((1.0 - x) * v, 3)) + 0.0:g}" for v in repair.gravity
+                )
                 of, how = "the torques", f", or identify with --gravity {left}"
             what = f"{_percent(x)} of the weight is missing from {of}."
             remedy = f"log the torques before gravity compensation{how}"
             at = partial(repair.with_entries, "lacks", joints)
             number = Number(x, at, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,))
             cost = choices(log.n // len(joints))
-            yield Element("gravity removed", "error", joints, what, remedy, number, cost, mends=False)
+            yield Element(
+                "gravity removed",
+                "error",
+                joints,
+                what,
+                remedy,
+                number,
+                cost,
+                mends=False,
+            )
 
 
 class Gain(Transformation):
-    """Channels too large or too small beside their neighbours'. A factor that all have in common is not
-    seen by what joints share: see residual.py."""
+    """Channels too large or too small beside their neighbours'. A factor that all have
+    in common is not seen by what joints share: see residual.py."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         joints = log.joints if len(log.joints) > 1 else []
-        # A small one is seen at its best value alone: a step of the grid off, the fit is as bad.
+        # A small one is seen at its best value alone: a step of the grid off, the fit
+        # is as bad.
         ats: list[At] = [partial(now.times, "gain", (j,)) for j in joints]
-        steps, _ = log.screen.steps(now, ats, np.ones(len(ats)), np.full(len(ats), 0.01))
+        steps, _ = log.screen.steps(
+            now, ats, np.ones(len(ats)), np.full(len(ats), 0.01)
+        )
         for at, best in zip(ats, np.clip(1.0 + steps, 0.5, 2.0).tolist(), strict=True):
             yield from map(at, (*_GAINS, best))
 
@@ -325,63 +412,123 @@ class Gain(Transformation):
         gross = c.GROSS / c.CALIBRATED * c.CALIBRATED_GAIN
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             x = abs(repair.gain[j])
-            unit = next((name for u, name in UNITS.items() if abs(x / u - 1.0) < 1e-9), None)
-            kind, how = ("torque unit", f": it is in {unit}") if unit else ("torque gain", "")
-            size = f"{1.0 / x:.3g} times too large" if x < 1.0 else f"{x:.3g} times too small"
-            what = f"the torque of {joints_text([j])} is {size} beside those of its neighbours{how}."
-            at = lambda v, j=j: repair.with_entries("gain", (j,), v * np.sign(repair.gain[j]))  # noqa: E731
+            unit = next(
+                (name for u, name in UNITS.items() if abs(x / u - 1.0) < 1e-9), None
+            )
+            kind, how = (
+                ("torque unit", f": it is in {unit}") if unit else ("torque gain", "")
+            )
+            size = (
+                f"{1.0 / x:.3g} times too large"
+                if x < 1.0
+                else f"{x:.3g} times too small"
+            )
+            what = (
+                f"the torque of {joints_text([j])} is {size} beside those of its"
+                f" neighbours{how}."
+            )
+            at = lambda v, j=j: repair.with_entries(  # noqa: E731
+                "gain", (j,), v * np.sign(repair.gain[j])
+            )
             yield Element(
-                kind, "error" if abs(np.log(x)) > gross else "warning", (j,), what,
-                f"multiply tau{j + 1} by {x:.3g}", Number.factor(x, at, tuple(UNITS)), choices(log.n),
+                kind,
+                "error" if abs(np.log(x)) > gross else "warning",
+                (j,),
+                what,
+                f"multiply tau{j + 1} by {x:.3g}",
+                Number.factor(x, at, tuple(UNITS)),
+                choices(log.n),
                 figures={"factor": x},
-            )  # fmt: skip
+            )
 
 
 class Delay(Transformation):
-    """Torque later than the motion, or through a causal filter: one channel, or all. Nothing brings one
-    channel ahead of the others: what looks like that is a law of its joint."""
+    """Torque later than the motion, or through a causal filter: one channel, or all.
+    Nothing brings one channel ahead of the others: what looks like that is a law of its
+    joint."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         each = [(j,) for j in log.joints] if len(log.joints) > 1 else []
         for name, tried in _LATE.items():
             yield from (now.with_entries(name, range(log.n), x) for x in tried)
-            yield from (now.with_entries(name, one, x) for one in each for x in tried if x > 0.0)
+            yield from (
+                now.with_entries(name, one, x) for one in each for x in tried if x > 0.0
+            )
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
-        for name, joints, x in ((k, *found) for k in _LATE for found in repair.changed(k)):
-            place, channel, beside = "", f"tau{joints[0] + 1}", "the other torques have not"
-            kind, whole = f"channel {'delay' if name == 'lead' else 'filter'}", len(joints) == log.n
+        for name, joints, x in (
+            (k, *found) for k in _LATE for found in repair.changed(k)
+        ):
+            place, channel, beside = (
+                "",
+                f"tau{joints[0] + 1}",
+                "the other torques have not",
+            )
+            kind, whole = (
+                f"channel {'delay' if name == 'lead' else 'filter'}",
+                len(joints) == log.n,
+            )
             if whole:
                 kind = "delay" if name == "lead" else "torque filter"
-                place, channel = "all torque channels" if log.n > 1 else "", "the torques"
+                place, channel = (
+                    "all torque channels" if log.n > 1 else "",
+                    "the torques",
+                )
                 beside = "the positions have not"
             low = f"{1.0 / (2.0 * np.pi * max(x, 1e-6)):.2g} Hz ({1e3 * x:.0f} ms)"
             what = f"a causal low-pass of {low} on {channel}; {beside} one."
-            remedy = f"log {channel} unfiltered, or filter every channel alike and without lag"
+            remedy = (
+                f"log {channel} unfiltered, or filter every channel alike and"
+                " without lag"
+            )
             if name == "lead":
                 later = "later" if x > 0.0 else "earlier"
-                what = f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel}; {beside} moved."
-                remedy = f"shift {channel} in time (and log all channels from one source)"
-            text, at = lambda v: f"{1e3 * v:.0f} ms", partial(repair.with_entries, name, joints)
-            number, cost = Number(x, at, c.USUAL_DELAY, 0.06, text), choices(log.n // len(joints))
+                what = (
+                    f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel};"
+                    f" {beside} moved."
+                )
+                remedy = (
+                    f"shift {channel} in time (and log all channels from one source)"
+                )
+            text, at = (
+                lambda v: f"{1e3 * v:.0f} ms",
+                partial(repair.with_entries, name, joints),
+            )
+            number, cost = (
+                Number(x, at, c.USUAL_DELAY, 0.06, text),
+                choices(log.n // len(joints)),
+            )
             yield Element(
-                kind, "warning", joints, what, remedy, number, cost, place, mends=name == "lead"
+                kind,
+                "warning",
+                joints,
+                what,
+                remedy,
+                number,
+                cost,
+                place,
+                mends=name == "lead",
             )
 
 
 class Beside(Transformation):
-    """What one joint's torque holds beside the arm's: a law of its own motion that the model lacks, no
-    fault of the log, which contends with all that may be; a drift with time; a step at some moment (a
-    contact, a load, a zero set anew). Proposed by a score test: of each shape the part that the arm
-    leaves, against the residual."""
+    """What one joint's torque holds beside the arm's: a law of its own motion that the
+    model lacks, no fault of the log, which contends with all that may be; a drift with
+    time; a step at some moment (a contact, a load, a zero set anew). Proposed by a
+    score test: of each shape the part that the arm leaves, against the residual."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         motion, order, laws = log.data.motion, list(now.order), log.data.laws
         span, heard = float(np.ptp(motion.t)), log.heard(now)[:, :, None]
-        gains = [score.gained(score.rows.rest(heard * x[order])).max(axis=1) for x in laws.values()]
+        gains = [
+            score.gained(score.rows.rest(heard * x[order])).max(axis=1)
+            for x in laws.values()
+        ]
         for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
             yield now.with_event(Event(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
-        steps = np.linspace(0.12, 0.88, c.ROWS // 2)  # two rows each: the wrong moment explains nothing
+        steps = np.linspace(
+            0.12, 0.88, c.ROWS // 2
+        )  # two rows each: the wrong moment explains nothing
         events = [None, *(float(motion.t[0] + s * span) for s in steps)]
         shapes = np.hstack([Event(0, at).shape(motion.t) for at in events])
         found = score.gained(score.rows.rest(heard * shapes)) * log.moving[:, None]
@@ -399,12 +546,24 @@ class Beside(Transformation):
             j, t, without = event.joint, event.at, repair.without(event)
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
             if isinstance(t, str):
-                what = f"the torque of {name} holds a law that the model lacks, most like {t}."
-                remedy, cost = "identify, and let `diagnose` name it", choices(log.n * len(LAWS))
-                yield Element(f"law: {t}", "note", (j,), what, remedy, without, cost, mends=False)
+                what = (
+                    f"the torque of {name} holds a law that the model lacks, most like"
+                    f" {t}."
+                )
+                remedy, cost = (
+                    "identify, and let `diagnose` name it",
+                    choices(log.n * len(LAWS)),
+                )
+                yield Element(
+                    f"law: {t}", "note", (j,), what, remedy, without, cost, mends=False
+                )
                 continue
             # As far as the fit of its joint needs it.
-            score, lacking, shape = log.score(repair), log.rows(without), event.shape(log.data.motion.t)
+            score, lacking, shape = (
+                log.score(repair),
+                log.rows(without),
+                event.shape(log.data.motion.t),
+            )
             x = lacking.rest(log.heard(repair)[:, :, None] * shape)[j, :, 0]
             away = score.channels[j] - lacking.apart[j] @ score.theta
             size = float(x @ away / max(x @ x, 1e-300))
@@ -413,23 +572,47 @@ class Beside(Transformation):
             remedy = "let the sensor warm up and set its zero before the run"
             if t is not None:
                 # Moments that a low-passed torque tells apart.
-                kind, many, place = "torque step", log.n * c.ROWS // c.PARTS, f"{name}, t = {t:.4g} s"
+                kind, many, place = (
+                    "torque step",
+                    log.n * c.ROWS // c.PARTS,
+                    f"{name}, t = {t:.4g} s",
+                )
                 how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
-                remedy, figures["t"] = "cut the run there, or find out what touched the arm", t
+                remedy, figures["t"] = (
+                    "cut the run there, or find out what touched the arm",
+                    t,
+                )
             what, cost = f"the torque of {name} {how}.", choices(many) + 2.0 * c.ODDS
-            yield Element(kind, "warning", (j,), what, remedy, without, cost, place, False, figures)
+            yield Element(
+                kind,
+                "warning",
+                (j,),
+                what,
+                remedy,
+                without,
+                cost,
+                place,
+                False,
+                figures,
+            )
 
 
 class Place(Transformation):
-    """Joints that are elsewhere than the robot's kinematics say. Encoders that count from another zero:
-    what is to be added to one joint's position [rad], of prismatic joints in lengths of the arm; and
-    joints farther apart or nearer, along the line between them [m]."""
+    """Joints that are elsewhere than the robot's kinematics say. Encoders that count
+    from another zero: what is to be added to one joint's position [rad], of prismatic
+    joints in lengths of the arm; and joints farther apart or nearer, along the line
+    between them [m]."""
 
     quarters = -np.pi / 2, np.pi / 2, np.pi
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
-        joints, quarters = log.problem.robot.joints, self.quarters if score.poor.any() else ()
-        apart = [j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()]
+        joints, quarters = (
+            log.problem.robot.joints,
+            self.quarters if score.poor.any() else (),
+        )
+        apart = [
+            j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()
+        ]
         turns = [*(False for _ in apart), *(j in log.revolute for j in log.joints)]
         ats: list[At] = [partial(now.with_entries, "longer", (j,)) for j in apart]
         ats += [partial(_shifted, log, now, j) for j in log.joints]
@@ -437,7 +620,9 @@ class Place(Transformation):
         units = np.where(turns, 1.0, _length(log))
         steps, spreads = log.screen.steps(now, ats, np.array(values), 0.01 * units)
         first = np.clip(steps, -0.7 * units, 0.7 * units).tolist()
-        for k in np.flatnonzero(np.isfinite(spreads)).tolist():  # of the others nothing is seen
+        for k in np.flatnonzero(
+            np.isfinite(spreads)
+        ).tolist():  # of the others nothing is seen
             for x in (first[k], *(quarters if turns[k] else ())):
                 yield ats[k](values[k] + x)
 
@@ -445,26 +630,53 @@ class Place(Transformation):
         length, metres, cost = _length(log), "{:.4g} m".format, choices(log.n)
         for j in np.flatnonzero(repair.longer).tolist():
             x, at = repair.longer[j], partial(repair.with_entries, "longer", (j,))
-            how = f"{metres(abs(x))} {'farther from' if x > 0.0 else 'nearer to'} joint {j}"
+            how = (
+                f"{metres(abs(x))} {'farther from' if x > 0.0 else 'nearer to'}"
+                f" joint {j}"
+            )
             what = f"joint {j + 1} is {how} than in the robot's kinematics."
-            remedy = "correct the kinematics, or choose the problem of the robot that was logged"
+            remedy = (
+                "correct the kinematics, or choose the problem of the robot that was"
+                " logged"
+            )
             number = Number(x, at, 0.25 * c.CALIBRATED * length, 0.35 * length, metres)
-            yield Element("link length", "warning", (j,), what, remedy, number, cost, mends=False)
+            yield Element(
+                "link length", "warning", (j,), what, remedy, number, cost, mends=False
+            )
         for j in np.flatnonzero(repair.zero).tolist():
-            x, turns, back = repair.zero[j], j in log.revolute, partial(_shifted, log, repair, j)
+            x, turns, back = (
+                repair.zero[j],
+                j in log.revolute,
+                partial(_shifted, log, repair, j),
+            )
             unit, text = (1.0, _degrees) if turns else (0.25 * length, metres)
-            reach, snaps = (0.35, (*self.quarters, -np.pi)) if turns else (0.35 * length, ())
+            reach, snaps = (
+                (0.35, (*self.quarters, -np.pi)) if turns else (0.35 * length, ())
+            )
             away = lambda v, text=text: text(-v)  # noqa: E731
             number = Number(x, back, unit * c.CALIBRATED, reach, away, snaps)
             severity = "error" if abs(x) > unit * c.GROSS else "warning"
-            what = f"the zero of joint {j + 1} is {away(x)} away from the robot's kinematics."
+            what = (
+                f"the zero of joint {j + 1} is {away(x)} away from the robot's"
+                " kinematics."
+            )
             remedy = f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}"
             shift = {"shifts": [x]}
-            yield Element("encoder offset", severity, (j,), what, remedy, number, cost, figures=shift)
+            yield Element(
+                "encoder offset",
+                severity,
+                (j,),
+                what,
+                remedy,
+                number,
+                cost,
+                figures=shift,
+            )
 
 
 class Saturation(Transformation):
-    """A channel that bends towards a limit: tau_log = s tanh(tau / s), an amplifier near its end."""
+    """A channel that bends towards a limit: tau_log = s tanh(tau / s), an amplifier
+    near its end."""
 
     def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
         for j in log.joints:
@@ -475,12 +687,30 @@ class Saturation(Transformation):
         for j in np.flatnonzero(repair.bend).tolist():
             x, k = repair.bend[j], repair.tau_order[j]
             limit = f"{log.data.largest[k] / x:.3g} {log.problem.robot.torque_units[j]}"
-            what = f"the torque of {joints_text([j])} bends towards its amplifier's limit of {limit}."
+            what = (
+                f"the torque of {joints_text([j])} bends towards its amplifier's limit"
+                f" of {limit}."
+            )
             remedy = "record again with a larger range, or slower"
-            at = lambda v, j=j: repair.with_entries("bend", (j,), float(np.clip(v, 0.0, 0.995)))  # noqa: E731
-            number = Number(x, at, _STRAIGHT, 0.25, lambda v: f"{_percent(v)} of the limit is reached")
+            at = lambda v, j=j: repair.with_entries(  # noqa: E731
+                "bend", (j,), float(np.clip(v, 0.0, 0.995))
+            )
+            number = Number(
+                x,
+                at,
+                _STRAIGHT,
+                0.25,
+                lambda v: f"{_percent(v)} of the limit is reached",
+            )
             yield Element(
-                "saturation", "warning", (j,), what, remedy, number, choices(log.n), mends=False
+                "saturation",
+                "warning",
+                (j,),
+                what,
+                remedy,
+                number,
+                choices(log.n),
+                mends=False,
             )
 
 
@@ -505,6 +735,15 @@ def _percent(share: float) -> str:
 
 #: What is tried, in the order of the words; of what explains alike the first.
 TRANSFORMATIONS: tuple[Transformation, ...] = (
-    Degrees(), Clock(), Sign(), Exchange(), Mounting(), Weight(), Beside(), Gain(), Delay(),
-    Place(), Saturation(),
-)  # fmt: skip
+    Degrees(),
+    Clock(),
+    Sign(),
+    Exchange(),
+    Mounting(),
+    Weight(),
+    Beside(),
+    Gain(),
+    Delay(),
+    Place(),
+    Saturation(),
+)

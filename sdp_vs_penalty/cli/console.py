@@ -1,7 +1,8 @@
-"""The house style of the command line: sentences, tables and numbers on stdout, progress on stderr.
+"""The house style of the command line: sentences, tables and numbers on stdout,
+progress on stderr.
 
-A verb prints its verdict, then tables, then the files that it has written; its last line is what to do
-next. Three significant digits, units in the headings.
+A verb prints its verdict, then tables, then the files that it has written; its last
+line is what to do next. Three significant digits, units in the headings.
 """
 
 import json
@@ -24,7 +25,8 @@ err = Console(stderr=True, highlight=False)
 
 @contextmanager
 def progress(start: str) -> Iterator[Callable[[str], None]]:
-    """A line on stderr that says where a long computation stands; silent where nobody watches."""
+    """A line on stderr that says where a long computation stands; silent where nobody
+    watches."""
     if not err.is_terminal:
         yield lambda _: None
         return
@@ -64,15 +66,19 @@ def next_step(words: Sequence[object]) -> None:
     say(f"Next: {shlex.join(['sdp-vs-penalty', *map(str, words)])}")
 
 
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> None:
-    """A table under its title: its first ``words`` columns hold words, the others numbers; the first,
-    which is never wrapped, holds the names to type."""
+def table(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1
+) -> None:
+    """A table under its title: its first ``words`` columns hold words, the others
+    numbers; the first, which is never wrapped, holds the names to type."""
     if title:
         say(title, style="italic")
     made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     for k, heading in enumerate(headings):
         side: Any = "left" if k < words else "right"
-        made.add_column(escape(heading), justify=side, no_wrap=not 0 < k < words, overflow="fold")
+        made.add_column(
+            escape(heading), justify=side, no_wrap=not 0 < k < words, overflow="fold"
+        )
     for row in rows:
         made.add_row(*map(escape, row))
     out.print(made)

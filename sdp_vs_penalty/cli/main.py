@@ -1,4 +1,5 @@
-"""The command line. A verb is imported when it is used: --help of the program loads none of them.
+"""The command line. A verb is imported when it is used: --help of the program loads
+none of them.
 
 The files that a verb is given are protected before it runs.
 """
@@ -21,23 +22,33 @@ from sdp_vs_penalty.errors import InputError, Remark, require_known
 from sdp_vs_penalty.files import opened, protecting
 from sdp_vs_penalty.version import __version__
 
-#: Every file of verbs/, by what it is for; the first sentence of its verb is in the program's --help.
+#: Every file of verbs/, by what it is for; the first sentence of its verb is in the
+#: program's --help.
 VERBS = {
     "Start here": ["demo"],
     "Measurements": ["fetch", "convert", "check", "excite", "simulate"],
     "Models": [
-        "identify", "compare", "cross-validate", "diagnose", "add", "report", "verify", "export",
-        "check-urdf", "page", "list",
+        "identify",
+        "compare",
+        "cross-validate",
+        "diagnose",
+        "add",
+        "report",
+        "verify",
+        "export",
+        "check-urdf",
+        "page",
+        "list",
     ],
     "Research": ["tables", "figures", "shootout", "export-sdp"],
-}  # fmt: skip
+}
 
 
 _ABOUT = """Identify a robot's dynamics: the LMI-SDP and penalty-based retrieval, each with
 a certificate."""
 
-#: Bytes of address space that the libraries take before any data: a check of 1 s of a two-link arm ends
-#: with 420 MiB, not with 400.
+#: Bytes of address space that the libraries take before any data: a check of 1 s of a
+#: two-link arm ends with 420 MiB, not with 400.
 LEAST_MEMORY = 512 * 2**20
 #: Parameters that name what a verb writes.
 OUTPUTS = frozenset({"out", "json_", "fix", "proof"})
@@ -49,12 +60,14 @@ def _paths(value: Any) -> Iterable[Path]:
         return [value]
     if isinstance(value, str):
         return [Path(value)] if 0 < len(value) < 4096 and "\0" not in value else []
-    return [p for v in value for p in _paths(v)] if isinstance(value, list | tuple) else []
+    return (
+        [p for v in value for p in _paths(v)] if isinstance(value, list | tuple) else []
+    )
 
 
 def _require_memory() -> None:
-    """InputError where a limit (``ulimit -v``) leaves less than the libraries need: OpenBLAS ends the
-    process in words of its own where it finds no room."""
+    """InputError where a limit (``ulimit -v``) leaves less than the libraries need:
+    OpenBLAS ends the process in words of its own where it finds no room."""
     try:
         import resource
     except ImportError:  # a system without such limits
@@ -62,7 +75,9 @@ def _require_memory() -> None:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if 0 <= limit < LEAST_MEMORY:  # no limit is negative
         what = f"this process may take {limit // 2**20} MiB of memory"
-        raise InputError(f"{what}, and needs {LEAST_MEMORY // 2**20}", "raise the limit (ulimit -v)")
+        raise InputError(
+            f"{what}, and needs {LEAST_MEMORY // 2**20}", "raise the limit (ulimit -v)"
+        )
 
 
 def _help() -> str:
@@ -75,7 +90,9 @@ def _help() -> str:
             file = Path(__file__).parent / "verbs" / f"{name.replace('-', '_')}.py"
             told = file.read_text().partition("def verb(")[2].split('"""')[1]
             line = f"{name:15} {' '.join(told.partition(chr(10) * 2)[0].split())}"
-            said.append(textwrap.fill(line, 80, initial_indent="  ", subsequent_indent=18 * " "))
+            said.append(
+                textwrap.fill(line, 80, initial_indent="  ", subsequent_indent=18 * " ")
+            )
     return "\n".join(said)
 
 
@@ -88,14 +105,17 @@ def named(name: str) -> Callable[..., None]:
 
 
 def _run(words: Sequence[str]) -> None:
-    """Do what the words say. Every path among the parameters that is not an output is an input."""
+    """Do what the words say. Every path among the parameters that is not an output is
+    an input."""
     first = words[0] if words else "--help"
     if first in ("--help", "--version"):
         print(_help() if first == "--help" else f"sdp-vs-penalty {__version__}")
         return
     _require_memory()
     if sys.flags.optimize > 1:
-        raise InputError("python -OO drops the docstrings that options come from", "use -O")
+        raise InputError(
+            "python -OO drops the docstrings that options come from", "use -O"
+        )
     verb = named(first)
     given = Parser(first, verb).given(words[1:])
     for name, value in given.items():
@@ -106,14 +126,18 @@ def _run(words: Sequence[str]) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line: exit code 0, 2 for what the user can mend, 130 after Ctrl-C."""
+    """Run the command line: exit code 0, 2 for what the user can mend, 130 after
+    Ctrl-C."""
     asked = list(sys.argv[1:] if arguments is None else arguments)
     given = [word for word in asked if word != "--debug"]
-    # Matrices here have a hundred columns: threads of the linear algebra cost more than they bring,
-    # and where cores are busy they wait for each other (a check of 0.5 s took 20 s).
+    # Matrices here have a hundred columns: threads of the linear algebra cost more than
+    # they bring, and where cores are busy they wait for each other (a check of 0.5 s
+    # took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(200_000)  # imports make many objects, none of them garbage
-    atexit.register(gc.freeze)  # nor is what lives to the end: looking through it took a tenth of all
+    atexit.register(
+        gc.freeze
+    )  # nor is what lives to the end: looking through it took a tenth of all
     shown = warnings.showwarning
 
     def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:
@@ -128,7 +152,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with protecting():
             _run(given)
     except BrokenPipeError:
-        # Whoever read our output has closed it; the interpreter would complain at exit otherwise.
+        # Whoever read our output has closed it; the interpreter would complain at exit
+        # otherwise.
         sys.stdout = None  # type: ignore[assignment]
         code = 1
     except (Exception, KeyboardInterrupt) as error:
@@ -140,7 +165,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 #: What a full disk, a folder that is not ours and a limit of open files say.
-_OF_THE_SYSTEM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS, errno.EMFILE)
+_OF_THE_SYSTEM = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EACCES,
+    errno.EROFS,
+    errno.EMFILE,
+)
 
 
 def explain(error: BaseException) -> tuple[str, int]:
@@ -149,9 +181,19 @@ def explain(error: BaseException) -> tuple[str, int]:
         return "interrupted; existing files are unchanged.", 130
     if isinstance(error, InputError):
         return str(error), 2
-    if isinstance(error, MemoryError) or "failed to map segment" in str(error):  # of a library
+    if isinstance(error, MemoryError) or "failed to map segment" in str(
+        error
+    ):  # of a library
         return "not enough memory: use fewer or shorter runs.", 2
-    if isinstance(error, OSError) and error.errno in _OF_THE_SYSTEM:  # a library's temporary file
-        return f"{error.filename or 'the system'}: {error.strerror}: free some, or set TMPDIR.", 2
+    if (
+        isinstance(error, OSError) and error.errno in _OF_THE_SYSTEM
+    ):  # a library's temporary file
+        return (
+            (
+                f"{error.filename or 'the system'}: {error.strerror}: free some, or set"
+                " TMPDIR."
+            ),
+            2,
+        )
     what = f"{type(error).__name__}: {error}"
     return f"internal error ({what}): run again with --debug and report it.", 1

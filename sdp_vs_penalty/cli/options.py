@@ -1,5 +1,5 @@
-"""Options of the verbs, a line each: of one verb at the end of its docstring, of several in SHARED; and
-words of the command line to plain values."""
+"""Options of the verbs, a line each: of one verb at the end of its docstring, of
+several in SHARED; and words of the command line to plain values."""
 
 import argparse
 import inspect
@@ -13,7 +13,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from sdp_vs_penalty.errors import InputError, require_known
 
-#: Flags, or an argument's name; limits; an example of a value; then what it is, for --help and the page.
+#: Flags, or an argument's name; limits; an example of a value; then what it is, for
+#: --help and the page.
 SHARED = """
 problem: Built-in name, folder with a problem.toml, or URDF file.
 model model.json: Model written by `identify` or `add`.
@@ -51,13 +52,17 @@ Budget = StrEnum("Budget", "quick paper")
 
 
 def _told(lines: str) -> dict[str, Any]:
-    """By parameter, without the underscore that keeps it apart from a word of Python's: its flags, an
-    example of a value, what it is, its limits."""
+    """By parameter, without the underscore that keeps it apart from a word of Python's:
+    its flags, an example of a value, what it is, its limits."""
     out = {}
     for line in re.sub(r"\n +", " ", lines).strip().splitlines():
         head, _, text = line.partition(": ")
         first, *rest = head.split()
-        flags = [w.rstrip(",") for w in (first, *rest) if w.startswith("-") and first.startswith("-")]
+        flags = [
+            w.rstrip(",")
+            for w in (first, *rest)
+            if w.startswith("-") and first.startswith("-")
+        ]
         limits = {w[:2]: json.loads(w[2:]) for w in rest if w[:2] in (">=", "<=")}
         words = " ".join(w for w in rest if w not in flags and w[:2] not in limits)
         name = first.rstrip(",").removeprefix("--").partition("/")[0].replace("-", "_")
@@ -88,20 +93,25 @@ def _value(kind: type, low: float | None, high: float | None) -> Callable[[str],
 
 
 class Parser(argparse.ArgumentParser):
-    """Of one verb, typed by its signature, told by its docstring; options : by parameter, as argparse
-    holds them. Raises InputError for words that are none."""
+    """Of one verb, typed by its signature, told by its docstring; options : by
+    parameter, as argparse holds them. Raises InputError for words that are none."""
 
     def __init__(self, name: str, verb: Callable[..., None]) -> None:
         text, _, rest = inspect.cleandoc(verb.__doc__ or "").partition("Example: ")
         example, _, lines = rest.partition("\n")
         super().__init__(
             f"sdp-vs-penalty {name}",
-            description="\n\n".join(map(textwrap.fill, text.replace("%", "%%").split("\n\n"))),
+            description="\n\n".join(
+                map(textwrap.fill, text.replace("%", "%%").split("\n\n"))
+            ),
             epilog=f"Example:\n  {example}".replace("%", "%%"),
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
-        told, kinds = _told(SHARED) | _told(inspect.cleandoc(lines)), get_type_hints(verb)
+        told, kinds = (
+            _told(SHARED) | _told(inspect.cleandoc(lines)),
+            get_type_hints(verb),
+        )
         self.options = {
             p.name: self._declared(p, kinds[p.name], *told[p.name.rstrip("_")])
             for p in inspect.signature(verb).parameters.values()
@@ -111,30 +121,61 @@ class Parser(argparse.ArgumentParser):
         self.usage = " ".join([self.prog, *words, "[OPTIONS]"]).replace("%", "%%")
 
     def _declared(
-        self, p: inspect.Parameter, kind: Any, flags: Any, metavar: str, text: str, limits: Any
+        self,
+        p: inspect.Parameter,
+        kind: Any,
+        flags: Any,
+        metavar: str,
+        text: str,
+        limits: Any,
     ) -> argparse.Action:
-        kind = get_args(kind)[0] if isinstance(kind, UnionType) else kind  # "... | None"
+        kind = (
+            get_args(kind)[0] if isinstance(kind, UnionType) else kind
+        )  # "... | None"
         several = get_origin(kind) is list
         kind = get_args(kind)[0] if several else kind
-        required, default, text = p.default is p.empty, p.default, text.replace("%", "%%")
+        required, default, text = (
+            p.default is p.empty,
+            p.default,
+            text.replace("%", "%%"),
+        )
         if kind is bool:
             yes_or_no: Any = argparse.BooleanOptionalAction if default else "store_true"
-            return self.add_argument(*flags, dest=p.name, action=yes_or_no, default=default, help=text)
+            return self.add_argument(
+                *flags, dest=p.name, action=yes_or_no, default=default, help=text
+            )
         if issubclass(kind, StrEnum):
             metavar = "|".join(kind)
-        how: dict[str, Any] = {"type": _value(kind, *limits), "default": None if required else default}
+        how: dict[str, Any] = {
+            "type": _value(kind, *limits),
+            "default": None if required else default,
+        }
         how["metavar"] = metavar.removesuffix(" ...") or p.name.strip("_").upper()
         if not flags:
             how["nargs"] = "+*"[not required] if several else None if required else "?"
             return self.add_argument(p.name, help=text, **how)
         if several:  # of --data RUN.csv ... all words up to the next option
-            how |= {"action": "extend", "nargs": "+"} if "..." in metavar else {"action": "append"}
-        text += " (required)" if required else "" if default is None else f" (default: {default})"
-        return self.add_argument(*flags, dest=p.name, required=required, help=text, **how)
+            how |= (
+                {"action": "extend", "nargs": "+"}
+                if "..." in metavar
+                else {"action": "append"}
+            )
+        text += (
+            " (required)"
+            if required
+            else ""
+            if default is None
+            else f" (default: {default})"
+        )
+        return self.add_argument(
+            *flags, dest=p.name, required=required, help=text, **how
+        )
 
     def given(self, words: Sequence[str]) -> dict[str, Any]:
         """The parameters by name."""
-        known = [flag for option in self.options.values() for flag in option.option_strings]
+        known = [
+            flag for option in self.options.values() for flag in option.option_strings
+        ]
         for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
             if flag != "--help":
                 require_known("option", flag, known, self.prog.partition(" ")[2])

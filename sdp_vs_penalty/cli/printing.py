@@ -28,17 +28,24 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
     """
     runs = formatting.count(len(result.provenance["runs"]), "run")
     data = f"{result.provenance['samples']} samples of {runs}"
-    fitted = "" if fit is None else f", relative error {number(fit.relative_error_percent)} %"
+    fitted = (
+        ""
+        if fit is None
+        else f", relative error {number(fit.relative_error_percent)} %"
+    )
     say(
-        f"{result.problem.name} by {result.method} from {data}: {len(result.theta)} parameters{fitted}, "
-        f"{seconds:.1f} s",
+        f"{result.problem.name} by {result.method} from {data}: {len(result.theta)}"
+        f" parameters{fitted}, {seconds:.1f} s",
         style="bold",
     )
     if fit is not None:
         verdict(fit.verdict)
     certificate(result)
     if gains := result.details.get("gains"):
-        told = (f"{g:.3f} ± {s:.2g}" for g, s in zip(gains["gain"], gains["std"], strict=True))
+        told = (
+            f"{g:.3f} ± {s:.2g}"
+            for g, s in zip(gains["gain"], gains["std"], strict=True)
+        )
         say(f"gains of the torque channels, from the known load: {', '.join(told)}")
     if law := result.details.get("servo"):
         servo(result, law)
@@ -47,20 +54,28 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         late = f"{1e3 * loop['delay']:.2g} ms late"
         say(f"the servos' law, {late}, makes {shares} of the joints' logged torque")
         gains = [
-            (k, g["value"], f"{NORMAL_95 * g['std']:.2g}", g["unit"]) for k, g in loop["gains"].items()
+            (k, g["value"], f"{NORMAL_95 * g['std']:.2g}", g["unit"])
+            for k, g in loop["gains"].items()
         ]
         _gains("Gains, of the logged torque", gains)
     if links := link_rows(result):
-        heads, *lines = ([*row[:4], *row[5:]] for row in (LINK_HEADS, *links))  # no centres: too wide
+        heads, *lines = (
+            [*row[:4], *row[5:]] for row in (LINK_HEADS, *links)
+        )  # no centres: too wide
         table("Links, identified and nominal", heads, lines)
     if fit is not None:
         comparison([fit], result.robot.torque_units, "RMSE on these measurements")
 
 
 def servo(result: Estimate, told: dict[str, Any]) -> None:
-    """The law of the servos that stood for a torque, its gains, and what sets the scale."""
+    """The law of the servos that stood for a torque, its gains, and what sets the
+    scale."""
     errors = ", ".join(f"{law} {x:.4g}" for law, x in told["held_out"].items())
-    late = f"commands act {1e3 * told['delay']:.2g} ms late" if told["delay"] > 0.0 else "no delay"
+    late = (
+        f"commands act {1e3 * told['delay']:.2g} ms late"
+        if told["delay"] > 0.0
+        else "no delay"
+    )
     say(
         f"servo law, in place of a torque: {told['law']}, {late}"
         + (f" (held-out error over the least: {errors})" * bool(errors))
@@ -68,14 +83,24 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
     say(f"scale: {told['scale']}")
     if told.get("motion"):
         units = result.robot.position_units
-        apart = (f"{1e3 * x:.3g} m{u}" for x, u in zip(told["motion"], units, strict=True))
-        say(f"motion simulated from the command, RMS from the measured: {', '.join(apart)}")
+        apart = (
+            f"{1e3 * x:.3g} m{u}" for x, u in zip(told["motion"], units, strict=True)
+        )
+        say(
+            "motion simulated from the command, RMS from the measured:"
+            f" {', '.join(apart)}"
+        )
     model, error = result.model, told.get("scale_error", 0.0)
     # The gain that stands for the scale is as uncertain as what set it.
     every = zip(model.parameters, result.theta, result.uncertainty.std, strict=True)
     gains = []
-    for p, x, s in (own for own, drive in zip(every, model.drives, strict=True) if drive):
-        half, given = NORMAL_95 * (error * x if p.name in model.known else s), p.name in model.known
+    for p, x, s in (
+        own for own, drive in zip(every, model.drives, strict=True) if drive
+    ):
+        half, given = (
+            NORMAL_95 * (error * x if p.name in model.known else s),
+            p.name in model.known,
+        )
         # Where half its interval holds zero, no motion of this log tells a gain.
         spread = f"{half:.2g}" if half < abs(x) else "not determined"
         gains.append((p.name, x, "given" if given and not error else spread, p.unit))
@@ -83,7 +108,9 @@ def servo(result: Estimate, told: dict[str, Any]) -> None:
 
 
 def _gains(title: str, gains: Sequence[tuple[str, float, str, str]]) -> None:
-    rows = [(name, f"{x:.4g}", spread, plain_unit(unit)) for name, x, spread, unit in gains]
+    rows = [
+        (name, f"{x:.4g}", spread, plain_unit(unit)) for name, x, spread, unit in gains
+    ]
     table(title, ["gain", "value", "+-", "unit"], rows)
 
 
@@ -97,79 +124,126 @@ def verdict(said: Verdict, name: str = "") -> None:
 
 
 def certificate(result: Estimate) -> None:
-    """What the certificate says, a line each; which bounds the estimate lies on; how many parameters the
-    data determine, and which base parameters the prior decides.
+    """What the certificate says, a line each; which bounds the estimate lies on; how
+    many parameters the data determine, and which base parameters the prior decides.
 
-    Where a base parameter that should be the data's has no standard deviation, none of it is known.
+    Where a base parameter that should be the data's has no standard deviation, none of
+    it is known.
     """
     lines, name = result.certificate.summary(), "determined by the data"
     if bounds := result.details.get("on_bounds"):
-        lines.append(("on their bounds", f"{', '.join(bounds)}: widen the bounds, or measure more"))
+        lines.append(
+            (
+                "on their bounds",
+                f"{', '.join(bounds)}: widen the bounds, or measure more",
+            )
+        )
     base = result.details.get("base_parameters") or []
-    prior = {b["name"]: b["source"] for b in base if b["source"] not in ("data", "given")}
+    prior = {
+        b["name"]: b["source"] for b in base if b["source"] not in ("data", "given")
+    }
     std = {b.name: b.std for b in result.uncertainty.base}
-    blind = sum(b["source"] == "data" and np.isnan(std.get(b["name"], 0.0)) for b in base)
+    blind = sum(
+        b["source"] == "data" and np.isnan(std.get(b["name"], 0.0)) for b in base
+    )
     if blind:
-        text = f"nothing is known of the intervals: {blind} of {len(base)} base parameters have none"
+        text = (
+            f"nothing is known of the intervals: {blind} of {len(base)} base parameters"
+            " have none"
+        )
         lines.append((name, text))
     elif base:
         sure, own = len(base) - len(prior), result.sources.count("data")
-        text = f"{sure} of {len(base)} base parameters, {own} of {len(result.theta)} standard"
+        text = (
+            f"{sure} of {len(base)} base parameters, {own} of {len(result.theta)}"
+            " standard"
+        )
         lines.append((name, text))
     if prior and not blind:
         first = next(iter(prior.values()))
-        lines.append((f"from the {first}", f"{', '.join(prior)}; see `source` in the file"))
+        lines.append(
+            (f"from the {first}", f"{', '.join(prior)}; see `source` in the file")
+        )
     details(*zip(*lines, strict=True))
     for remark in filter(None, (result.certificate.not_found, result.unweighed)):
         explain(remark)
 
 
 def comparison(
-    results: Sequence[Comparison], units: Sequence[str], title: str = "RMSE", names: Sequence[str] = ()
+    results: Sequence[Comparison],
+    units: Sequence[str],
+    title: str = "RMSE",
+    names: Sequence[str] = (),
 ) -> None:
-    """One row a joint: RMSE beside the noise floor, and R^2 of a single model, of several how the first
-    became the last.
+    """One row a joint: RMSE beside the noise floor, and R^2 of a single model, of
+    several how the first became the last.
 
-    Several models are columns [1], [2], ... so that figures stay readable in a narrow terminal, or have
-    ``names``.
+    Several models are columns [1], [2], ... so that figures stay readable in a narrow
+    terminal, or have ``names``.
     """
     last, numbered = results[-1], results if len(results) > 1 and not names else []
-    heads = list(names) or [f"RMSE [{k}]" for k, _ in enumerate(numbered, start=1)] or ["RMSE"]
-    made = formatting.error_table(heads, [r.rmse for r in results], last.noise_floor, units, last.r2)
+    heads = (
+        list(names)
+        or [f"RMSE [{k}]" for k, _ in enumerate(numbered, start=1)]
+        or ["RMSE"]
+    )
+    made = formatting.error_table(
+        heads, [r.rmse for r in results], last.noise_floor, units, last.r2
+    )
     table(f"{title} below {number(last.band_hz)} Hz", *made)
     for k, result in enumerate(numbered, start=1):
         say(f"[{k}] {result.name}")
 
 
-def where_it_fails(failures: Sequence[JointFailure], units: Sequence[str], model: str) -> None:
-    """Where a model's error is large, in words: a line for each joint of which something can be said."""
+def where_it_fails(
+    failures: Sequence[JointFailure], units: Sequence[str], model: str
+) -> None:
+    """Where a model's error is large, in words: a line for each joint of which
+    something can be said."""
     from sdp_vs_penalty.diagnosis.where_it_fails import dependences, sentences
 
-    say(f"Where {model} fails (held-out shares of the error's variance)", style="italic")
+    say(
+        f"Where {model} fails (held-out shares of the error's variance)", style="italic"
+    )
     told = [f for f in failures if dependences(f) or f.orders]
     for f in told:
         explain(f"joint {f.joint}: {' '.join(sentences(f, units[f.joint - 1]))}")
     if rest := [f for f in failures if f not in told]:
-        explain(f"{formatting.joints([f.joint for f in rest])}: {sentences(rest[0], '')[0]}")
+        explain(
+            f"{formatting.joints([f.joint for f in rest])}: {sentences(rest[0], '')[0]}"
+        )
 
 
 def failure_tables(failures: Sequence[JointFailure]) -> None:
     """All figures of :func:`where_it_fails`."""
     rows = []
     for f in failures:
-        own = {"RMSE": f.rmse, "noise floor": f.noise_floor, "RMS ratio at reversals": f.reversal_lift}
+        own = {
+            "RMSE": f.rmse,
+            "noise floor": f.noise_floor,
+            "RMS ratio at reversals": f.reversal_lift,
+        }
         shares = {"all that repeats": f.explainable_share, **f.held_out_shares}
-        own |= {f"{name} [%]": None if x is None else 100.0 * x for name, x in shares.items()}
+        own |= {
+            f"{name} [%]": None if x is None else 100.0 * x
+            for name, x in shares.items()
+        }
         rows.append([str(f.joint), *map(number, own.values())])
-    title = "Residual of each joint; per cent: of its variance, by a smooth function of ..., held out"
+    title = (
+        "Residual of each joint; per cent: of its variance, by a smooth function of"
+        " ..., held out"
+    )
     heads, *lines = zip(["", *own], *rows, strict=True)
     table(title, heads, lines)
 
 
-def diagnosis(result: Diagnosis, units: Sequence[str], found: bool, verbose: bool = False) -> None:
+def diagnosis(
+    result: Diagnosis, units: Sequence[str], found: bool, verbose: bool = False
+) -> None:
     """The verdict, the history of effects with the falling error, and what is left.
 
-    found : whether there is anything to be added; verbose : the weak findings at the end as well.
+    found : whether there is anything to be added; verbose : the weak findings at the
+    end as well.
     """
     from sdp_vs_penalty.diagnosis.findings import event_lines
 
@@ -180,38 +254,58 @@ def diagnosis(result: Diagnosis, units: Sequence[str], found: bool, verbose: boo
         weak = f" (weak: {'; '.join(retune.remarks)})" if retune.remarks else ""
         explain(f"retune {retune.explanation}{weak}")
     if result.effects:
-        _findings(result, units, worth_showing(result.effects) if not verbose else result.effects)
+        _findings(
+            result,
+            units,
+            worth_showing(result.effects) if not verbose else result.effects,
+        )
     for curve in result.curves:
         explain(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
     known = result.noise_known
-    left = ", ".join(f"{x:.2g} {plain_unit(u)}" for x, u in zip(beyond, units, strict=True))
+    left = ", ".join(
+        f"{x:.2g} {plain_unit(u)}" for x, u in zip(beyond, units, strict=True)
+    )
     say(f"error left beyond the noise, per joint: {left if known else 'not known'}")
     lines = event_lines(result.events, verbose)
     for line in lines:
-        say(line if len(lines) == len(result.events) else f"{line}; --verbose lists them")
+        say(
+            line
+            if len(lines) == len(result.events)
+            else f"{line}; --verbose lists them"
+        )
     if result.invisible:
         hidden: dict[str, list[str]] = {}
         for i in result.invisible:
             hidden.setdefault(i.effect, []).append("+".join(map(str, i.joints)))
-        names = ", ".join(f"{k}:{'+'.join(v)}" if v[0] else k for k, v in hidden.items())
-        explain(f"not identifiable from these runs (absorbed by existing parameters): {names}")
+        names = ", ".join(
+            f"{k}:{'+'.join(v)}" if v[0] else k for k, v in hidden.items()
+        )
+        explain(
+            "not identifiable from these runs (absorbed by existing parameters):"
+            f" {names}"
+        )
     for remark in result.remarks:
         explain(remark)
 
 
 def undecided(result: Diagnosis, model: Path) -> None:
-    """The runs that would tell a finding from what fits as well, or a weak one from nothing."""
+    """The runs that would tell a finding from what fits as well, or a weak one from
+    nothing."""
     for k, finding in enumerate(worth_showing(result.effects), start=1):
         if told := finding.telling_run(str(model), k):
             say(f"Finding {k}, the run that would tell: {told}")
 
 
-def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]) -> None:
+def _findings(
+    result: Diagnosis, units: Sequence[str], shown: Sequence[Finding]
+) -> None:
     kinds = ", ".join(dict.fromkeys(map(plain_unit, units)))
     retuned = bool(result.retuned)
     title = f"Held-out RMSE [{kinds}] of each joint below {number(result.band_hz)} Hz"
-    errors = [result.held_out_rmse_before, result.effects[0].held_out_rmse_before][: 1 + retuned]
+    errors = [result.held_out_rmse_before, result.effects[0].held_out_rmse_before][
+        : 1 + retuned
+    ]
     errors += [f.held_out_rmse_after for f in shown]
     noise = "noise" if result.noise_known else "noise?"
     names = ["model", "retuned"][: 1 + retuned]
@@ -226,7 +320,10 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
         head, _, physics = finding.explanation.partition(". ")
         rest = "" if finding.effect in said else f". {physics}"
         if rest == "" and finding.indistinguishable_from:
-            rest = f". Indistinguishable from {', '.join(finding.indistinguishable_from)} in these data."
+            rest = (
+                f". Indistinguishable from {', '.join(finding.indistinguishable_from)}"
+                " in these data."
+            )
         said.add(finding.effect)
         why = f" Weak: {'; '.join(finding.remarks)}." if finding.remarks else ""
         explain(f"{k}. {head}{rest}{why}")
@@ -236,17 +333,26 @@ def _findings(result: Diagnosis, units: Sequence[str], shown: Sequence[Finding])
 
 
 def worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:
-    """The history without the findings at its end that are not sure, but for the first two of them."""
+    """The history without the findings at its end that are not sure, but for the first
+    two of them."""
     last = max((k for k, f in enumerate(effects) if f.sure), default=-1)
     return effects[: last + 3]
 
 
-def before_after(before: Comparison, after: Comparison, units: Sequence[str], what: str) -> None:
+def before_after(
+    before: Comparison, after: Comparison, units: Sequence[str], what: str
+) -> None:
     """What became of each joint's error, the verdict after, and both errors as a table."""
     said = changes(before.rmse, after.rmse, after.noise_floor)
     said = said or "no joint's error changed by more than 5 %."
     say(f"On {what}: {said}", style="bold")
     verdict(after.verdict)
     comparison([before, after], units, names=("before", "after"))
-    errors = (number(before.relative_error_percent), number(after.relative_error_percent))
-    say(f"all joints together, relative error: {errors[0]} % before, {errors[1]} % after")
+    errors = (
+        number(before.relative_error_percent),
+        number(after.relative_error_percent),
+    )
+    say(
+        f"all joints together, relative error: {errors[0]} % before, {errors[1]} %"
+        " after"
+    )

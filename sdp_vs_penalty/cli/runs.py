@@ -21,9 +21,13 @@ NO_CHECK = "pass --no-check to"
 
 
 def as_told(
-    source: str, gravity: str | None = None, bounds: str | None = None, filters: str | None = None
+    source: str,
+    gravity: str | None = None,
+    bounds: str | None = None,
+    filters: str | None = None,
 ) -> Problem:
-    """The problem named ``source`` with --gravity, --bounds and --filters as they are written."""
+    """The problem named ``source`` with --gravity, --bounds and --filters as they are
+    written."""
     mounting = None if gravity is None else numbers("--gravity", gravity, 3)
     return with_filters(with_bounds(load_problem(source, mounting), bounds), filters)
 
@@ -31,7 +35,8 @@ def as_told(
 def runs_as_told(
     problem: Problem, data: Sequence[Path], window: str | None
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
-    """The runs, or a black box's answers, behind --data: whole, and what --window leaves of them."""
+    """The runs, or a black box's answers, behind --data: whole, and what --window
+    leaves of them."""
     windows, robot = time_windows(window), problem.robot
     whole = load_answers(list(data), joints=robot.n) or load_measurements(
         *data, joints=robot.n, names=robot.joint_names
@@ -63,7 +68,9 @@ def parsed_known(text: str | None) -> dict[str, float]:
     found = {name: numbers("--known", x, 1)[0] for name, x in given.items()}
     for name, value in found.items():
         if not 0.0 < abs(value) < math.inf:
-            raise InputError(f"--known {name}={value:g} is no scale", "give a value that is not zero")
+            raise InputError(
+                f"--known {name}={value:g} is no scale", "give a value that is not zero"
+            )
     return found
 
 
@@ -72,12 +79,17 @@ def words(data: Sequence[Path], window: str | None) -> list[str]:
     return [*map(str, data), *([] if window is None else ["--window", window])]
 
 
-def next_diagnosis(model: Path | str, estimate: Estimate, data: list[Path], window: str | None) -> None:
-    """The diagnosis of a model on the runs that it was identified from, judged on those given."""
+def next_diagnosis(
+    model: Path | str, estimate: Estimate, data: list[Path], window: str | None
+) -> None:
+    """The diagnosis of a model on the runs that it was identified from, judged on those
+    given."""
     train, given = estimate.provenance.get("data", ["TRAIN.csv"]), words(data, window)
     test = [] if train == given else ["--test", data[0]]
     test += [] if train == given or window is None else ["--test-window", window]
-    console.next_step(["diagnose", model, "--data", *train, *test, "--json", "findings.json"])
+    console.next_step(
+        ["diagnose", model, "--data", *train, *test, "--json", "findings.json"]
+    )
 
 
 def runs_for(
@@ -102,7 +114,9 @@ def runs_for(
 
     whole = measured = loaded(*data)
     tested = None if test is None else loaded(test)
-    if tested is not None and tested.data_hash not in {run.data_hash for run in measured.runs()}:
+    if tested is not None and tested.data_hash not in {
+        run.data_hash for run in measured.runs()
+    }:
         whole = concatenate([measured, tested])
     held_out = None if tested is None else windowed(tested, judge)
     return Runs(windowed(measured, train), held_out, whole)

@@ -1,4 +1,5 @@
-"""The public measurements that can be fetched: where they are, which version, what they are."""
+"""The public measurements that can be fetched: where they are, which version, what they
+are."""
 
 import tomllib
 from dataclasses import dataclass
@@ -13,8 +14,9 @@ GITHUB = "https://raw.githubusercontent.com"
 
 @dataclass(frozen=True)
 class RemoteFile(Plain):
-    """One file of a repository: its path there, its SHA-256; cached : its name in the cache, if
-    another; rows : the first and the last one (from 1) that hold samples, where others do not."""
+    """One file of a repository: its path there, its SHA-256; cached : its name in the
+    cache, if another; rows : the first and the last one (from 1) that hold samples,
+    where others do not."""
 
     path: str
     sha256: str
@@ -30,8 +32,8 @@ class RemoteFile(Plain):
 class Dataset(Plain):
     """Measurements that their authors publish.
 
-    source : GitHub owner/name; commit : which version; problem : whose robot it is; drive_gains : the
-    authors', motor current to joint torque [N m/A].
+    source : GitHub owner/name; commit : which version; problem : whose robot it is;
+    drive_gains : the authors', motor current to joint torque [N m/A].
     """
 
     name: str
@@ -51,7 +53,9 @@ class Dataset(Plain):
 #: Every data set by name, from datasets.toml.
 DATASETS = {
     name: Dataset.from_dict({"name": name, **data})
-    for name, data in tomllib.loads(Path(__file__).with_name("datasets.toml").read_text()).items()
+    for name, data in tomllib.loads(
+        Path(__file__).with_name("datasets.toml").read_text()
+    ).items()
 }
 
 

@@ -1,7 +1,9 @@
-"""Public measurements: fetched from where their authors publish them, written as RUN.csv files.
+"""Public measurements: fetched from where their authors publish them, written as
+RUN.csv files.
 
-Nothing of them is part of this package. Each file is pinned to a commit and to its SHA-256, and kept
-in the user's cache in the authors' own format; what this program reads is converted beside it.
+Nothing of them is part of this package. Each file is pinned to a commit and to its
+SHA-256, and kept in the user's cache in the authors' own format; what this program
+reads is converted beside it.
 """
 
 import os
@@ -19,9 +21,11 @@ from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import LARGEST_RUN, problems_folder, read_bytes, write_bytes
 from sdp_vs_penalty.robot.joint import Transmission, parse_transmission
 
-#: Names a folder with the files that need not be downloaded again, one folder a data set.
+#: Names a folder with the files that need not be downloaded again, one folder a data
+#: set.
 DATA_VARIABLE = "SDP_VS_PENALTY_DATA"
-#: Names an address with the same layout to download from instead (a mirror behind a firewall).
+#: Names an address with the same layout to download from instead (a mirror behind a
+#: firewall).
 MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
 
 
@@ -32,19 +36,25 @@ def cache_folder() -> Path:
     return Path(pooch.os_cache("sdp-vs-penalty"))
 
 
-def fetch(name: str, folder: str | Path | None = None, base: str | None = None) -> list[Path]:
-    """Download a data set once and write its runs; returns the paths of the RUN.csv files.
+def fetch(
+    name: str, folder: str | Path | None = None, base: str | None = None
+) -> list[Path]:
+    """Download a data set once and write its runs; returns the paths of the RUN.csv
+    files.
 
-    name : one of `sdp-vs-penalty list datasets`; folder : where to keep it (default: the user's
-    cache); base : an address with GitHub's layout of raw files (default: SDP_VS_PENALTY_MIRROR, else
-    GitHub). Raises InputError where a file cannot be downloaded or is not the one that was pinned.
+    name : one of `sdp-vs-penalty list datasets`; folder : where to keep it (default:
+    the user's cache); base : an address with GitHub's layout of raw files (default:
+    SDP_VS_PENALTY_MIRROR, else GitHub). Raises InputError where a file cannot be
+    downloaded or is not the one that was pinned.
     """
     chosen = dataset(name)
     root = cache_folder() if folder is None else Path(folder)
     download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
     for path, rows in ((root / name / file.name, file.rows) for file in chosen.files):
         if rows is not None:
-            said = f"only rows {rows[0]} to {rows[1]} are used: the others hold no samples"
+            said = (
+                f"only rows {rows[0]} to {rows[1]} are used: the others hold no samples"
+            )
             warnings.warn(f"{path}: {said}", Remark, stacklevel=2)
     paths = []
     for run, measurements in converted(name, root / name).items():
@@ -55,38 +65,48 @@ def fetch(name: str, folder: str | Path | None = None, base: str | None = None) 
 
 
 def converted(name: str, folder: str | Path) -> dict[str, Measurements]:
-    """The runs of a data set by name, at the joints, from a folder that holds its authors' files."""
+    """The runs of a data set by name, at the joints, from a folder that holds its
+    authors' files."""
     runs = _CONVERTERS[name](Path(folder))
-    text = (problems_folder() / dataset(name).problem / "problem.toml").read_text(encoding="utf-8")
+    text = (problems_folder() / dataset(name).problem / "problem.toml").read_text(
+        encoding="utf-8"
+    )
     section = tomllib.loads(text).get("transmission")
     if section is None:
         return runs
     transmission = parse_transmission(**section)
-    return {run: to_joints(measurements, transmission) for run, measurements in runs.items()}
+    return {
+        run: to_joints(measurements, transmission) for run, measurements in runs.items()
+    }
 
 
 def to_joints(measurements: Measurements, transmission: Transmission) -> Measurements:
-    """Runs that were logged at the motors, on the joint side: q = A^-1 (q_m - b), tau = A^T tau_m,
-    channel by channel as the transmission says where they were logged.
+    """Runs that were logged at the motors, on the joint side: q = A^-1 (q_m - b), tau =
+    A^T tau_m, channel by channel as the transmission says where they were logged.
 
     Raises InputError where the runs have another number of channels.
     """
     m = measurements
     if m.n != transmission.n:
         count = formatting.count
-        what = f"the file has {count(m.n, 'joint')}, the transmission {count(transmission.n, 'motor')}"
+        what = (
+            f"the file has {count(m.n, 'joint')}, the transmission"
+            f" {count(transmission.n, 'motor')}"
+        )
         raise InputError(what, "name a log with one column a motor", m.names[0])
     groups = m.groups
     for name in groups.keys() & {"q", "dq", "qcmd", "dqcmd"}:
-        groups[name] = transmission.joint_positions(groups[name], rates=name.startswith("dq"))
+        groups[name] = transmission.joint_positions(
+            groups[name], rates=name.startswith("dq")
+        )
     for name in groups.keys() & {"tau", "tauff"}:
         groups[name] = transmission.joint_torques(groups[name])
     return Measurements.of(m.t, groups, m.names, m.run)
 
 
 def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
-    """Every file of a data set into a folder; those there, or where SDP_VS_PENALTY_DATA points, are only
-    checked."""
+    """Every file of a data set into a folder; those there, or where SDP_VS_PENALTY_DATA
+    points, are only checked."""
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
@@ -98,15 +118,21 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
     for file in chosen.files:
         address, loader = chosen.address(file, base), pooch.HTTPDownloader(timeout=30)
         try:
-            pooch.retrieve(address, f"sha256:{file.sha256}", file.name, folder, downloader=loader)
+            pooch.retrieve(
+                address, f"sha256:{file.sha256}", file.name, folder, downloader=loader
+            )
         except OSError as error:  # every error of requests is one
-            missing = ", ".join(f.name for f in chosen.files if not (folder / f.name).exists())
+            missing = ", ".join(
+                f.name for f in chosen.files if not (folder / f.name).exists()
+            )
             what = f"cannot be downloaded ({type(error).__name__})"
             remedy = f"check the network, or put {missing} into {folder}"
             raise InputError(what, remedy, address) from error
         except ValueError as error:
             what = "not the file that was published (its SHA-256 differs)"
-            remedy = f"try again later, or put the right file into {folder} as {file.name}"
+            remedy = (
+                f"try again later, or put the right file into {folder} as {file.name}"
+            )
             raise InputError(what, remedy, address) from error
 
 
@@ -116,38 +142,57 @@ def _panda_runs(folder: Path) -> dict[str, Measurements]:
 
 
 def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
-    """31 columns without a header: t, q(6), dq(6), i_actual(6), i_desired(6), tau_desired(6)."""
+    """31 columns without a header: t, q(6), dq(6), i_actual(6), i_desired(6),
+    tau_desired(6)."""
     runs, known = {}, dataset("ur10e")
     for file in known.files:
         first, last = file.rows or (1, None)
         part = {"skiprows": first - 1, "max_rows": last and last - first + 1}
         rows = np.loadtxt(folder / file.name, delimiter=",", encoding="latin1", **part)  # type: ignore[call-overload]
         tau, name = rows[:, 13:19] * np.array(known.drive_gains), Path(file.name).stem
-        runs[name] = Measurements(rows[:, 0], rows[:, 1:7], tau, rows[:, 7:13], None, (name,))
+        runs[name] = Measurements(
+            rows[:, 0], rows[:, 1:7], tau, rows[:, 7:13], None, (name,)
+        )
     return runs
 
 
 def _emps_runs(folder: Path) -> dict[str, Measurements]:
-    """Position of the carriage and its command [m], and the control voltage [V], which times the drive's
-    gain [N/V] is the force."""
+    """Position of the carriage and its command [m], and the control voltage [V], which
+    times the drive's gain [N/V] is the force."""
     from scipy.io import loadmat
 
     runs = {}
     for file, name in zip(DATASETS["emps"].files, ("tracking", "pulses"), strict=True):
         data = loadmat(folder / file.name)
         force = float(data["gtau"].item()) * data["vir"]
-        groups = {"q": data["qm"], "tau": force, "qcmd": data["qg"], "voltage": data["vir"]}
+        groups = {
+            "q": data["qm"],
+            "tau": force,
+            "qcmd": data["qg"],
+            "voltage": data["vir"],
+        }
         runs[name] = Measurements.of(data["t"].ravel(), groups, (name,))
     return runs
 
 
 def _tx40_runs(folder: Path) -> dict[str, Measurements]:
-    """Angles [rad] and torques [N m] of the motors at 5 kHz, a header and one column a motor each."""
+    """Angles [rad] and torques [N m] of the motors at 5 kHz, a header and one column a
+    motor each."""
     q, tau = (
-        np.loadtxt(folder / file.name, delimiter=",", skiprows=1) for file in DATASETS["tx40"].files
+        np.loadtxt(folder / file.name, delimiter=",", skiprows=1)
+        for file in DATASETS["tx40"].files
     )
     # Samples a second of the TX40's log.
-    return {"exciting": Measurements(np.arange(len(q)) / 5000.0, q, tau, names=("exciting",))}
+    return {
+        "exciting": Measurements(
+            np.arange(len(q)) / 5000.0, q, tau, names=("exciting",)
+        )
+    }
 
 
-_CONVERTERS = {"panda": _panda_runs, "ur10e": _ur10e_runs, "emps": _emps_runs, "tx40": _tx40_runs}
+_CONVERTERS = {
+    "panda": _panda_runs,
+    "ur10e": _ur10e_runs,
+    "emps": _emps_runs,
+    "tx40": _tx40_runs,
+}

@@ -1,4 +1,5 @@
-"""Reading and writing runs: the format comes from the suffix, what makes a run useless is refused."""
+"""Reading and writing runs: the format comes from the suffix, what makes a run useless
+is refused."""
 
 import glob
 import os
@@ -15,15 +16,24 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats import bag, csv, format_of, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice, Header
-from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements, concatenate, without_traces
+from sdp_vs_penalty.data.measurements import (
+    LARGEST_VALUE,
+    Measurements,
+    concatenate,
+    without_traces,
+)
 from sdp_vs_penalty.data.store import parts
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.files import reading
 
-#: One run as Measurements, a file's path, a mapping or table of columns; or a sequence of runs.
+#: One run as Measurements, a file's path, a mapping or table of columns; or a sequence
+#: of runs.
 Source: TypeAlias = Any
 
-_REMEDY = "give t, q, tau and, if measured, dq: (N,) and (N, n) arrays, or the columns of RUN.csv"
+_REMEDY = (
+    "give t, q, tau and, if measured, dq: (N,) and (N, n) arrays, or the columns of"
+    " RUN.csv"
+)
 
 
 def load_measurements(
@@ -33,12 +43,13 @@ def load_measurements(
     stop: float = np.inf,
     names: Sequence[str] | None = None,
 ) -> Measurements:
-    """Read runs: .csv, .npz, .mat, .parquet, ROS bags, .mcap, or folders in the authors' Panda format.
+    """Read runs: .csv, .npz, .mat, .parquet, ROS bags, .mcap, or folders in the
+    authors' Panda format.
 
-    paths : one file a run, or folders and patterns of such (:func:`run_files`); joints : the number of
-    joints expected; start, stop : the window of each run to keep [s]; names : of the robot's joints, for
-    formats that name theirs (ROS).
-    Raises InputError naming file, row and column for whatever cannot be used.
+    paths : one file a run, or folders and patterns of such (:func:`run_files`); joints
+    : the number of joints expected; start, stop : the window of each run to keep [s];
+    names : of the robot's joints, for formats that name theirs (ROS). Raises InputError
+    naming file, row and column for whatever cannot be used.
     """
     if not paths:
         raise InputError("No measurement file is given", "name at least one RUN.csv")
@@ -53,7 +64,8 @@ def as_measurements(
     *,
     usable: bool = True,
 ) -> Measurements:
-    """Measurements from a path, arrays, a table, Measurements, or a sequence of these (one a run).
+    """Measurements from a path, arrays, a table, Measurements, or a sequence of these
+    (one a run).
 
     source : a path (see :func:`load_measurements`); a mapping with t (N,) s, q, tau and optionally dq
         (N, n) in rad, N m, rad/s (m, N, m/s); a DataFrame or mapping with RUN.csv's columns.
@@ -64,11 +76,21 @@ def as_measurements(
     """
     several = source if isinstance(source, list | tuple) else [source]
     paths = str, Path
-    parts = [x for part in several for x in (run_files(part) if isinstance(part, paths) else [part])]
+    parts = [
+        x
+        for part in several
+        for x in (run_files(part) if isinstance(part, paths) else [part])
+    ]
     if not parts:
         raise InputError("no run is given", "pass at least one", what)
-    runs = [_one(part, joints, names, what, k, usable) for k, part in enumerate(parts, start=1)]
-    called = [x if isinstance(x, paths) else r.names[0] for x, r in zip(parts, runs, strict=True)]
+    runs = [
+        _one(part, joints, names, what, k, usable)
+        for k, part in enumerate(parts, start=1)
+    ]
+    called = [
+        x if isinstance(x, paths) else r.names[0]
+        for x, r in zip(parts, runs, strict=True)
+    ]
     first: dict[str, int] = {}
     for k, run in enumerate(runs if usable and len(runs) > 1 else ()):
         # The same samples again would count as a repetition without noise.
@@ -79,7 +101,12 @@ def as_measurements(
 
 
 def _one(
-    part: Any, joints: int | None, names: Sequence[str] | None, what: str, number: int, usable: bool
+    part: Any,
+    joints: int | None,
+    names: Sequence[str] | None,
+    what: str,
+    number: int,
+    usable: bool,
 ) -> Measurements:
     word, label = "sample", None
     if isinstance(part, Measurements):
@@ -90,8 +117,13 @@ def _one(
     else:
         columns = _columns(part)
         if columns is None:
-            remedy = "give a path, a mapping of arrays, a DataFrame, Measurements, or a list of these"
-            raise InputError("no measurements", remedy, what.replace("...", given(part)))
+            remedy = (
+                "give a path, a mapping of arrays, a DataFrame, Measurements, or a list"
+                " of these"
+            )
+            raise InputError(
+                "no measurements", remedy, what.replace("...", given(part))
+            )
         header = Header.of(f"run{number}", list(columns), what=what, remedy=_REMEDY)
         found = without_traces(header.run(columns))
         if joints is not None and found.n != joints:
@@ -120,14 +152,17 @@ def for_testing(name: str | Path) -> bool:
 
 
 def run_files(path: str | Path) -> list[Path]:
-    """The files that a path stands for: itself, those that match a pattern like runs/*.csv, or for a
-    folder that is no run itself those in it whose suffix is a format's, in the order of their names.
+    """The files that a path stands for: itself, those that match a pattern like
+    runs/*.csv, or for a folder that is no run itself those in it whose suffix is a
+    format's, in the order of their names.
 
     Raises InputError for a pattern that matches nothing.
     """
     path = Path(path)
     if os.path.isdir(path) and format_of(path) is None:
-        return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [path]
+        return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [
+            path
+        ]
     pattern = any(c in str(path) for c in "*?[") and "\0" not in str(path)
     if pattern and not os.path.exists(path):
         found = sorted(map(Path, glob.glob(str(path))))
@@ -137,8 +172,11 @@ def run_files(path: str | Path) -> list[Path]:
     return [path]
 
 
-def windowed(whole: Measurements, windows: Sequence[tuple[float, float]]) -> Measurements:
-    """Of each run its windows (start, stop) [s after its beginning], each a run of its own.
+def windowed(
+    whole: Measurements, windows: Sequence[tuple[float, float]]
+) -> Measurements:
+    """Of each run its windows (start, stop) [s after its beginning], each a run of its
+    own.
 
     Raises InputError naming the run of which a window leaves nothing.
     """
@@ -164,7 +202,8 @@ def read_run(
     topic: str | None = None,
     rename: Mapping[str, str] | None = None,
 ) -> Measurements:
-    """One file as it is: columns and shapes are checked, clock and numbers are not; denormals are zeros.
+    """One file as it is: columns and shapes are checked, clock and numbers are not;
+    denormals are zeros.
 
     names, topic, rename : see :class:`sdp_vs_penalty.data.formats.columns.Choice`.
     """
@@ -173,7 +212,9 @@ def read_run(
         if home is csv and path.is_dir():
             raise InputError("no runs in this folder", "name the file of the run", path)
         if topic is not None and home is not bag:
-            raise InputError("only ROS bags and MCAP files have topics", "leave --topic out", path)
+            raise InputError(
+                "only ROS bags and MCAP files have topics", "leave --topic out", path
+            )
         part: Measurements = home.read(path, Choice(names, topic, rename))
     if joints is not None and part.n != joints:
         raise other_robot(part.n, joints, path)
@@ -181,26 +222,35 @@ def read_run(
 
 
 def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> None:
-    """InputError for what makes a run useless: too short, not finite, a clock that does not advance.
+    """InputError for what makes a run useless: too short, not finite, a clock that does
+    not advance.
 
-    path : what messages call the run; word : and its samples; rows are counted from the header on.
+    path : what messages call the run; word : and its samples; rows are counted from the
+    header on.
     """
     first = 2 if word == "row" else 1
     if len(m.t) < 2:
-        raise InputError(f"the run has {formatting.count(len(m.t), 'sample')}", "record longer", path)
+        raise InputError(
+            f"the run has {formatting.count(len(m.t), 'sample')}", "record longer", path
+        )
 
     for name, values in {"t": m.t[:, None], **m.groups}.items():
         for start, part in parts(values):
             bad = ~(np.abs(part) <= LARGEST_VALUE[name])  # not a number compares false
             if bad.any():
                 row, joint = np.argwhere(bad)[0].tolist()
-                column, x = name if name == "t" else f"{name}{joint + 1}", part[row, joint]
+                column, x = (
+                    name if name == "t" else f"{name}{joint + 1}",
+                    part[row, joint],
+                )
                 where = f"{word} {start + row + first}, column {column}"
                 what = f"{where}: no robot measures {x:.3g}"
                 if not np.isfinite(x):
                     what = f"{where} is not a finite number"
                 raise InputError(what, f"correct the {word} or delete it", path)
-    stays = np.concatenate([a + np.flatnonzero(np.diff(x) <= 0) for a, x in parts(m.t, overlap=1)])
+    stays = np.concatenate(
+        [a + np.flatnonzero(np.diff(x) <= 0) for a, x in parts(m.t, overlap=1)]
+    )
     if len(stays):
         row = int(stays[0])
         how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
@@ -211,10 +261,15 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
 
 
 def save(measurements: Measurements, path: str | Path) -> None:
-    """Write one run in the format of the suffix: .csv, .npz, .parquet or .mat, whole or not at all."""
+    """Write one run in the format of the suffix: .csv, .npz, .parquet or .mat, whole or
+    not at all."""
     path = Path(path)
     home = format_of(path)
     if not hasattr(home, "write"):
         known = ", ".join(sorted(suffixes("write")))
-        raise InputError("cannot be written: its suffix names no format", f"choose one of {known}", path)
+        raise InputError(
+            "cannot be written: its suffix names no format",
+            f"choose one of {known}",
+            path,
+        )
     home.write(measurements, path)  # type: ignore[union-attr]

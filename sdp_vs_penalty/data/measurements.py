@@ -21,12 +21,13 @@ from sdp_vs_penalty.robot.arrays import Array
 class Measurements(Shown):
     """One or more runs of one robot.
 
-    t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or None;
-    run : (N,) index of the run that a sample belongs to; names : one name a run; temperature : (N, n)
-    of each joint's gear or motor [degrees Celsius], or None. commanded : what the drives were told or
-    gave, (N, n) by the names of :data:`COMMANDED`; torque_logged : False where no torque was measured:
-    tau then holds the feed-forward torque, or zeros.
-    Velocity and acceleration for identification are not these dq: see preprocessing.
+    t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or
+    None; run : (N,) index of the run that a sample belongs to; names : one name a run;
+    temperature : (N, n) of each joint's gear or motor [degrees Celsius], or None.
+    commanded : what the drives were told or gave, (N, n) by the names of
+    :data:`COMMANDED`; torque_logged : False where no torque was measured: tau then
+    holds the feed-forward torque, or zeros. Velocity and acceleration for
+    identification are not these dq: see preprocessing.
     """
 
     t: Array
@@ -47,9 +48,12 @@ class Measurements(Shown):
         names: tuple[str, ...],
         run: NDArray[np.int64] | None = None,
     ) -> Measurements:
-        """Measurements of the blocks (N, n) that there are, by the names of their columns in a file."""
+        """Measurements of the blocks (N, n) that there are, by the names of their
+        columns in a file."""
         q, tau = groups["q"], groups.get("tau")
-        told = {name: groups[name] for name in (*COMMANDED, *SIMULATED) if name in groups}
+        told = {
+            name: groups[name] for name in (*COMMANDED, *SIMULATED) if name in groups
+        }
         if tau is None:
             tau = told.get("tauff", np.broadcast_to(0.0, q.shape))
         dq, warm = groups.get("dq"), groups.get("temp")
@@ -70,12 +74,20 @@ class Measurements(Shown):
         lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
         with np.errstate(invalid="ignore"):
             steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
-        rate = f", {1.0 / np.median(steps):.4g} Hz" if len(steps) and np.median(steps) > 0.0 else ""
+        rate = (
+            f", {1.0 / np.median(steps):.4g} Hz"
+            if len(steps) and np.median(steps) > 0.0
+            else ""
+        )
         both = formatting.count(len(runs), "run"), formatting.count(self.n, "joint")
         title = f"Measurements: {', '.join(both)}"
         return title, [
             ("runs", ", ".join(self.names)),
-            ("length", ", ".join(f"{x:.4g}" for x in lengths) + f" s{rate}, {self.samples} samples"),
+            (
+                "length",
+                ", ".join(f"{x:.4g}" for x in lengths)
+                + f" s{rate}, {self.samples} samples",
+            ),
             ("columns", ", ".join(["t", *self.groups])),
         ]
 
@@ -83,7 +95,13 @@ class Measurements(Shown):
     def groups(self) -> dict[str, Array]:
         """The blocks (N, n) that are there, by the names of their columns in a file."""
         tau = self.tau if self.torque_logged else None
-        blocks = {"q": self.q, "dq": self.dq, "tau": tau, "temp": self.temperature, **self.commanded}
+        blocks = {
+            "q": self.q,
+            "dq": self.dq,
+            "tau": tau,
+            "temp": self.temperature,
+            **self.commanded,
+        }
         return {name: block for name, block in blocks.items() if block is not None}
 
     def runs(self) -> list[Measurements]:
@@ -98,7 +116,9 @@ class Measurements(Shown):
             # One after the other: views, no copies.
             edges = np.searchsorted(run, np.arange(len(self.names) + 1))
             slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
-            return [self.rows(s, name) for s, name in zip(slices, self.names, strict=True)]
+            return [
+                self.rows(s, name) for s, name in zip(slices, self.names, strict=True)
+            ]
         return [self.rows(run == k, name) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
@@ -109,13 +129,18 @@ class Measurements(Shown):
             inside = np.concatenate([(s >= start) & (s < stop) for s in since])
             first, last = int(inside.argmax()), len(inside) - int(inside[::-1].argmax())
             # In a clock that advances they are one stretch: a view, no copy.
-            cut.append(run.rows(slice(first, last) if inside[first:last].all() else inside))
+            cut.append(
+                run.rows(slice(first, last) if inside[first:last].all() else inside)
+            )
         return concatenate(cut)
 
     def rows(
-        self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice, name: str | None = None
+        self,
+        keep: NDArray[np.bool_] | NDArray[np.intp] | slice,
+        name: str | None = None,
     ) -> Measurements:
-        """Some of the samples, as one run; name : of the run, the first one's by default."""
+        """Some of the samples, as one run; name : of the run, the first one's by
+        default."""
         groups = {group: block[keep] for group, block in self.groups.items()}
         return Measurements.of(self.t[keep], groups, (name or self.names[0],))
 
@@ -127,7 +152,10 @@ class Measurements(Shown):
     def require_torque(self, what: str) -> None:
         """Raises InputError where no torque was logged; what : needs it."""
         if not self.torque_logged:
-            remedy = "identify from it (the servo's law stands for its torque), or log tau1..taun"
+            remedy = (
+                "identify from it (the servo's law stands for its torque), or log"
+                " tau1..taun"
+            )
             told = f"{what} needs a torque, and this log holds commands alone"
             raise InputError(told, remedy, self.names[0])
 
@@ -143,7 +171,8 @@ class Measurements(Shown):
 
 @dataclass(frozen=True)
 class Runs:
-    """train : to identify from, test : to judge on, windows of what was measured; None without a test.
+    """train : to identify from, test : to judge on, windows of what was measured; None
+    without a test.
 
     whole : all of that, each run once, in which the noise is measured."""
 
@@ -157,16 +186,22 @@ class Runs:
         return self.train if self.test is None else self.test
 
 
-#: What drives were told or gave: commanded position [rad, m] and velocity, feed-forward torque [N m, N],
-#: motor current [A] and voltage [V]; and where the motor is, on its joint's side of the gear, where q is
-#: the link's [rad, m].
+#: What drives were told or gave: commanded position [rad, m] and velocity, feed-forward
+#: torque [N m, N], motor current [A] and voltage [V]; and where the motor is, on its
+#: joint's side of the gear, where q is the link's [rad, m].
 COMMANDED = ("qcmd", "dqcmd", "tauff", "current", "voltage", "qmot")
-#: The positions that a model makes of the command, and their integral over time; that of q in its place.
+#: The positions that a model makes of the command, and their integral over time; that
+#: of q in its place.
 SIMULATED = ("qsim", "isim", "isum")
-#: Numbers above which a column holds no measurement, whatever its unit: t [ns since 1970], q and dq
-#: [encoder counts], tau [mN m], temp [degrees].
-LARGEST_VALUE = dict.fromkeys(("q", "dq", "qcmd", "dqcmd", "current", "voltage", "qmot"), 1e9)
-LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {"t": 1e20, "temp": 1e4}
+#: Numbers above which a column holds no measurement, whatever its unit: t [ns since
+#: 1970], q and dq [encoder counts], tau [mN m], temp [degrees].
+LARGEST_VALUE = dict.fromkeys(
+    ("q", "dq", "qcmd", "dqcmd", "current", "voltage", "qmot"), 1e9
+)
+LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {
+    "t": 1e20,
+    "temp": 1e4,
+}
 
 
 def without_traces(measured: Measurements) -> Measurements:
@@ -182,11 +217,16 @@ def without_traces(measured: Measurements) -> Measurements:
         if any(np.any((np.abs(x) < least) & (x != 0.0)) for _, x in parts(block))
     }
     found |= odd
-    return Measurements.of(found.pop("t"), found, measured.names, measured.run) if odd else measured
+    return (
+        Measurements.of(found.pop("t"), found, measured.names, measured.run)
+        if odd
+        else measured
+    )
 
 
 def gathered(pieces: Iterable[Measurements]) -> Measurements:
-    """One run from consecutive pieces of it, at least one; on the disk where there are many."""
+    """One run from consecutive pieces of it, at least one; on the disk where there are
+    many."""
     whole: dict[str, Growing] = {}
     for piece in pieces:
         first = piece
@@ -197,16 +237,24 @@ def gathered(pieces: Iterable[Measurements]) -> Measurements:
 
 
 def concatenate(several: Sequence[Measurements]) -> Measurements:
-    """Several measurements of one robot as one, their runs kept apart; one alone as it is."""
+    """Several measurements of one robot as one, their runs kept apart; one alone as it
+    is."""
     if len(several) == 1:
         return several[0]
     runs = [run for part in several for run in part.runs()]
     if len({run.n for run in runs}) > 1:
         each = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
-        raise InputError(f"the runs have different numbers of joints: {each}", "name runs of one robot")
+        raise InputError(
+            f"the runs have different numbers of joints: {each}",
+            "name runs of one robot",
+        )
     silent = next((r for r in runs if not r.torque_logged), None)
     if silent is not None and any(r.torque_logged for r in runs):
-        raise InputError("no torque, but other runs have one", "name runs of one kind", silent.names[0])
+        raise InputError(
+            "no torque, but other runs have one",
+            "name runs of one kind",
+            silent.names[0],
+        )
     everywhere = [g for g in runs[0].groups if all(g in r.groups for r in runs)]
     return Measurements.of(
         joined(r.t for r in runs),

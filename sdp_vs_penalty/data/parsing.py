@@ -4,15 +4,17 @@ from sdp_vs_penalty.errors import InputError
 
 
 def numbers(option: str, text: str, count: int | None = None) -> list[float]:
-    """Numbers separated by commas, ``count`` of them where that is given; InputError naming the option
-    otherwise."""
+    """Numbers separated by commas, ``count`` of them where that is given; InputError
+    naming the option otherwise."""
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
         values = []
     if not values or len(values) != (count or len(values)):
         many = f"{count} numbers" if count else "numbers"
-        raise InputError(f"{option} {text!r} is not {many}", f"write {many} separated by commas")
+        raise InputError(
+            f"{option} {text!r} is not {many}", f"write {many} separated by commas"
+        )
     return values
 
 
@@ -22,12 +24,18 @@ def pairs(option: str, text: str | None) -> dict[str, str] | None:
         return None
     words = [word.partition("=") for word in text.split(",")]
     if not all(key and equals and value for key, equals, value in words):
-        raise InputError(f"{option} {text!r}", "write OURS=THEIRS separated by commas, like t=time,q=qm")
+        raise InputError(
+            f"{option} {text!r}",
+            "write OURS=THEIRS separated by commas, like t=time,q=qm",
+        )
     return {key.strip(): value.strip() for key, _, value in words}
 
 
-def time_windows(text: str | None, option: str = "--window") -> list[tuple[float, float]]:
-    """START:STOP in seconds, several separated by commas; either may be left out of each.
+def time_windows(
+    text: str | None, option: str = "--window"
+) -> list[tuple[float, float]]:
+    """START:STOP in seconds, several separated by commas; either may be left out of
+    each.
 
     Raises InputError naming the option otherwise.
     """
@@ -41,7 +49,12 @@ def time_windows(text: str | None, option: str = "--window") -> list[tuple[float
         except ValueError:
             start, stop = 0.0, -1.0
         if not (colon and 0.0 <= start < stop and (not out or start >= out[-1][1])):
-            remedy = "write START:STOP in seconds from a run's start, like 0:14 or 14.2:"
-            raise InputError(f"{option} {text!r}", f"{remedy} (several in order, separated by commas)")
+            remedy = (
+                "write START:STOP in seconds from a run's start, like 0:14 or 14.2:"
+            )
+            raise InputError(
+                f"{option} {text!r}",
+                f"{remedy} (several in order, separated by commas)",
+            )
         out.append((start, stop))
     return out

@@ -1,7 +1,8 @@
-"""Are these measurements of this robot, and in SI units? Refused before anything is fitted to them.
+"""Are these measurements of this robot, and in SI units? Refused before anything is
+fitted to them.
 
-A model fitted to degrees looks like a model: the least-squares fit absorbs the factor. Two facts give
-the unit away without any guess about the motion:
+A model fitted to degrees looks like a model: the least-squares fit absorbs the factor.
+Two facts give the unit away without any guess about the motion:
 
 - A joint cannot be outside its mechanical range. Zero offsets and encoder wraps move a position by up
   to one turn, so only what lies farther outside is refused; recorded in degrees, an excitation of more
@@ -26,21 +27,34 @@ _MOTORS = ", or motors' angles to joints' (`convert --motors`)"
 
 
 def check_plausible(robot: Robot, measurements: Measurements) -> None:
-    """InputError where positions cannot be this robot's, or are not in radians and metres."""
+    """InputError where positions cannot be this robot's, or are not in radians and
+    metres."""
     for run in measurements.runs():
         check_torque(run)
         _check_derivative(robot, run)
         _check_side(robot, run)
         far = far_outside(robot, run.q)
-        for j, (joint, travel) in enumerate(zip(robot.joints, np.ptp(run.q, axis=0), strict=True)):
+        for j, (joint, travel) in enumerate(
+            zip(robot.joints, np.ptp(run.q, axis=0), strict=True)
+        ):
             q, turns = run.q[:, j], joint.kind == "revolute"
             motors = _MOTORS if turns else ""
             if j in far:
                 worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
-                unit, units = ("rad", "degrees to radians") if turns else ("m", "millimetres to metres")
+                unit, units = (
+                    ("rad", "degrees to radians")
+                    if turns
+                    else ("m", "millimetres to metres")
+                )
                 span = f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
-                what = f"column q{j + 1}: {q[worst]:.6g} is far outside the range of {span}"
-                remedy = f"convert {units}{motors}, or choose the problem that belongs to this file"
+                what = (
+                    f"column q{j + 1}: {q[worst]:.6g} is far outside the range of"
+                    f" {span}"
+                )
+                remedy = (
+                    f"convert {units}{motors}, or choose the problem that belongs to"
+                    " this file"
+                )
                 raise InputError(f"{_place(run, worst)}, {what}", remedy)
             # A motion to and fro over many turns, not a shaft that goes on turning.
             free = turns and not np.isfinite(joint.upper - joint.lower)
@@ -52,34 +66,53 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
 
 
 def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
-    """Joints farther outside their ranges than an encoder's zero or a turn brings them: twice their
-    travel on a straight axis."""
-    most = [math.tau if j.kind == "revolute" else 2.0 * (j.upper - j.lower) for j in robot.joints]
+    """Joints farther outside their ranges than an encoder's zero or a turn brings them:
+    twice their travel on a straight axis."""
+    most = [
+        math.tau if j.kind == "revolute" else 2.0 * (j.upper - j.lower)
+        for j in robot.joints
+    ]
     return tuple(np.flatnonzero(_beyond(robot, q) > most).tolist())
 
 
 def _place(run: Measurements, k: int) -> str:
     """The k-th sample of a run as the user finds it: below the header of a CSV file."""
     name = run.names[0]
-    return f"{name}: row {k + 2}" if name.endswith(".csv") else f"{name}: sample {k + 1}"
+    return (
+        f"{name}: row {k + 2}" if name.endswith(".csv") else f"{name}: sample {k + 1}"
+    )
 
 
 def check_torque(run: Measurements) -> None:
     """InputError where no channel holds anything: zeros, or numbers whose squares are."""
     # No sensor resolves this [N m, N].
-    if run.torque_logged and not any(np.any(np.abs(part) > 1e-12) for _, part in parts(run.tau)):
-        raise InputError("every torque is zero", "log the torque, or the current", run.names[0])
+    if run.torque_logged and not any(
+        np.any(np.abs(part) > 1e-12) for _, part in parts(run.tau)
+    ):
+        raise InputError(
+            "every torque is zero", "log the torque, or the current", run.names[0]
+        )
 
 
 def _check_side(robot: Robot, run: Measurements) -> None:
-    """Positions of motors, where the robot's transmission is known and brings them into the ranges."""
+    """Positions of motors, where the robot's transmission is known and brings them into
+    the ranges."""
     gears = robot.transmission
-    if gears is None or np.all(_beyond(robot, run.q) <= _ZERO) or beside_range(robot, run.q):
+    if (
+        gears is None
+        or np.all(_beyond(robot, run.q) <= _ZERO)
+        or beside_range(robot, run.q)
+    ):
         return
     joints = np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T
     if np.all(_beyond(robot, joints) <= _ZERO):
-        what = "the positions are those of the motors: through the transmission they are in the ranges"
-        raise InputError(what, "convert the log with `convert --motor-side`", run.names[0])
+        what = (
+            "the positions are those of the motors: through the transmission they are"
+            " in the ranges"
+        )
+        raise InputError(
+            what, "convert the log with `convert --motor-side`", run.names[0]
+        )
 
 
 def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -89,13 +122,19 @@ def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
-    """Joints outside their ranges, if they are few and their travel would fit: their zero is wrong.
+    """Joints outside their ranges, if they are few and their travel would fit: their
+    zero is wrong.
 
-    Where many joints are outside, or travel farther than they can, something else is wrong with all.
+    Where many joints are outside, or travel farther than they can, something else is
+    wrong with all.
     """
     outside = np.flatnonzero(_beyond(robot, q) > _ZERO)
     fits = np.ptp(q, axis=0) <= [j.upper - j.lower + _ZERO for j in robot.joints]
-    return tuple(outside.tolist()) if len(outside) <= max(1, robot.n // 2) and np.all(fits) else ()
+    return (
+        tuple(outside.tolist())
+        if len(outside) <= max(1, robot.n // 2) and np.all(fits)
+        else ()
+    )
 
 
 def _check_derivative(robot: Robot, run: Measurements) -> None:
@@ -106,8 +145,14 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     channels = (parts(x, overlap=1) for x in (run.t, run.q, run.dq))
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
         for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-            way, told = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-            sums += [np.sum(x * y, axis=0) for x, y in ((told, told), (way, way), (way, told))]
+            way, told = (
+                np.diff(q, axis=0),
+                0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None],
+            )
+            sums += [
+                np.sum(x * y, axis=0)
+                for x, y in ((told, told), (way, way), (way, told))
+            ]
     for j, (energy, way, common) in enumerate(sums.T.tolist()):
         if robot.joints[j].kind != "revolute" or not 0.0 < energy * way < np.inf:
             continue
@@ -116,5 +161,9 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
             if 2.0 / 3.0 < math.radians(value) < 1.5:
-                what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
-                raise InputError(what, f"convert {name} from degrees to radians", run.names[0])
+                what = (
+                    f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
+                )
+                raise InputError(
+                    what, f"convert {name} from degrees to radians", run.names[0]
+                )

@@ -1,9 +1,11 @@
-"""Numbers of a recording: in memory while they are few, else in a temporary file that is mapped there.
+"""Numbers of a recording: in memory while they are few, else in a temporary file that
+is mapped there.
 
-A mapped array is an ordinary NumPy array that cannot be written to: whatever works on one works on the
-other, with the same result. The file has no name, so that nothing is left of it however the process
-ends; it lies in $TMPDIR, else in /var/tmp, which is on a disk where /tmp may not be. What has been read
-of a mapped array stays in memory until something else needs the memory.
+A mapped array is an ordinary NumPy array that cannot be written to: whatever works on
+one works on the other, with the same result. The file has no name, so that nothing is
+left of it however the process ends; it lies in $TMPDIR, else in /var/tmp, which is on a
+disk where /tmp may not be. What has been read of a mapped array stays in memory until
+something else needs the memory.
 """
 
 import hashlib
@@ -70,7 +72,11 @@ class Growing:
     def array(self) -> NDArray[Any]:
         """All rows; nothing can be appended any more."""
         if self._file is None:
-            return self._pieces[0] if len(self._pieces) == 1 else np.concatenate(self._pieces)
+            return (
+                self._pieces[0]
+                if len(self._pieces) == 1
+                else np.concatenate(self._pieces)
+            )
         first = self._pieces[0]
         with _room(), self._file as file:
             file.flush()
@@ -79,21 +85,25 @@ class Growing:
 
 
 class Shelf:
-    """Values in a temporary file, each read again when it is asked for: what every pass over a long
-    recording needs."""
+    """Values in a temporary file, each read again when it is asked for: what every pass
+    over a long recording needs."""
 
     def __init__(self) -> None:
         with _room():
             self._file = _unnamed_file()
 
     def put(self, value: Any) -> Callable[[], Any]:
-        """How to read a value again: arrays from the file, also those within lists and dataclasses;
-        everything else is kept as it is."""
+        """How to read a value again: arrays from the file, also those within lists and
+        dataclasses; everything else is kept as it is."""
         if isinstance(value, list):
             each = [self.put(x) for x in value]
             return lambda: [read() for read in each]
         if is_dataclass(value) and not isinstance(value, type):
-            known = {f.name: self.put(getattr(value, f.name)) for f in fields(value) if f.init}
+            known = {
+                f.name: self.put(getattr(value, f.name))
+                for f in fields(value)
+                if f.init
+            }
             kind = type(value)
             return lambda: kind(**{name: read() for name, read in known.items()})
         if not isinstance(value, np.ndarray):
@@ -107,14 +117,18 @@ class Shelf:
         shape, dtype, size = rows.shape, rows.dtype, rows.nbytes
 
         def read() -> NDArray[Any]:
-            found = np.frombuffer(os.pread(self._file.fileno(), size, start), dtype).reshape(shape)
+            found = np.frombuffer(
+                os.pread(self._file.fileno(), size, start), dtype
+            ).reshape(shape)
             return found.T if turned else found
 
         return read
 
 
 def _unnamed_file() -> BinaryIO:
-    home = os.environ.get("TMPDIR") or ("/var/tmp" if Path("/var/tmp").is_dir() else None)
+    home = os.environ.get("TMPDIR") or (
+        "/var/tmp" if Path("/var/tmp").is_dir() else None
+    )
     return tempfile.TemporaryFile(dir=home, buffering=1 << 20)  # type: ignore[return-value]
 
 
@@ -124,7 +138,9 @@ def _room() -> Iterator[None]:
         yield
     except OSError as error:
         what = f"no temporary file for the samples ({error.strerror})"
-        raise InputError(what, "set TMPDIR to a folder with room for 8 bytes a number") from error
+        raise InputError(
+            what, "set TMPDIR to a folder with room for 8 bytes a number"
+        ) from error
 
 
 def joined(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:

@@ -1,4 +1,5 @@
-"""Which physical effect a model misses: `diagnose.diagnose` finds it, `adding.add` adds it."""
+"""Which physical effect a model misses: `diagnose.diagnose` finds it, `adding.add` adds
+it."""
 
 from sdp_vs_penalty.plugins import surface
 

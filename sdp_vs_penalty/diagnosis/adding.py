@@ -50,21 +50,23 @@ def add(
     progress: Progress = no_progress,
     gain_uncertainty: float | None = None,
 ) -> Estimate:
-    """The model with effects more, identified again by its own method under its problem's constraints.
+    """The model with effects more, identified again by its own method under its
+    problem's constraints.
 
-    estimate : the model to extend, or its model.json; measurements : the runs to identify it from
-    again, whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes.
-    effects : ``name[:joints][@shape=value]``, several separated by commas, or what :func:`diagnose`
-    found: all of it or some of its findings. An effect that the model has already takes the shape
-    constants that are given (coulomb_friction:7@v_s=0.08). A shape constant that is not given is
-    estimated, joint by joint. frozen : keep all other parameters; so it is also done with what a frozen
-    model was diagnosed to miss, and wherever a payload is among the effects, new or there already:
-    refitted links would absorb it. What is found of a held model's own effects (a Coulomb friction that
-    has grown) is left out: identify it again for that.
-    seed : of the method; progress : called with a short text of where the work stands.
-    gain_uncertainty : relative standard deviation of the torque channels' gains; default: the model's.
-    Raises InputError for an effect that the model already has, without a new constant for it, or that
-    cannot act.
+    estimate : the model to extend, or its model.json; measurements : the runs to
+    identify it from again, whatever :func:`~sdp_vs_penalty.data.files.as_measurements`
+    takes. effects : ``name[:joints][@shape=value]``, several separated by commas, or
+    what :func:`diagnose` found: all of it or some of its findings. An effect that the
+    model has already takes the shape constants that are given
+    (coulomb_friction:7@v_s=0.08). A shape constant that is not given is estimated,
+    joint by joint. frozen : keep all other parameters; so it is also done with what a
+    frozen model was diagnosed to miss, and wherever a payload is among the effects, new
+    or there already: refitted links would absorb it. What is found of a held model's
+    own effects (a Coulomb friction that has grown) is left out: identify it again for
+    that. seed : of the method; progress : called with a short text of where the work
+    stands. gain_uncertainty : relative standard deviation of the torque channels'
+    gains; default: the model's. Raises InputError for an effect that the model already
+    has, without a new constant for it, or that cannot act.
     """
     estimate = as_estimate(estimate, "add(estimate=...)")
     measurements = as_measurements(
@@ -87,18 +89,27 @@ def add(
     )
     wanted = parse_effects(texts, estimate.robot)
     if not wanted:
-        raise InputError("No effect to add", "name one, such as presliding_hysteresis:7")
+        raise InputError(
+            "No effect to add", "name one, such as presliding_hysteresis:7"
+        )
     added, retuned = _retunes(estimate, wanted, frozen)
     if frozen and diagnosed:
-        # What has changed of a held model's own effects only identifying them again takes in.
+        # What has changed of a held model's own effects only identifying them again
+        # takes in.
         there = {(e.name, j) for e in estimate.model.effects for j in e.joints}
-        added = [e for e in added if e.several or not there & {(e.name, j) for j in e.joints}]
+        added = [
+            e for e in added if e.several or not there & {(e.name, j) for j in e.joints}
+        ]
         if not added:
             raise InputError(
-                "All these effects are the held model's own", "identify it again on these runs"
+                "All these effects are the held model's own",
+                "identify it again on these runs",
             )
-    # Refuses what is there already; what may come several times is known by its constants only.
-    Model(estimate.robot, (*estimate.model.effects, *(e for e in added if not e.several)))
+    # Refuses what is there already; what may come several times is known by its
+    # constants only.
+    Model(
+        estimate.robot, (*estimate.model.effects, *(e for e in added if not e.several))
+    )
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
@@ -130,14 +141,22 @@ def add(
         return found
     model, shapes = together
     found = identified(model.effects)
-    return replace(found, details={**found.details, "shapes": [s.to_dict() for s in shapes]})
+    return replace(
+        found, details={**found.details, "shapes": [s.to_dict() for s in shapes]}
+    )
 
 
 def _retunes(
     estimate: Estimate, wanted: Sequence[Effect], frozen: bool
 ) -> tuple[list[Effect], list[ShapeEstimate]]:
-    """The effects that are new to the model, and the constants of those that it has already."""
-    there = {(e.name, j): e for e in estimate.model.effects for j in e.joints if not e.several}
+    """The effects that are new to the model, and the constants of those that it has
+    already."""
+    there = {
+        (e.name, j): e
+        for e in estimate.model.effects
+        for j in e.joints
+        if not e.several
+    }
     new, retuned = list[Effect](), list[ShapeEstimate]()
     for effect in wanted:
         own = [there.get((effect.name, j)) for j in effect.joints]
@@ -153,13 +172,20 @@ def _retunes(
 
 
 def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
-    """The model's own effects: constants that `identify` estimated are estimated again beside what is
-    new; those that are retuned are what they are told to be."""
-    estimated = {(s["effect"], s["joint"] - 1, s["shape"]) for s in estimate.details.get("shapes", ())}
+    """The model's own effects: constants that `identify` estimated are estimated again
+    beside what is new; those that are retuned are what they are told to be."""
+    estimated = {
+        (s["effect"], s["joint"] - 1, s["shape"])
+        for s in estimate.details.get("shapes", ())
+    }
     estimated -= {(r.effect, r.joint, r.shape) for r in retuned}
     out = []
     for effect in with_shapes(estimate.model.effects, retuned):
-        keys = [k for k in effect.shapes if all((effect.name, j, k) in estimated for j in effect.joints)]
+        keys = [
+            k
+            for k in effect.shapes
+            if all((effect.name, j, k) in estimated for j in effect.joints)
+        ]
         out.append(effect.opened(keys) if keys else effect)
     return out
 
@@ -175,10 +201,16 @@ def _add_frozen(
     """Fit only the new effects, under their own constraints, to what the model leaves."""
     problem = estimate.problem
     own = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
-    model = replace(estimate.model, effects=(*estimate.model.effects, *new), reference=None)
-    known = estimate.theta if estimate.model.reference is None else estimate.model.reference
+    model = replace(
+        estimate.model, effects=(*estimate.model.effects, *new), reference=None
+    )
+    known = (
+        estimate.theta if estimate.model.reference is None else estimate.model.reference
+    )
     estimator, part = estimator_beside(estimate), np.zeros(len(own.parameters))
-    for _ in range(2 if model.needs_reference else 1):  # what is new passes torque channels as well
+    for _ in range(
+        2 if model.needs_reference else 1
+    ):  # what is new passes torque channels as well
         if model.needs_reference:
             model = replace(model, reference=np.append(known, part))
         progress("compressing the measurements")
@@ -189,11 +221,14 @@ def _add_frozen(
         part, certificate = certify(task, fit)
     theta = np.concatenate([estimate.theta, part])
     base = base_rows(problem, own)
-    # The new effects' intervals hold their shape constants' errors and those of what was kept.
+    # The new effects' intervals hold their shape constants' errors and those of what
+    # was kept.
     constants = sensitivities(own.effects, [part[k] for k in own.indices])
     reference = model.reference
     if reference is not None:
-        reference = np.append(reference, np.zeros(sum(len(e.parameters) for e in constants)))
+        reference = np.append(
+            reference, np.zeros(sum(len(e.parameters) for e in constants))
+        )
     wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
     held = (estimate.theta, estimate.uncertainty), base_rows(problem, estimate.model)
     data = compress(runs, wide)
@@ -207,8 +242,14 @@ def _add_frozen(
         uncertainty=uncertainty,
         certificate=certify_beside(estimate, model, theta, certificate),
         details={
-            "undetermined": {**old.get("undetermined", {}), **new_record["undetermined"]},
-            "base_parameters": [*old.get("base_parameters", []), *new_record["base_parameters"]],
+            "undetermined": {
+                **old.get("undetermined", {}),
+                **new_record["undetermined"],
+            },
+            "base_parameters": [
+                *old.get("base_parameters", []),
+                *new_record["base_parameters"],
+            ],
             "on_bounds": on_bounds(problem.constraints(model), theta),
         },
         provenance={
@@ -220,7 +261,9 @@ def _add_frozen(
             "versions": versions(),
             "verdict": None,  # that of the smaller model is not this one's
         },
-        training_motion=None if before is None or new_motion is None else before.joined(new_motion),
+        training_motion=(
+            None if before is None or new_motion is None else before.joined(new_motion)
+        ),
     )
 
 
@@ -228,8 +271,8 @@ def _add_frozen(
 
 
 def _told(effect: Effect) -> frozenset[str]:
-    """The shape constants that are not searched: given ones, and those that the effect has and its class
-    has not, which say what it acts on, as its joints do."""
+    """The shape constants that are not searched: given ones, and those that the effect
+    has and its class has not, which say what it acts on, as its joints do."""
     return effect.given | (set(effect.shape) - set(type(effect).shapes))
 
 
@@ -240,9 +283,13 @@ def all_given(effect: Effect) -> bool:
 
 
 def shaped_effects(
-    estimate: Estimate, wanted: Sequence[Effect], measurements: Measurements, frozen: bool
+    estimate: Estimate,
+    wanted: Sequence[Effect],
+    measurements: Measurements,
+    frozen: bool,
 ) -> list[Effect]:
-    """The effects with all constants that were not given estimated, one effect a joint where so."""
+    """The effects with all constants that were not given estimated, one effect a joint
+    where so."""
     out: list[Effect] = []
     search: Search | None = None
     for effect in wanted:
@@ -253,7 +300,13 @@ def shaped_effects(
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             search = Search(prepare(rows, estimate, frozen), Library())
-        joints = [None] if effect.whole_robot else effect.joints[:1] if effect.joins else effect.joints
+        joints = (
+            [None]
+            if effect.whole_robot
+            else effect.joints[:1]
+            if effect.joins
+            else effect.joints
+        )
         out += [_shaped(search, effect, joint) for joint in joints]
     return out
 
@@ -264,10 +317,13 @@ def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
     start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
     given = {key: effect.shape[key] for key in fixed}
     forms = [
-        Form((effect.name, joint), one) for one in effect.candidates(effect.robot, joint, start, **given)
+        Form((effect.name, joint), one)
+        for one in effect.candidates(effect.robot, joint, start, **given)
     ]
     best = dict[tuple[Hashable, ...], Term]()
-    for term in sorted((search.judged(search.fit, form) for form in forms), key=lambda t: t.J):
+    for term in sorted(
+        (search.judged(search.fit, form) for form in forms), key=lambda t: t.J
+    ):
         best[term.form.law] = term
     found = (search.refined(search.fit, term, fixed) for term in best.values())
     return max(found, key=lambda t: t.J).form.effect
@@ -276,8 +332,9 @@ def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
 def found_together(
     found: Estimate, added: Sequence[Effect], runs: FilteredRuns
 ) -> tuple[Model, list[ShapeEstimate]] | None:
-    """The model with its own estimated constants and those of what was ``added`` on the same joints at
-    their joint optimum, and its own as `identify` states them; None where none of these moves."""
+    """The model with its own estimated constants and those of what was ``added`` on the
+    same joints at their joint optimum, and its own as `identify` states them; None
+    where none of these moves."""
     shapes = list(map(ShapeEstimate.from_dict, found.details.get("shapes", ())))
     new = {
         (e.name, j, key)
@@ -292,15 +349,21 @@ def found_together(
     wanted = {key for key in new if key[1] in {j for _, j, _ in own}}.union(own)
     if not wanted:
         return None
-    best = settled(found.model, wanted, lambda model: compress(runs, model), found.weighting)
+    best = settled(
+        found.model, wanted, lambda model: compress(runs, model), found.weighting
+    )
     effects, std = best.model.effects, best.std
-    values = {(e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints}
+    values = {
+        (e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints
+    }
     if not any(abs(np.log(values[k] / s.after)) > FAR * std[k] for k, s in own.items()):
         return None
     out = [
-        replace(s, after=values[k], std=values[k] * std[k])
-        if (k := (s.effect, s.joint, s.shape)) in own
-        else s
+        (
+            replace(s, after=values[k], std=values[k] * std[k])
+            if (k := (s.effect, s.joint, s.shape)) in own
+            else s
+        )
         for s in shapes
     ]
     return best.model, out

@@ -1,4 +1,5 @@
-"""Measured against modelled torque: how large the error of each joint is, beside the noise."""
+"""Measured against modelled torque: how large the error of each joint is, beside the
+noise."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True)
 class Signals:
-    """What a comparison compares, behind the filter: t (M,) s; q, dq, measured, modelled (M, n)."""
+    """What a comparison compares, behind the filter: t (M,) s; q, dq, measured,
+    modelled (M, n)."""
 
     t: Array
     q: Array
@@ -60,15 +62,16 @@ class Signals:
 class Comparison(Shown):
     """One model against measurements, all joints in the same stated band.
 
-    estimate : the model; rmse [N m or N], mse, r2 (1 - mse / variance of the measured torque): (n,)
-    each; noise_floor (n,) of the measurements, or None where it is not known, and noise_source;
-    relative_error_percent: 100 |tau - tau_hat| / |tau| over all joints; band_hz: the low-pass that both
-    sides passed; signals: the filtered rows themselves; new_motion_share: of the rows, those whose
-    motion the model has not been trained on (see :mod:`~sdp_vs_penalty.signals.motion`); None where its
-    model.json does not record that;
-    outside: by effect the share of the rows that lie outside of its table (a measured curve), where it
-    is held constant; runs: the names of the measurements; judged_on: a sentence where the recording is
-    so long that the noise was measured in windows of it.
+    estimate : the model; rmse [N m or N], mse, r2 (1 - mse / variance of the measured
+    torque): (n,) each; noise_floor (n,) of the measurements, or None where it is not
+    known, and noise_source; relative_error_percent: 100 |tau - tau_hat| / |tau| over
+    all joints; band_hz: the low-pass that both sides passed; signals: the filtered rows
+    themselves; new_motion_share: of the rows, those whose motion the model has not been
+    trained on (see :mod:`~sdp_vs_penalty.signals.motion`); None where its model.json
+    does not record that; outside: by effect the share of the rows that lie outside of
+    its table (a measured curve), where it is held constant; runs: the names of the
+    measurements; judged_on: a sentence where the recording is so long that the noise
+    was measured in windows of it.
     """
 
     name: str
@@ -111,24 +114,36 @@ class Comparison(Shown):
             remark=self.judged_on or "",
         )
 
-    def plot(self, joint: int | None = None, against: str = "time", axes: Any = None) -> Any:
-        """Draw each joint's error beside the noise floor, or one joint's residual; returns the axes.
+    def plot(
+        self, joint: int | None = None, against: str = "time", axes: Any = None
+    ) -> Any:
+        """Draw each joint's error beside the noise floor, or one joint's residual;
+        returns the axes.
 
-        joint : counts from 1; against : "time", "position" or "velocity", for one joint's residual.
-        Raises InputError without matplotlib (extra [plot]), or for another joint or quantity.
+        joint : counts from 1; against : "time", "position" or "velocity", for one
+        joint's residual. Raises InputError without matplotlib (extra [plot]), or for
+        another joint or quantity.
         """
         if joint is None:
             return plot_errors(axes, {self.name: self.rmse}, self.noise_floor)
         if joint not in range(1, len(self.rmse) + 1):
             raise InputError(
-                f"plot(joint={joint}): there is no such joint", f"choose one from 1 to {len(self.rmse)}"
+                f"plot(joint={joint}): there is no such joint",
+                f"choose one from 1 to {len(self.rmse)}",
             )
         j, s = joint - 1, self.signals
         x = {"time": s.t, "position": s.q[:, j], "velocity": s.dq[:, j]}.get(against)
         if x is None:
-            raise InputError(f"plot(against={against!r}) is unknown", "write time, position or velocity")
-        unit = {"time": "s", "position": "rad or m", "velocity": "rad/s or m/s"}[against]
-        label = f"{against} of joint {joint} [{unit}]" if against != "time" else "time [s]"
+            raise InputError(
+                f"plot(against={against!r}) is unknown",
+                "write time, position or velocity",
+            )
+        unit = {"time": "s", "position": "rad or m", "velocity": "rad/s or m/s"}[
+            against
+        ]
+        label = (
+            f"{against} of joint {joint} [{unit}]" if against != "time" else "time [s]"
+        )
         axes = formatting.axes(axes)
         axes.plot(x, s.residual[:, j], lw=0.8)
         title = f"{self.name}: RMSE {self.rmse[j]:.3g}"
@@ -136,9 +151,16 @@ class Comparison(Shown):
         return axes
 
     def _summary(self) -> Summary:
-        floor = [] if self.noise_floor is None else [", ".join(f"{x:.3g}" for x in self.noise_floor)]
+        floor = (
+            []
+            if self.noise_floor is None
+            else [", ".join(f"{x:.3g}" for x in self.noise_floor)]
+        )
         return f"Comparison of {self.name}. {self.verdict.headline}", [
-            *((f"{line.about} ({line.grade})", line.text) for line in self.verdict.lines),
+            *(
+                (f"{line.about} ({line.grade})", line.text)
+                for line in self.verdict.lines
+            ),
             ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
             *(("noise floor", text) for text in floor),
             ("band", f"below {self.band_hz:.3g} Hz"),
@@ -158,9 +180,11 @@ class Comparison(Shown):
             "rmse": self.rmse.tolist(),
             "mse": self.mse.tolist(),
             "r2": [finite(x) for x in self.r2],
-            "noise_floor": [None] * len(self.rmse)
-            if self.noise_floor is None
-            else self.noise_floor.tolist(),
+            "noise_floor": (
+                [None] * len(self.rmse)
+                if self.noise_floor is None
+                else self.noise_floor.tolist()
+            ),
             "relative_error_percent": finite(self.relative_error_percent),
             "band_hz": self.band_hz,
             "new_motion_share": self.new_motion_share,
@@ -182,14 +206,21 @@ def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> 
         x = np.arange(1, len(rmse) + 1) + (k - 0.5 * (len(errors) - 1)) * width
         axes.bar(x, rmse, width, label=name)
     if floor is not None:
-        axes.step(np.arange(1, len(floor) + 1), floor, where="mid", color="black", label="noise floor")
+        axes.step(
+            np.arange(1, len(floor) + 1),
+            floor,
+            where="mid",
+            color="black",
+            label="noise floor",
+        )
     axes.set(xlabel="joint", ylabel="RMSE [N m or N]")
     axes.legend()
     return axes
 
 
 class Comparisons(list[Comparison]):
-    """Comparisons of several models with the same measurements: a list that can show itself."""
+    """Comparisons of several models with the same measurements: a list that can show
+    itself."""
 
     def to_frame(self) -> pandas.DataFrame:
         """One row a model and joint (from 1): rmse, r2, noise_floor."""
@@ -209,7 +240,8 @@ class Comparisons(list[Comparison]):
         return pandas.DataFrame(rows).set_index(["model", "joint"])
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the errors of all models joint by joint, beside the noise floor; returns the axes.
+        """Draw the errors of all models joint by joint, beside the noise floor; returns
+        the axes.
 
         Raises InputError without matplotlib (extra [plot]).
         """
@@ -218,7 +250,9 @@ class Comparisons(list[Comparison]):
     def __repr__(self) -> str:
         if len(self) == 1:
             return repr(self[0])
-        return "\n".join(["Comparisons", *(f"  {c.name}: {c.verdict.headline}" for c in self[:4])])
+        return "\n".join(
+            ["Comparisons", *(f"  {c.name}: {c.verdict.headline}" for c in self[:4])]
+        )
 
     def _repr_html_(self) -> str:
         return (
@@ -250,16 +284,22 @@ def compare(
     runs = measurements
     if not isinstance(runs, FilteredRuns):
         names = first.robot.joint_names
-        data = as_measurements(measurements, names=names, what="compare(measurements=...)")
+        data = as_measurements(
+            measurements, names=names, what="compare(measurements=...)"
+        )
         runs = FilteredRuns.of(data, preprocessing or first.preprocessing)
     settings = runs.settings
     _, measurements = driven(first, runs.measurements)
     if measurements is not runs.measurements:
         runs = FilteredRuns.of(measurements, settings)
-    models = {name: plant(m) if m.model.drives.any() else m for name, m in models.items()}
+    models = {
+        name: plant(m) if m.model.drives.any() else m for name, m in models.items()
+    }
     for name, model in models.items():
         if model.robot.n != measurements.n:
-            raise other_robot(measurements.n, model.robot.n, f"measurements for {name}", "model")
+            raise other_robot(
+                measurements.n, model.robot.n, f"measurements for {name}", "model"
+            )
         check_plausible(model.robot, measurements)
     given = measurements
     if noise_from is not None:
@@ -278,7 +318,8 @@ def compare(
 def _kept_noise(
     model: Estimate, given: Measurements, settings: Preprocessing
 ) -> tuple[Array | None, str] | None:
-    """What :func:`noise_level` said of these measurements where the model keeps it; None elsewhere."""
+    """What :func:`noise_level` said of these measurements where the model keeps it;
+    None elsewhere."""
     if model.preprocessing != settings or model.provenance.get("noise") is None:
         return None
     kept = NoiseFloor.from_dict(model.provenance["noise"])
@@ -328,22 +369,29 @@ def _judged(
 
 
 def predicted(rows: Rows, theta: Array) -> Array:
-    """Modelled torque (M, n) of filtered rows: the columns passed the same filter as the torque."""
+    """Modelled torque (M, n) of filtered rows: the columns passed the same filter as
+    the torque."""
     return np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
 
 
 def still_missing(found: Diagnosis, estimate: Estimate) -> str:
-    """What a diagnosis of this model, or of one that it grew from, has found that the model lacks."""
+    """What a diagnosis of this model, or of one that it grew from, has found that the
+    model lacks."""
     there = {(e.name, j + 1) for e in estimate.model.effects for j in e.joints}
     whole = {e.name for e in estimate.model.effects if e.whole_robot}
     left = [
         f"{f.effect} on {formatting.joints(f.joints)}" if f.joints else f.effect
         for f in found.effects
-        if f.effect not in whole and not (f.joints and {(f.effect, j) for j in f.joints} <= there)
+        if f.effect not in whole
+        and not (f.joints and {(f.effect, j) for j in f.joints} <= there)
     ]
     if left:
         return f"Found and not added: {'; '.join(left)}."
-    return "All effects that `diagnose` found are in the model." if found.effects else found.headline
+    return (
+        "All effects that `diagnose` found are in the model."
+        if found.effects
+        else found.headline
+    )
 
 
 def identified(
@@ -353,9 +401,10 @@ def identified(
     noise_from: Measurements | None = None,
     **named: Any,
 ) -> tuple[Estimate, Comparison | None]:
-    """The estimate of :func:`~sdp_vs_penalty.estimation.identify.identify`, which takes the settings,
-    and its comparison with the same measurements, whose verdict the estimate keeps; None for a black
-    box's answers, which are no torque along a motion. noise_from : as in :func:`~.comparison.compare`.
+    """The estimate of :func:`~sdp_vs_penalty.estimation.identify.identify`, which takes
+    the settings, and its comparison with the same measurements, whose verdict the
+    estimate keeps; None for a black box's answers, which are no torque along a motion.
+    noise_from : as in :func:`~.comparison.compare`.
     """
     problem = as_problem(problem, "identify(problem=...)")
     data = readable(problem, measurements, "identify(measurements=...)")

@@ -1,10 +1,11 @@
-"""From the end of a search to a diagnosis: sizes, findings, verdict, what is left, what happened once.
+"""From the end of a search to a diagnosis: sizes, findings, verdict, what is left, what
+happened once.
 
-Sizes are least squares on white rows beside the model, all other findings and what is tolerated of a
-mounting. Their covariance is the sandwich A^-1 S A^-1 with a column for each shape constant
-(:mod:`~sdp_vs_penalty.estimation.sensitivity`) and S over the clusters of rows that make it largest,
-at least that of independent rows; the gains of the torque channels and a model that is held fixed are in
-doubt.
+Sizes are least squares on white rows beside the model, all other findings and what is
+tolerated of a mounting. Their covariance is the sandwich A^-1 S A^-1 with a column for
+each shape constant (:mod:`~sdp_vs_penalty.estimation.sensitivity`) and S over the
+clusters of rows that make it largest, at least that of independent rows; the gains of
+the torque channels and a model that is held fixed are in doubt.
 """
 
 from __future__ import annotations
@@ -20,9 +21,22 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, APART, FAR, UNCERTAIN
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
-from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding, Invisible, Remaining, Retune
+from sdp_vs_penalty.diagnosis.findings import (
+    REASONS,
+    Diagnosis,
+    Finding,
+    Invisible,
+    Remaining,
+    Retune,
+)
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
-from sdp_vs_penalty.diagnosis.remaining import Remainder, events, outliers, refitted, remainder
+from sdp_vs_penalty.diagnosis.remaining import (
+    Remainder,
+    events,
+    outliers,
+    refitted,
+    remainder,
+)
 from sdp_vs_penalty.diagnosis.score import Fit, Term
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import (
@@ -47,10 +61,10 @@ from sdp_vs_penalty.signals.standstill import STILL
 
 @dataclass(frozen=True)
 class Found:
-    """What a search came to: first : the model as it was given; estimate : with the constants of its own
-    that explain most; shapes : those constants; search : the findings beside it, in order; left : by
-    these; held_out : of all candidates, of which ``offered`` are the constants, and then the
-    findings."""
+    """What a search came to: first : the model as it was given; estimate : with the
+    constants of its own that explain most; shapes : those constants; search : the
+    findings beside it, in order; left : by these; held_out : of all candidates, of
+    which ``offered`` are the constants, and then the findings."""
 
     first: Estimate
     estimate: Estimate
@@ -63,7 +77,8 @@ class Found:
 
 
 def what_is_left(search: Search, odd: NDArray[np.bool_] | None = None) -> Remainder:
-    """Of the rows beside all terms of a search; odd (M, n) : its outliers, if they are known."""
+    """Of the rows beside all terms of a search; odd (M, n) : its outliers, if they are
+    known."""
     data, fit = search.data, search.fit
     residual = refitted(data, [t.form.effect for t in search.terms])[1]
     if odd is None:
@@ -71,9 +86,12 @@ def what_is_left(search: Search, odd: NDArray[np.bool_] | None = None) -> Remain
     return remainder(data, fit, residual, odd)
 
 
-def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: int) -> Diagnosis:
-    """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque channels' gains;
-    new_share : of the test run's motion; seed : of the draws of a curve's band."""
+def conclude(
+    found: Found, gain_errors: Array, new_share: float | None, seed: int
+) -> Diagnosis:
+    """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque
+    channels' gains; new_share : of the test run's motion; seed : of the draws of a
+    curve's band."""
     search, data = found.search, found.search.data
     rows, noise = data.rows, data.noise
     left, residual = found.left, found.left.residual
@@ -82,9 +100,13 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     happened = events(data, found.left.odd, residual, sorted(unnamed))
     held_out, offered = found.held_out, found.offered
     own = len(offered) - len(search.terms)
-    errors = np.array([held_out.errors(offered[:k]) for k in range(own, len(offered) + 1)])
+    errors = np.array(
+        [held_out.errors(offered[:k]) for k in range(own, len(offered) + 1)]
+    )
     doubt = torque_errors(data, found.estimate, gain_errors)
-    moved = data.moved([t.form.effect for t in search.terms], [t.beta for t in search.terms])
+    moved = data.moved(
+        [t.form.effect for t in search.terms], [t.beta for t in search.terms]
+    )
     near = search.score.fit([*search.terms, *search.tolerances.values()], search.fit)
     sizes = [size_of_term(search, t, near, doubt, moved) for t in search.terms]
     findings = [
@@ -92,7 +114,10 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         for k, both in enumerate(zip(search.terms, sizes, strict=True))
     ]
     # Data left out have the last word on those that are sure, too, as a whole.
-    sure = [*offered[:own], *(k for k, f in zip(offered[own:], findings, strict=True) if f.sure)]
+    sure = [
+        *offered[:own],
+        *(k for k, f in zip(offered[own:], findings, strict=True) if f.sure),
+    ]
     alone = set(sure).difference(held_out.offered(sure))
     for i, k in enumerate(offered[own:]):
         if k in alone:
@@ -109,7 +134,9 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
         for k, s in zip(offered, found.shapes, strict=False)
     )
     floor = noise.floor if data.known else np.zeros(data.n)
-    curves = tuple(c.told(seed + k, float(floor[c.joint])) for k, c in enumerate(found.curves))
+    curves = tuple(
+        c.told(seed + k, float(floor[c.joint])) for k, c in enumerate(found.curves)
+    )
     known: Literal["effect_missing", "nothing_missing"]
     known = "effect_missing" if findings else "nothing_missing"
     return Diagnosis(
@@ -133,12 +160,16 @@ def conclude(found: Found, gain_errors: Array, new_share: float | None, seed: in
     )
 
 
-def _finding(term: Term, known: Size, weak: Mapping[str, str], errors: Array) -> Finding:
+def _finding(
+    term: Term, known: Size, weak: Mapping[str, str], errors: Array
+) -> Finding:
     """errors (2, n) : held out, before and after it."""
     effect = term.form.effect
     size, std = size_of(effect, known.beta, known.covariance)
     joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
-    rivals = tuple(dict.fromkeys(_rival_name(effect, r.form.effect) for r in term.rivals))
+    rivals = tuple(
+        dict.fromkeys(_rival_name(effect, r.form.effect) for r in term.rivals)
+    )
     curve = (CURVE,) if "curve" in weak else ()
     return Finding(
         effect.name,
@@ -161,7 +192,8 @@ def _finding(term: Term, known: Size, weak: Mapping[str, str], errors: Array) ->
 
 
 def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, str]:
-    """Why a finding is weak, with what is said of it; errors (2, n) : held out, before and after it."""
+    """Why a finding is weak, with what is said of it; errors (2, n) : held out, before
+    and after it."""
     search, effect, on = found.search, term.form.effect, sorted(term.joints)
     # An exponent's error changes the number, and hardly the torque.
     size, std = size_of(effect, known.beta, known.given)
@@ -174,13 +206,20 @@ def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, 
     beyond = np.sum(left.beyond[on] ** 2) if search.data.known else 0.0
     holds = {
         "rivals": bool(term.rivals),
-        "uncertain": not std < UNCERTAIN * abs(size),  # nothing is known of a size of zero
+        "uncertain": (
+            not std < UNCERTAIN * abs(size)
+        ),  # nothing is known of a size of zero
         "small": not term.J > 2.0 * APART,
         "not_held_out": not lowers(errors[0, on], errors[1, on]),
         "more_left": explained < beyond,
         "shared": _shared(search, term) > 1.0 - UNCERTAIN,
-        "implausible": bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
-        or (plausible is not None and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR),
+        "implausible": (
+            bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
+            or (
+                plausible is not None
+                and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR
+            )
+        ),
         "looks_like": bool(looks_like),
         "curve": any(term in o.replaced for o in found.curves),
     }
@@ -189,9 +228,14 @@ def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, 
 
 
 def _rival_name(own: Effect, other: Effect) -> str:
-    """The rival's name; with its joint, or its constants, where that alone would be the finding's."""
+    """The rival's name; with its joint, or its constants, where that alone would be the
+    finding's."""
     if other.name == own.name:
-        return other.text if other.joints == own.joints else f"{other.name}:{other.joints[0] + 1}"
+        return (
+            other.text
+            if other.joints == own.joints
+            else f"{other.name}:{other.joints[0] + 1}"
+        )
     return other.name
 
 
@@ -205,8 +249,9 @@ def _shared(search: Search, term: Term) -> float:
 
 
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:
-    """Candidates whose energy the model's own columns absorb, whatever their shape; what was found all
-    the same has shown itself, and its standard deviation says how well."""
+    """Candidates whose energy the model's own columns absorb, whatever their shape;
+    what was found all the same has shown itself, and its standard deviation says how
+    well."""
     if search.data.frozen:
         return ()
     fit, shares = search.score.fit(()), dict[tuple[str, int | None], float]()
@@ -221,7 +266,9 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
     )
 
 
-def remarks(data: WhiteData, residual: Array, held_out: str, new_share: float | None) -> tuple[str, ...]:
+def remarks(
+    data: WhiteData, residual: Array, held_out: str, new_share: float | None
+) -> tuple[str, ...]:
     """Sentences about the diagnosis as a whole."""
     said = (
         _NOISE.get(data.noise.source),
@@ -232,17 +279,25 @@ def remarks(data: WhiteData, residual: Array, held_out: str, new_share: float | 
     return tuple(text for text in said if text)
 
 
-#: What is said of a noise that no repetition shows, by its source; and of errors without a test run.
+#: What is said of a noise that no repetition shows, by its source; and of errors
+#: without a test run.
 _NOISE = {
-    RESIDUAL: "No motion repeats and the log shows no steady noise above the motion's band (too slow, "
-    "smoothed before it was logged, or louder in motion), so noise and model error cannot be "
-    "separated: the noise shown is the error itself. Record a run with more than one period.",
-    SPECTRUM: "No motion repeats: the noise is that of the torque's spectrum above the motion's band, "
-    f"{SPECTRUM_KNOWN}. Record a run with more than one period to know it better.",
+    RESIDUAL: (
+        "No motion repeats and the log shows no steady noise above the motion's band"
+        " (too slow, smoothed before it was logged, or louder in motion), so noise and"
+        " model error cannot be separated: the noise shown is the error itself. Record"
+        " a run with more than one period."
+    ),
+    SPECTRUM: (
+        "No motion repeats: the noise is that of the torque's spectrum above the"
+        f" motion's band, {SPECTRUM_KNOWN}. Record a run with more than one period to"
+        " know it better."
+    ),
 }
 _FOLDS = (
-    "Held-out errors come from folds by the phase of the motion: sizes from the other folds, the choice "
-    "of effects and constants from all rows. A test run (--test) judges both."
+    "Held-out errors come from folds by the phase of the motion: sizes from the other"
+    " folds, the choice of effects and constants from all rows. A test run (--test)"
+    " judges both."
 )
 
 
@@ -256,14 +311,16 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     moving = np.sqrt(moving / np.maximum(moves.sum(axis=0), 1))
     said = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
     return (
-        f"Most of the error that is left on {formatting.joints(mostly)} is of standstill, where dry "
-        f"friction holds any torque up to its own: in motion it is {said} N m or N."
+        f"Most of the error that is left on {formatting.joints(mostly)} is of"
+        " standstill, where dry friction holds any torque up to its own: in motion it"
+        f" is {said} N m or N."
     )
 
 
 @dataclass(frozen=True)
 class Size:
-    """beta (k,) and covariance (k, k) of an effect's parameters; the latter of ``given`` constants."""
+    """beta (k,) and covariance (k, k) of an effect's parameters; the latter of
+    ``given`` constants."""
 
     beta: Array
     covariance: Array
@@ -271,25 +328,36 @@ class Size:
 
 
 def spread(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
-    """Standard deviation of a constant of the model beside the findings; infinite where the rows do not
-    bound it."""
+    """Standard deviation of a constant of the model beside the findings; infinite where
+    the rows do not bound it."""
     for change, columns in moved:
         own = change.effect
         if own.name == s.effect and s.joint in own.joints and s.shape in change.keys:
-            left = search.fit.beside(search.fit.scaled(columns))[:, :, change.keys.index(s.shape)]
+            left = search.fit.beside(search.fit.scaled(columns))[
+                :, :, change.keys.index(s.shape)
+            ]
             told = float(np.sum(left**2))
-            return s.after * prior_deviation(own, s.shape) / told**0.5 if told > 1.0 else np.inf
+            return (
+                s.after * prior_deviation(own, s.shape) / told**0.5
+                if told > 1.0
+                else np.inf
+            )
     return np.inf
 
 
-def size_of_term(search: Search, term: Term, near: Fit, errors: Array, moved: Sequence[Moved]) -> Size:
-    """near : a fit of all terms and all that is tolerated; errors (n, M, e) : a factor of the covariance
-    of white rows' torque, from :func:`torque_errors`; moved : of :meth:`WhiteData.moved`."""
+def size_of_term(
+    search: Search, term: Term, near: Fit, errors: Array, moved: Sequence[Moved]
+) -> Size:
+    """near : a fit of all terms and all that is tolerated; errors (n, M, e) : a factor
+    of the covariance of white rows' torque, from :func:`torque_errors`; moved : of
+    :meth:`WhiteData.moved`."""
     data, k = search.data, term.form.k
     others = [t for t in search.terms if t != term]
     fit = search.score.fit([*others, *search.tolerated(term, others)], near)
     apart, known = search.score.apart(fit, term.form, term.columns)
-    moving = [fit.beside(fit.scaled(z)) for _, z in moved if not term.joints.isdisjoint(z)]
+    moving = [
+        fit.beside(fit.scaled(z)) for _, z in moved if not term.joints.isdisjoint(z)
+    ]
     T = np.concatenate([apart, *moving], axis=2)
     prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
     A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + np.diag(prior)
@@ -298,7 +366,8 @@ def size_of_term(search: Search, term: Term, near: Fit, errors: Array, moved: Se
     left = fit.residual - T[:, :, :k] @ beta
     scores = np.sum(T * left[:, :, None], axis=0)[: len(data.clusters[0])]
     sums = cluster_sums(data.clusters, scores)
-    # As many degrees of freedom as there are clusters, less those that the fit has taken.
+    # As many degrees of freedom as there are clusters, less those that the fit has
+    # taken.
     every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
     inside = [max(every, key=lambda u: float(np.sum(u**2)))]
     if errors.shape[2]:
@@ -310,15 +379,18 @@ def size_of_term(search: Search, term: Term, near: Fit, errors: Array, moved: Se
     variances = np.diagonal(covariance)
     grown = np.maximum(variances, np.diagonal(least)) / np.maximum(variances, 1e-300)
     covariance = covariance * np.sqrt(grown[:, None] * grown)
-    given = np.linalg.pinv(np.linalg.pinv(covariance, hermitian=True)[:k, :k], hermitian=True)
+    given = np.linalg.pinv(
+        np.linalg.pinv(covariance, hermitian=True)[:k, :k], hermitian=True
+    )
     return Size(beta, covariance[:k, :k], given)
 
 
 def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
     """(n, M, e) white rows of the torque that is in doubt before anything is searched.
 
-    gain_errors (n, e) : a factor of the covariance of the channels' gains. A model that is held fixed
-    brings its parameters' spread along, and what the same gains have made of them.
+    gain_errors (n, e) : a factor of the covariance of the channels' gains. A model that
+    is held fixed brings its parameters' spread along, and what the same gains have made
+    of them.
     """
     known, rows = estimate.uncertainty, data.rows
     n, M = rows.n, len(rows.t)
@@ -336,14 +408,18 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     return np.stack(parts)
 
 
-def retune(s: ShapeEstimate, robot: Robot, before: Array, after: Array, alone: bool = False) -> Retune:
-    """before, after (n,) : held-out errors of all findings without the new constant, and with it;
-    alone : whether it does harm beside the sure findings alone."""
+def retune(
+    s: ShapeEstimate, robot: Robot, before: Array, after: Array, alone: bool = False
+) -> Retune:
+    """before, after (n,) : held-out errors of all findings without the new constant,
+    and with it; alone : whether it does harm beside the sure findings alone."""
     shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
     values = [shape.said(v, kind) for v in (s.after, s.before)]
     unit = plain_unit(robot.torque_units[s.joint])
     errors = float(before[s.joint]), float(after[s.joint])
-    said = f"joint {s.joint + 1}: {s.effect} has {s.shape} = {values[0]}, not {values[1]}"
+    said = (
+        f"joint {s.joint + 1}: {s.effect} has {s.shape} = {values[0]}, not {values[1]}"
+    )
     said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
     remarks = ["it lies at the end of the range in which it was looked for"] * s.at_end
     remarks += [REASONS["alone"]] * alone
@@ -356,7 +432,8 @@ def retune(s: ShapeEstimate, robot: Robot, before: Array, after: Array, alone: b
 def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
     """One number for the size of an effect, and its standard deviation.
 
-    The parameter that the effect is sized by, with its sign; the norm where it is several.
+    The parameter that the effect is sized by, with its sign; the norm where it is
+    several.
     """
     b, c = beta[effect.sized_by], covariance[effect.sized_by, effect.sized_by]
     if len(b) == 1:
@@ -386,11 +463,13 @@ def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> 
 
 
 def repeatability_warning(new_share: float | None) -> str | None:
-    """One sentence where most of the judged motion is the training motion again, else None."""
+    """One sentence where most of the judged motion is the training motion again, else
+    None."""
     if new_share is None or new_share >= MOSTLY_NEW:
         return None
     percent = f"{100.0 * new_share:.0f}"
     return (
-        f"{'None' if percent == '0' else f'Only {percent} %'} of the judged motion is new to the model: "
-        "these errors show repeatability; judge on another motion to see how it generalises."
+        f"{'None' if percent == '0' else f'Only {percent} %'} of the judged motion is"
+        " new to the model: these errors show repeatability; judge on another motion"
+        " to see how it generalises."
     )

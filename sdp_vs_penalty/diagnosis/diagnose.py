@@ -15,7 +15,12 @@ from sdp_vs_penalty.diagnosis.held_out import Judge, harm, lowers
 from sdp_vs_penalty.diagnosis.library import Key, library
 from sdp_vs_penalty.diagnosis.score import Term
 from sdp_vs_penalty.diagnosis.search import Search, changed
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of, prepare, with_estimate
+from sdp_vs_penalty.diagnosis.whitening import (
+    diagnosis_rows,
+    folds_of,
+    prepare,
+    with_estimate,
+)
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
@@ -25,7 +30,11 @@ from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.segments import segmented, subsample_sentence, window_subsample
+from sdp_vs_penalty.signals.segments import (
+    segmented,
+    subsample_sentence,
+    window_subsample,
+)
 
 
 def diagnose(
@@ -39,7 +48,8 @@ def diagnose(
     noise_from: Source = None,
     gain_uncertainty: float | None = None,
 ) -> Diagnosis:
-    """Which physical effects the model misses, judged against the noise; see :class:`Diagnosis`.
+    """Which physical effects the model misses, judged against the noise; see
+    :class:`Diagnosis`.
 
     estimate : the model in question, or its model.json; measurements : the runs to search in, whatever
     :func:`~sdp_vs_penalty.data.files.as_measurements` takes; test : a run only for the held-out
@@ -57,7 +67,9 @@ def diagnose(
     given = as_estimate(estimate, "diagnose(estimate=...)")
 
     def logged(source: Source, argument: str, what: str) -> Measurements:
-        found = as_measurements(source, names=given.robot.joint_names, what=f"diagnose({argument}=...)")
+        found = as_measurements(
+            source, names=given.robot.joint_names, what=f"diagnose({argument}=...)"
+        )
         given.require_joints(found, what)
         return found
 
@@ -94,8 +106,12 @@ def diagnose(
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-    record = None if test is None else record_motion(FilteredRuns.of(searched, settings))
-    if frozen and record is not None:  # a frozen model has seen what it was identified from, too
+    record = (
+        None if test is None else record_motion(FilteredRuns.of(searched, settings))
+    )
+    if (
+        frozen and record is not None
+    ):  # a frozen model has seen what it was identified from, too
         seen = estimate.training_motion
         record = None if seen is None else record.joined(seen)
     share = None
@@ -109,10 +125,16 @@ def _offered(search: Search, judge: Judge) -> Found:
     """Findings and constants in order that data left out do not speak against."""
     first, own = judge.first, [t for t in search.terms if t.form.own]
 
-    def beside_model(kept: Sequence[Term], findings: Sequence[Term]) -> tuple[Estimate, Search]:
+    def beside_model(
+        kept: Sequence[Term], findings: Sequence[Term]
+    ) -> tuple[Estimate, Search]:
         """Findings beside the model with other constants of its own."""
         effects = with_shapes(first.model.effects, changed(kept, first.model))
-        now = replace(first, model=replace(first.model, effects=effects)) if kept else first
+        now = (
+            replace(first, model=replace(first.model, effects=effects))
+            if kept
+            else first
+        )
         found = copy(search)
         found.terms = [*findings]
         if own:
@@ -131,13 +153,17 @@ def _offered(search: Search, judge: Judge) -> Found:
     held_out = judge.of(final.data.rows, effects, replace(first, theta=now.theta))
     # Evidence against a noise that is guessed proves nothing by itself.
     order = held_out.offered(range(len(terms)), needed=not search.data.known)
-    kept, left_in = ([terms[k] for k in order if (k < len(own)) is x] for x in (True, False))
+    kept, left_in = (
+        [terms[k] for k in order if (k < len(own)) is x] for x in (True, False)
+    )
     if len(order) < len(terms):
         now, final = beside_model(kept, left_in)
     else:  # in the order of evidence
         final = final.limited(left_in)
     left = what_is_left(final)
-    if left.matters and left.odd.any():  # what happens once is no evidence, if it is that alone
+    if (
+        left.matters and left.odd.any()
+    ):  # what happens once is no evidence, if it is that alone
         beside = final.carried(now, left.odd)
         beside = beside.limited(beside.terms)
         rest = what_is_left(beside, left.odd)
@@ -149,13 +175,16 @@ def _offered(search: Search, judge: Judge) -> Found:
     parts = in_parts(final)
     if not left.raised and not parts:
         return found
-    curves = measured_curves(final, left.raised, parts, folds_of(final.data.rows, THIRDS))
+    curves = measured_curves(
+        final, left.raised, parts, folds_of(final.data.rows, THIRDS)
+    )
     return _with_curves(found, curves, judge) if curves else found
 
 
 def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Found:
-    """Those curves that lower their joint's held-out error by more than what is minor, raise no other's,
-    and whose tables the test run does not leave; each with what it does to the errors."""
+    """Those curves that lower their joint's held-out error by more than what is minor,
+    raise no other's, and whose tables the test run does not leave; each with what it
+    does to the errors."""
     named, out = [t.form.effect for t in found.search.terms], list[Measured]()
     places = range(len(named), len(named) + len(curves))
     effects = [*named, *(c.table for c in curves)]

@@ -20,9 +20,13 @@ from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
 
-#: What is said where no motion repeats: the residual was taken for noise, which it then equals.
-NOISE_UNKNOWN = "is not known: no motion repeats, so noise and model error cannot be separated."
-#: What is said of a weak finding, by the name of the reason; a finding with none is confident.
+#: What is said where no motion repeats: the residual was taken for noise, which it then
+#: equals.
+NOISE_UNKNOWN = (
+    "is not known: no motion repeats, so noise and model error cannot be separated."
+)
+#: What is said of a weak finding, by the name of the reason; a finding with none is
+#: confident.
 REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",
@@ -45,8 +49,8 @@ class Told(Plain):
 
     @property
     def sure(self) -> bool:
-        """Whether its torque is there, whatever its name: confident, or weak only as another effect fits
-        as well."""
+        """Whether its torque is there, whatever its name: confident, or weak only as
+        another effect fits as well."""
         return self.confidence == "confident" or [*self.remarks] == [REASONS["rivals"]]
 
 
@@ -54,10 +58,11 @@ class Told(Plain):
 class Finding(Told):
     """One missing effect.
 
-    joints from 1, empty for the whole robot; size : of the effect's parameter (the amplitude where
-    there are several) in ``unit``, with its standard deviation; parameters : all of them by name;
-    held_out_rmse_before, _after (n,) : cumulative along the ladder; text : how :func:`add` takes the
-    effect; remarks : why the finding is weak, if it is; constants : the shape in words, with units.
+    joints from 1, empty for the whole robot; size : of the effect's parameter (the
+    amplitude where there are several) in ``unit``, with its standard deviation;
+    parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
+    along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
+    is weak, if it is; constants : the shape in words, with units.
     """
 
     effect: str
@@ -79,9 +84,10 @@ class Finding(Told):
 
     @property
     def undecided(self) -> str | None:
-        """What a run should decide, as `excite --separate` takes it: between the finding and what fits
-        as well, or whether a weak one is there at all. None for a confident one without rival, beside a
-        curve, and where no motion decides (:attr:`cooled`)."""
+        """What a run should decide, as `excite --separate` takes it: between the
+        finding and what fits as well, or whether a weak one is there at all. None for a
+        confident one without rival, beside a curve, and where no motion decides
+        (:attr:`cooled`)."""
         if CURVE in self.indistinguishable_from or self.cooled:
             return None
         named = self.indistinguishable_from if self.joints else ()
@@ -90,31 +96,43 @@ class Finding(Told):
         return f"{self.text},{named[0] if ':' in named[0] else f'{named[0]}:{self.joints[0]}'}"
 
     def telling_run(self, model: str, number: int) -> str:
-        """The command that designs the run that tells what is undecided of a finding of a model.json, or
-        which run does; "" where nothing is."""
+        """The command that designs the run that tells what is undecided of a finding of
+        a model.json, or which run does; "" where nothing is."""
         if self.undecided is None:
             return f"{self.cooled}." if self.cooled else ""
-        words = ["excite", model, "--separate", self.undecided, "--out", f"tell{number}.csv"]
+        words = [
+            "excite",
+            model,
+            "--separate",
+            self.undecided,
+            "--out",
+            f"tell{number}.csv",
+        ]
         return shlex.join(["sdp-vs-penalty", *words])
 
     @property
     def cooled(self) -> str:
-        """The run that tells what follows the gears' temperature from what follows the clock, if that is
-        what is open."""
+        """The run that tells what follows the gears' temperature from what follows the
+        clock, if that is what is open."""
         kinds = [
-            effect_types()[re.split("[:@]", r)[0]] for r in self.indistinguishable_from if r != CURVE
+            effect_types()[re.split("[:@]", r)[0]]
+            for r in self.indistinguishable_from
+            if r != CURVE
         ]
-        if effect_types()[self.effect].follows_clock or not any(k.follows_clock for k in kinds):
+        if effect_types()[self.effect].follows_clock or not any(
+            k.follows_clock for k in kinds
+        ):
             return ""
         return (
-            "record one more run after the gears have cooled down; what follows their temperature is "
-            "then as it was at first, what follows the clock is not"
+            "record one more run after the gears have cooled down; what follows their"
+            " temperature is then as it was at first, what follows the clock is not"
         )
 
 
 @dataclass(frozen=True)
 class Invisible(Plain):
-    """An effect whose torque the model's own parameters absorb: no measurement like this shows it."""
+    """An effect whose torque the model's own parameters absorb: no measurement like
+    this shows it."""
 
     effect: str
     joints: tuple[int, ...]
@@ -131,18 +149,20 @@ class Remaining(Plain):
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown, Plain):
-    """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the order of
-    adding; noise_floor (n,) of the filtered torque; events : what happened once.
+    """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the
+    order of adding; noise_floor (n,) of the filtered torque; events : what happened
+    once.
 
-    noise_source : "repetition", else "spectrum" or "residual", and abstention is weaker;
-    unexplained (n,) : repeatable error left, as a share of the noise's variance; held_out_rmse_before,
-    held_out_rmse (n,) : before the first effect and after the last, on the source that
-    held_out_source names: "test" (a test run) or "folds"; band_hz : below which all errors are meant;
-    retuned : shape constants of the model's own effects that should change; curves : what repeats and
-    has no name, as functions of one variable or two;
-    remarks : sentences; frozen : whether the model's parameters were kept, and are kept by :func:`add`;
-    new_motion_share : of the test run's rows, those whose motion is not in the runs that were searched;
-    remains : what repeats and is unknown.
+    noise_source : "repetition", else "spectrum" or "residual", and abstention is
+    weaker; unexplained (n,) : repeatable error left, as a share of the noise's
+    variance; held_out_rmse_before, held_out_rmse (n,) : before the first effect and
+    after the last, on the source that held_out_source names: "test" (a test run) or
+    "folds"; band_hz : below which all errors are meant; retuned : shape constants of
+    the model's own effects that should change; curves : what repeats and has no name,
+    as functions of one variable or two; remarks : sentences; frozen : whether the
+    model's parameters were kept, and are kept by :func:`add`; new_motion_share : of the
+    test run's rows, those whose motion is not in the runs that were searched; remains :
+    what repeats and is unknown.
     """
 
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
@@ -163,11 +183,14 @@ class Diagnosis(Shown, Plain):
     curves: tuple[Curve, ...] = ()
     remains: tuple[Remaining, ...] = ()
 
-    def selected(self, numbers: Sequence[float] | None = None, confident: bool = False) -> Diagnosis:
-        """Only the findings of these numbers (from 1, in the order of adding), or those that are sure.
+    def selected(
+        self, numbers: Sequence[float] | None = None, confident: bool = False
+    ) -> Diagnosis:
+        """Only the findings of these numbers (from 1, in the order of adding), or those
+        that are sure.
 
-        Changed shape constants are not numbered: they stay, the sure ones or all. Curves, which
-        were measured beside all findings, stay where all of these do.
+        Changed shape constants are not numbered: they stay, the sure ones or all.
+        Curves, which were measured beside all findings, stay where all of these do.
         Raises InputError for a number that is not there, and where no finding is left.
         """
         for number in numbers or ():
@@ -182,12 +205,15 @@ class Diagnosis(Shown, Plain):
             if (numbers is None or k in numbers) and (not confident or f.sure)
         )
         retuned = tuple(r for r in self.retuned if not confident or r.sure)
-        whole = numbers is None and all(any(f is g for g in chosen) for f in self.effects)
+        whole = numbers is None and all(
+            any(f is g for g in chosen) for f in self.effects
+        )
         curves = self.curves if whole else ()
         if not chosen and not retuned and not curves:
             kind = "sure finding" if confident and self.effects else "finding"
             raise InputError(
-                f"there is no {kind} to add", "name the effect itself, or leave the model as it is"
+                f"there is no {kind} to add",
+                "name the effect itself, or leave the model as it is",
             )
         return replace(self, effects=chosen, retuned=retuned, curves=curves)
 
@@ -199,7 +225,8 @@ class Diagnosis(Shown, Plain):
 
     @property
     def noise_known(self) -> bool:
-        """Whether the noise is told from the error, if only within a factor of two (by a spectrum)."""
+        """Whether the noise is told from the error, if only within a factor of two (by
+        a spectrum)."""
         return self.noise_source != RESIDUAL
 
     @property
@@ -218,55 +245,94 @@ class Diagnosis(Shown, Plain):
     def _missing(self) -> str:
         confident = [f for f in self.effects if f.confidence == "confident"]
         weak = len(self.effects) - len(confident)
-        counts = [f"{len(confident)} confident"] * bool(confident) + [f"{weak} weak"] * bool(weak)
+        counts = [f"{len(confident)} confident"] * bool(confident) + [
+            f"{weak} weak"
+        ] * bool(weak)
         findings = f"finding{'s' if len(self.effects) != 1 else ''}"
-        counted = f"{_named(confident or self.effects)} ({' and '.join(counts)} {findings})"
+        counted = (
+            f"{_named(confident or self.effects)} ({' and '.join(counts)} {findings})"
+        )
         if self.unknown:
             if confident:
                 return f"Missing: {counted}; besides, {self.unknown}."
-            return f"Missing: {self.unknown}{f'; possibly {counted}' if self.effects else ''}."
+            return (
+                "Missing:"
+                f" {self.unknown}{f'; possibly {counted}' if self.effects else ''}."
+            )
         if self.effects:
             text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
             if self.retuned:
                 text += f" Shape constants to change: {_named(self.retuned)}."
-            return text if self.noise_known else f"{text} Whether more is missing {NOISE_UNKNOWN}"
+            return (
+                text
+                if self.noise_known
+                else f"{text} Whether more is missing {NOISE_UNKNOWN}"
+            )
         if self.retuned:
-            return f"No effect is missing; shape constants should change: {_named(self.retuned)}."
+            return (
+                "No effect is missing; shape constants should change:"
+                f" {_named(self.retuned)}."
+            )
         if self.noise_known:
             return "Nothing is missing that these measurements could show."
         return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
 
     @property
     def unknown(self) -> str:
-        """What no effect explains, with its joints and size; "" where nothing of the kind is left."""
+        """What no effect explains, with its joints and size; "" where nothing of the
+        kind is left."""
         if self.verdict != "unknown_effect":
             return ""
-        where = f" on {formatting.joints([r.joint for r in self.remains])}" if self.remains else ""
+        where = (
+            f" on {formatting.joints([r.joint for r in self.remains])}"
+            if self.remains
+            else ""
+        )
         size = max((r.rmse for r in self.remains), default=0.0)
-        upto = f" ({size:.2g} N m or N RMS{' at most' if len(self.remains) > 1 else ''})" if size else ""
+        upto = (
+            f" ({size:.2g} N m or N RMS{' at most' if len(self.remains) > 1 else ''})"
+            if size
+            else ""
+        )
         return f"something{where} that no effect of the library explains{upto}"
 
     @property
     def advice(self) -> str:
         """What to do next, in one sentence."""
         if self.unknown:
-            return "Look first at what the error that is left depends on: `compare` says it."
+            return (
+                "Look first at what the error that is left depends on: `compare`"
+                " says it."
+            )
         if self.noise_source != REPETITION:
-            record = "record a run with more than one period: only repetition tells noise from error."
+            record = (
+                "record a run with more than one period: only repetition tells noise"
+                " from error."
+            )
             return f"Add what is sure; {record}" if self.sure else record.capitalize()
         if self.sure:
             return "Add what is sure, and diagnose the model that results."
         if self.effects or self.retuned:
-            return "Record a run that tells the findings from what fits as well: none is sure."
+            return (
+                "Record a run that tells the findings from what fits as well: none is"
+                " sure."
+            )
         return "Use the model, or record motion that excites more."
 
     def _summary(self) -> Summary:
         rows = [("next", self.advice)]
-        rows += [("held-out RMSE", ", ".join(f"{x:.3g}" for x in self.held_out_rmse_before))]
+        rows += [
+            ("held-out RMSE", ", ".join(f"{x:.3g}" for x in self.held_out_rmse_before))
+        ]
         if self.effects or self.retuned:
-            rows.append(("with the findings", ", ".join(f"{x:.3g}" for x in self.held_out_rmse)))
+            rows.append(
+                ("with the findings", ", ".join(f"{x:.3g}" for x in self.held_out_rmse))
+            )
         name = "noise floor" if self.noise_source == REPETITION else "noise (estimated)"
-        return self.headline, [*rows, (name, ", ".join(f"{x:.3g}" for x in self.noise_floor))]
+        return self.headline, [
+            *rows,
+            (name, ", ".join(f"{x:.3g}" for x in self.noise_floor)),
+        ]
 
     def _table(self) -> Table:
         rows = [
@@ -284,7 +350,11 @@ class Diagnosis(Shown, Plain):
     @property
     def beside_curves(self) -> tuple[Finding, ...]:
         """The findings that no curve stands instead of."""
-        return tuple(f for f in self.effects if not self.curves or CURVE not in f.indistinguishable_from)
+        return tuple(
+            f
+            for f in self.effects
+            if not self.curves or CURVE not in f.indistinguishable_from
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """findings.json; :meth:`from_dict` restores the same diagnosis."""
@@ -315,10 +385,11 @@ def load_diagnosis(path: str | Path) -> Diagnosis:
 
 @dataclass(frozen=True)
 class Retune(Told):
-    """A shape constant of the model's own effect on one joint, as it explains most beside the findings.
+    """A shape constant of the model's own effect on one joint, as it explains most
+    beside the findings.
 
-    rmse_before, rmse_after : held-out error of the joint, with the model's constants and with the new
-    ones; remarks : why it is weak, if it is.
+    rmse_before, rmse_after : held-out error of the joint, with the model's constants
+    and with the new ones; remarks : why it is weak, if it is.
     """
 
     estimate: ShapeEstimate
@@ -361,9 +432,11 @@ class Retune(Told):
 
 
 def event_lines(events: Sequence[Any], every: bool = False, most: int = 3) -> list[str]:
-    """A line an event; one for all of them where they are more than ``most``, unless ``every``.
+    """A line an event; one for all of them where they are more than ``most``, unless
+    ``every``.
 
-    events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz] or None.
+    events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz]
+    or None.
     """
     if len(events) > most and not every:
         where = formatting.joints(sorted({e.joint for e in events}))
@@ -372,7 +445,8 @@ def event_lines(events: Sequence[Any], every: bool = False, most: int = 3) -> li
         first, last = min(e.t_start for e in events), max(e.t_end for e in events)
         return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
     kinds = (
-        "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz" for e in events
+        "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz"
+        for e in events
     )
     return [
         f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s"

@@ -1,8 +1,9 @@
 """The last word: errors on data left out, with one finding after the other.
 
-At each step the model is fitted as ``add`` fits it, by its own method under its problem's constraints. A
-test run is filtered as the runs that were searched; without one, three folds by the phase of the motion
-take its place: sizes come from the other folds, the choice of effects and constants from all rows.
+At each step the model is fitted as ``add`` fits it, by its own method under its
+problem's constraints. A test run is filtered as the runs that were searched; without
+one, three folds by the phase of the motion take its place: sizes come from the other
+folds, the choice of effects and constants from all rows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,8 +35,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 @dataclass(frozen=True)
 class Split:
-    """Rows to fit to, and rows to judge on, in the columns of a model and of effects; of a frozen model:
-    what it leaves, in those of the effects."""
+    """Rows to fit to, and rows to judge on, in the columns of a model and of effects;
+    of a frozen model: what it leaves, in those of the effects."""
 
     effects: tuple[Effect, ...]
     train: Regression
@@ -48,7 +49,9 @@ class Split:
         picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
         own, left = exchanged(() if frozen else estimate.model.effects, new)
         wanted = np.append(left, picked).astype(bool)
-        theta = fitted_parameters(estimate, own, new, self.train.keeping(wanted), frozen)
+        theta = fitted_parameters(
+            estimate, own, new, self.train.keeping(wanted), frozen
+        )
         return self.test.keeping(wanted).joint_losses(theta)
 
 
@@ -66,14 +69,17 @@ class HeldOut:
         """(n,) root mean squares on data left out, with some of the effects."""
         key = tuple(sorted(chosen))
         if key not in self._known:
-            squares = sum(s.squares(self.estimate, self.frozen, key) for s in self.splits)
+            squares = sum(
+                s.squares(self.estimate, self.frozen, key) for s in self.splits
+            )
             rows = sum(s.test.joint_rows() for s in self.splits)
             self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._known[key]
 
     def offered(self, every: Sequence[int], needed: bool = False) -> list[int]:
-        """Of effects those that do no harm beside all others, and lower an error where that is
-        ``needed``: the least useful of those that do is left out, and the rest is asked again."""
+        """Of effects those that do no harm beside all others, and lower an error where
+        that is ``needed``: the least useful of those that do is left out, and the rest
+        is asked again."""
         kept = list(every)
         while kept:
             now = self.errors(kept)
@@ -98,8 +104,8 @@ def harm(before: Array, after: Array) -> float:
 
 @dataclass(frozen=True)
 class Judge:
-    """Who has the last word: a test run, or folds by phase. first : the model as it was given; test :
-    the rows of a run that was not searched."""
+    """Who has the last word: a test run, or folds by phase. first : the model as it was
+    given; test : the rows of a run that was not searched."""
 
     first: Estimate
     test: SegmentedRuns | None
@@ -112,8 +118,9 @@ class Judge:
         estimate: Estimate,
         by_fold: Mapping[int, Sequence[Effect]] | None = None,
     ) -> HeldOut:
-        """Errors of models fitted to the rows that were searched, on the test run, or to all folds but
-        one, on that one; by_fold : at an effect's place, what rows outside of each fold make of it."""
+        """Errors of models fitted to the rows that were searched, on the test run, or
+        to all folds but one, on that one; by_fold : at an effect's place, what rows
+        outside of each fold make of it."""
         own = () if self.frozen else estimate.model.effects
         parameters = tuple(p for e in (*own, *effects) for p in e.parameters)
 
@@ -121,7 +128,11 @@ class Judge:
             """(n, M, p + 1) columns and torque."""
             columns = [spread_columns(rows, e) for e in effects]
             torque = rows.residual if self.frozen else rows.torque
-            every = [model_columns(rows, estimate, self.frozen), *columns, torque.T[:, :, None]]
+            every = [
+                model_columns(rows, estimate, self.frozen),
+                *columns,
+                torque.T[:, :, None],
+            ]
             return np.concatenate(every, axis=2)
 
         def compressed(both: Array, keep: NDArray[np.bool_]) -> Regression:
@@ -130,8 +141,12 @@ class Judge:
             triangles = [triangular([x]) if len(x) else x for x in parts]
             every = np.arange(len(parameters))
             pairs = zip(triangles, parts, strict=True)
-            factors = tuple(Factor(j, 0, every, x, len(part)) for j, (x, part) in enumerate(pairs))
-            return Regression(parameters, rows.n, ((0, 0.0, 0.0),), factors, oversampling=1.0)
+            factors = tuple(
+                Factor(j, 0, every, x, len(part)) for j, (x, part) in enumerate(pairs)
+            )
+            return Regression(
+                parameters, rows.n, ((0, 0.0, 0.0),), factors, oversampling=1.0
+            )
 
         whole, every = table(rows, effects), tuple(effects)
         if self.test is not None:
@@ -142,7 +157,9 @@ class Judge:
         fold, splits = folds_of(rows, THIRDS), list[Split]()
         for f in range(fold.max() + 1):
             if by_fold:
-                shaped = [by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)]
+                shaped = [
+                    by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)
+                ]
                 whole = table(rows, shaped)
             out = (fold == f)[:, None]
             both = (compressed(whole, rows.keep & x) for x in (~out, out))
@@ -150,39 +167,55 @@ class Judge:
         return HeldOut(estimate, self.frozen, splits, "folds")
 
     def outside(self, effect: Effect) -> float:
-        """Share of the test run's rows that leave what an effect is known for; none without one."""
+        """Share of the test run's rows that leave what an effect is known for; none
+        without one."""
         if self.test is None:
             return 0.0
-        away = [s.low_pass @ effect.outside(s.motion).astype(float) for s in self.test.segments]
+        away = [
+            s.low_pass @ effect.outside(s.motion).astype(float)
+            for s in self.test.segments
+        ]
         return float(np.mean(np.concatenate(away)[self.test.keep.any(axis=1)] > 0.5))
 
 
-def exchanged(effects: Sequence[Effect], new: Sequence[Effect]) -> tuple[list[Effect], list[bool]]:
-    """Effects without those joints of theirs on which a new one, with another shape constant, stands in
-    their place; and which of their parameters are left."""
-    others = {(e.name, j) for e in new if not (e.whole_robot or e.several) for j in e.joints}
+def exchanged(
+    effects: Sequence[Effect], new: Sequence[Effect]
+) -> tuple[list[Effect], list[bool]]:
+    """Effects without those joints of theirs on which a new one, with another shape
+    constant, stands in their place; and which of their parameters are left."""
+    others = {
+        (e.name, j) for e in new if not (e.whole_robot or e.several) for j in e.joints
+    }
     out, left = list[Effect](), list[bool]()
     for e in effects:
         stay = [j for j in e.joints if (e.name, j) not in others]
         whole = len(stay) == len(e.joints)
-        left += [True] * len(e.parameters) if whole else [p.joint - 1 in stay for p in e.parameters]
+        left += (
+            [True] * len(e.parameters)
+            if whole
+            else [p.joint - 1 in stay for p in e.parameters]
+        )
         if stay:
             out.append(e if whole else type(e)(e.robot, stay, **e.shape))
     return out, left
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:
-    """The method that fits new effects to what a model leaves that is held fixed: a payload is a body,
-    whatever the model was made by."""
+    """The method that fits new effects to what a model leaves that is held fixed: a
+    payload is a body, whatever the model was made by."""
     estimator = estimate.estimator
     return estimator if hasattr(estimator, "solver") else make_estimator(DEFAULT_METHOD)
 
 
 def task_beside(
-    estimate: Estimate, own: Model, left: Regression, seed: int = 0, progress: Progress = no_progress
+    estimate: Estimate,
+    own: Model,
+    left: Regression,
+    seed: int = 0,
+    progress: Progress = no_progress,
 ) -> Task:
-    """What fits only the new effects ``own``, under their own constraints; left : what the model leaves,
-    in their columns."""
+    """What fits only the new effects ``own``, under their own constraints; left : what
+    the model leaves, in their columns."""
     problem, weights = estimate.problem, np.ones(estimate.robot.n)
     for _ in range(2):
         data = with_plausible(left.least_squares(weights), own, left.oversampling)
@@ -202,10 +235,15 @@ def task_beside(
 
 
 def fitted_parameters(
-    estimate: Estimate, own: Sequence[Effect], new: Sequence[Effect], rows: Regression, frozen: bool
+    estimate: Estimate,
+    own: Sequence[Effect],
+    new: Sequence[Effect],
+    rows: Regression,
+    frozen: bool,
 ) -> Array:
-    """(p,) parameters of an estimate's ``own`` effects and ``new`` ones, from rows in their columns;
-    frozen : of the new ones alone, from rows of what the model leaves."""
+    """(p,) parameters of an estimate's ``own`` effects and ``new`` ones, from rows in
+    their columns; frozen : of the new ones alone, from rows of what the model leaves.
+    """
     if not (own or new):
         return np.zeros(0)
     model = Model(estimate.robot, (*own, *new), gains=estimate.model.gains)

@@ -1,4 +1,5 @@
-"""The library: every effect on every joint or on the robot; a form has one set of shape constants."""
+"""The library: every effect on every joint or on the robot; a form has one set of shape
+constants."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from sdp_vs_penalty.estimation.constants import TURNS
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 
-#: Steps of the lattice on which shape constants are refined, in those of the grid that they begin with.
+#: Steps of the lattice on which shape constants are refined, in those of the grid that
+#: they begin with.
 STEPS = 0.5, 0.25, 0.125
 
 #: (effect name, joint from 0; None: the whole robot).
@@ -28,8 +30,8 @@ Key = tuple[str, int | None]
 
 @dataclass(frozen=True)
 class Form:
-    """A candidate with one set of shape constants; own : another constant of the model's own effect,
-    which stands in its place and is a nuisance, no finding."""
+    """A candidate with one set of shape constants; own : another constant of the
+    model's own effect, which stands in its place and is a nuisance, no finding."""
 
     key: Key
     effect: Effect
@@ -41,16 +43,22 @@ class Form:
 
     @cached_property
     def constants(self) -> int:
-        """Continuous shape constants; none of the model's own effect, whose size is no new one."""
+        """Continuous shape constants; none of the model's own effect, whose size is no
+        new one."""
         if self.own:
             return 0
-        return sum(self.effect.shapes[x].bounds is not None for x in self.effect.searched)
+        return sum(
+            self.effect.shapes[x].bounds is not None for x in self.effect.searched
+        )
 
     @cached_property
     def law(self) -> tuple[Hashable, ...]:
-        """Its candidate, and the constants that are choices among which nothing is refined."""
+        """Its candidate, and the constants that are choices among which nothing is
+        refined."""
         e = self.effect
-        chosen = (x for x, s in e.shapes.items() if s.bounds is None and x != e.sized_shape)
+        chosen = (
+            x for x, s in e.shapes.items() if s.bounds is None and x != e.sized_shape
+        )
         return (*self.key, *(e.shape[x] for x in chosen))
 
     @cached_property
@@ -60,12 +68,14 @@ class Form:
 
     @cached_property
     def plausible(self) -> Array:
-        """(k,) standard deviations of its parameters that its effect says, NaN where it says none."""
+        """(k,) standard deviations of its parameters that its effect says, NaN where it
+        says none."""
         known = self.effect.plausible
         return np.full(self.k, np.nan) if known is None else known
 
     def refines(self, other: Form) -> bool:
-        """Whether its effect says that it is a finer form of the other's, on the same joint."""
+        """Whether its effect says that it is a finer form of the other's, on the same
+        joint."""
         return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
 
     def with_shape(self, **shape: float) -> Form:
@@ -73,14 +83,18 @@ class Form:
 
     def bounds(self, name: str) -> tuple[float, float] | None:
         """Within which a shape constant is looked for; wider for the model's own."""
-        found = self.effect.shapes[name].on(self.effect.robot.joints[self.effect.joints[0]].kind).bounds
+        found = (
+            self.effect.shapes[name]
+            .on(self.effect.robot.joints[self.effect.joints[0]].kind)
+            .bounds
+        )
         return (found[0], max(found[1], TURNS[-1])) if self.own and found else found
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Forms with k columns each that change the torque of the same joints: white (len(joints), M, F
-    k)."""
+    """Forms with k columns each that change the torque of the same joints: white
+    (len(joints), M, F k)."""
 
     joints: tuple[int, ...]
     forms: tuple[Form, ...]
@@ -100,20 +114,29 @@ class Batch:
     def grams(self) -> Array:
         """(len(joints), F, k, k) products of each form's columns."""
         k = self.forms[0].k
-        parts = self.white.reshape(*self.white.shape[:2], len(self.forms), k).transpose(0, 2, 3, 1)
+        parts = self.white.reshape(*self.white.shape[:2], len(self.forms), k).transpose(
+            0, 2, 3, 1
+        )
         return np.asarray(parts @ parts.transpose(0, 1, 3, 2))
 
     @classmethod
     def of(
-        cls, joints: tuple[int, ...], forms: tuple[Form, ...], white: Sequence[dict[int, Array]]
+        cls,
+        joints: tuple[int, ...],
+        forms: tuple[Form, ...],
+        white: Sequence[dict[int, Array]],
     ) -> Batch:
         """white : of each form, (M, k) by joint."""
-        return cls(joints, forms, np.stack([np.hstack([z[j] for z in white]) for j in joints]))
+        return cls(
+            joints, forms, np.stack([np.hstack([z[j] for z in white]) for j in joints])
+        )
 
     def columns(self, f: int) -> dict[int, Array]:
         """(M, k) by joint, of one form."""
         k = self.forms[f].k
-        return {j: self.white[a][:, f * k : f * k + k] for a, j in enumerate(self.joints)}
+        return {
+            j: self.white[a][:, f * k : f * k + k] for a, j in enumerate(self.joints)
+        }
 
 
 @dataclass(frozen=True)
@@ -136,12 +159,20 @@ class Library:
 
 def library(data: WhiteData) -> Library:
     """All candidates beside the model; their columns white."""
-    groups: dict[tuple[tuple[int, ...], Hashable], list[tuple[Form, dict[int, Array]]]] = {}
-    for form in (*_forms(data.rows, data.estimate.model, data.frozen), *_own_forms(data)):
+    groups: dict[
+        tuple[tuple[int, ...], Hashable], list[tuple[Form, dict[int, Array]]]
+    ] = {}
+    for form in (
+        *_forms(data.rows, data.estimate.model, data.frozen),
+        *_own_forms(data),
+    ):
         if white := _white(data, form):
             alike = form.k, depends(form.effect), form.key if form.own else None
             groups.setdefault((tuple(sorted(white)), alike), []).append((form, white))
-    batches = tuple(Batch.of(joints, *zip(*group, strict=True)) for (joints, _), group in groups.items())
+    batches = tuple(
+        Batch.of(joints, *zip(*group, strict=True))
+        for (joints, _), group in groups.items()
+    )
     laws = {f.law: f for b in batches for f in b.forms}
     return Library(batches, Counter(f.key for f in laws.values()))
 
@@ -153,13 +184,15 @@ def _white(data: WhiteData, form: Form) -> dict[int, Array]:
 
 
 def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
-    """Every effect of the library. What the model already has on a joint is left out, unless it is held
-    fixed and may have changed."""
+    """Every effect of the library. What the model already has on a joint is left out,
+    unless it is held fixed and may have changed."""
     taken = set[Key]()
     if not frozen:
         for effect in model.effects:
             if not effect.several:
-                where: Sequence[int | None] = [None] if effect.whole_robot else effect.joints
+                where: Sequence[int | None] = (
+                    [None] if effect.whole_robot else effect.joints
+                )
                 taken |= {(effect.name, j) for j in where}
     start = min(float(s.motion.t[0]) for s in rows.segments)
     warm = all(s.motion.temperature is not None for s in rows.segments)
@@ -168,7 +201,8 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
     stands = np.mean(rows.still > 0.5, axis=0) > STANDS
 
     def tells(effect: Effect) -> bool:
-        """Whether what it needs was measured, and nothing else passes for it, whatever its size."""
+        """Whether what it needs was measured, and nothing else passes for it, whatever
+        its size."""
         measured = warm or not effect.needs_temperature
         return measured and not effect.looks_like(0.0, seen[effect.joints[0]])
 
@@ -183,27 +217,42 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
 
 
 def _own_forms(data: WhiteData) -> Iterator[Form]:
-    """The model's own effects with other values of the shape constants that are estimated."""
+    """The model's own effects with other values of the shape constants that are
+    estimated."""
     joints = data.estimate.robot.joints
     for key, (effect, _) in data.own.items():
         for name in effect.estimated:
-            now, grid = effect.shape[name], list(effect.shapes[name].on(joints[key[1]].kind).grid)
+            now, grid = (
+                effect.shape[name],
+                list(effect.shapes[name].on(joints[key[1]].kind).grid),
+            )
             high = max(grid[-1], TURNS[-1])
             while 2.0 * grid[-1] < high:
                 grid.append(2.0 * grid[-1])
             # The grid alone did not find a width of 0.058 beside one of 0.032 rad/s.
             ratio = min(b / a for a, b in pairwise(grid))
             near = (float(f"{now * ratio**step:.6g}") for step in (-STEPS[1], STEPS[1]))
-            values = sorted({high, *grid, *(x for x in near if grid[0] < x < high)} - {now})
-            yield from (Form(key, effect.with_shape([key[1]], **{name: x}), own=True) for x in values)
+            values = sorted(
+                {high, *grid, *(x for x in near if grid[0] < x < high)} - {now}
+            )
+            yield from (
+                Form(key, effect.with_shape([key[1]], **{name: x}), own=True)
+                for x in values
+            )
 
 
 def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model) -> list[bool]:
-    """Which forms may join: nothing twice, a finer form only where what it refines is there."""
+    """Which forms may join: nothing twice, a finer form only where what it refines is
+    there."""
     taken = {p.key for p in picked if not p.effect.several}
-    present = {p.key for p in picked} | {(e.name, j) for e in model.effects for j in e.joints}
+    present = {p.key for p in picked} | {
+        (e.name, j) for e in model.effects for j in e.joints
+    }
     return [
         f.key not in taken
-        and (not f.effect.refines or any((name, f.key[1]) in present for name in f.effect.refines))
+        and (
+            not f.effect.refines
+            or any((name, f.key[1]) in present for name in f.effect.refines)
+        )
         for f in forms
     ]

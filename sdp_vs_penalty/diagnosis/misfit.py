@@ -1,17 +1,19 @@
-"""What a law and a mounting get wrong: columns beside terms, of which little is expected.
+"""What a law and a mounting get wrong: columns beside terms, of which little is
+expected.
 
-Nobody mounts an arm exactly: what a term explains has to show beside placements of the joints that are
-off by as much as their effect says is plausible, unless that is what the term says.
+Nobody mounts an arm exactly: what a term explains has to show beside placements of the
+joints that are off by as much as their effect says is plausible, unless that is what
+the term says.
 
-No law is exact (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001). Beside a term that makes the torque c of
-a joint a fit has
+No law is exact (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001). Beside a term that makes
+the torque c of a joint a fit has
 
     sum_i a_i c g_i + sum_s a_s dc/ds,    a ~ N(0, diag(d)^2),    g = t, v, |v|, v^2, q, q^2, q v
 
-with the time t and the joint's velocity v and position q in units of their largest, s its free shape
-constants, and c by itself where the term acts on several joints. Together they are expected to make,
-beyond the model, the share FORM of the squares that the term makes there. What is found besides has to
-show beyond that.
+with the time t and the joint's velocity v and position q in units of their largest, s
+its free shape constants, and c by itself where the term acts on several joints.
+Together they are expected to make, beyond the model, the share FORM of the squares that
+the term makes there. What is found besides has to show beyond that.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from sdp_vs_penalty.robot.arrays import Array, or_one
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """White columns (M, k) by joint, and the deviations (k,) of their coefficients about zero."""
+    """White columns (M, k) by joint, and the deviations (k,) of their coefficients
+    about zero."""
 
     text: str
     columns: dict[int, Array]
@@ -36,8 +39,8 @@ class Misfit:
 
 
 def distorted(data: WhiteData, effect: Effect, beta: Array) -> dict[int, Array]:
-    """(M, k) white columns of what the law of an effect with parameters beta may get wrong, by joint
-    whose torque it changes."""
+    """(M, k) white columns of what the law of an effect with parameters beta may get
+    wrong, by joint whose torque it changes."""
     rows, out = data.rows, dict[int, Array]()
     made = spread_columns(rows, effect) @ beta
     moved = np.zeros((*made.shape, 0))
@@ -45,7 +48,11 @@ def distorted(data: WhiteData, effect: Effect, beta: Array) -> dict[int, Array]:
         moved = spread_columns(rows, ShapeSensitivity(effect, beta))
     joints = np.flatnonzero(made.any(axis=1)).tolist()
     for j in joints:
-        every = rows.t - rows.t.mean(), rows.dq[:, j], rows.q[:, j] - rows.q[:, j].mean()
+        every = (
+            rows.t - rows.t.mean(),
+            rows.dq[:, j],
+            rows.q[:, j] - rows.q[:, j].mean(),
+        )
         t, v, q = (x / or_one(np.abs(x).max()) for x in every)
         factors = [
             t,
@@ -57,5 +64,7 @@ def distorted(data: WhiteData, effect: Effect, beta: Array) -> dict[int, Array]:
             q * v,
             *([np.ones(len(v))] if len(joints) > 1 else []),
         ]
-        out[j] = data.white(np.column_stack([*(made[j] * g for g in factors), moved[j]]), j)
+        out[j] = data.white(
+            np.column_stack([*(made[j] * g for g in factors), moved[j]]), j
+        )
     return out

@@ -1,14 +1,15 @@
-"""What is left beyond the noise after the best explanation: nothing, or something without a name; and
-what happens once, of which no function of the motion is the cause: a contact, a knock, a hum.
+"""What is left beyond the noise after the best explanation: nothing, or something
+without a name; and what happens once, of which no function of the motion is the cause:
+a contact, a knock, a hum.
 
-The error of each joint in N m, on rows that are evidence, against the noise floor. Rows of standstill
-are none: dry friction holds any torque up to its own there. Nor are those of a slow joint: where
-friction turns round any law of it is only nearly right.
+The error of each joint in N m, on rows that are evidence, against the noise floor. Rows
+of standstill are none: dry friction holds any torque up to its own there. Nor are those
+of a slow joint: where friction turns round any law of it is only nearly right.
 
-Events are rows of which the final model's residual is an outlier: windows of whitened residual with too
-much energy (:mod:`~sdp_vs_penalty.signals.coloured_noise`), in one repetition of the motion only where
-it repeats. A hum is a line in the spectrum: at the frequencies of a periodogram the power of whitened
-noise is exponential.
+Events are rows of which the final model's residual is an outlier: windows of whitened
+residual with too much energy (:mod:`~sdp_vs_penalty.signals.coloured_noise`), in one
+repetition of the motion only where it repeats. A hum is a line in the spectrum: at the
+frequencies of a periodogram the power of whitened noise is exponential.
 """
 
 from collections.abc import Sequence
@@ -41,10 +42,11 @@ from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 @dataclass(frozen=True)
 class Remainder:
-    """share (n,) : variance of what is left over that of the noise, less one; beyond (n,) [N m or N] :
-    its RMS beyond the noise while the joint slides; raised : the joints (from 0) whose error that
-    raises, so that a curve is looked for; matters : those on which the noise is known well enough to say
-    so without one; residual (M, n) [N m or N]; odd (M, n) : rows that are outliers of it."""
+    """share (n,) : variance of what is left over that of the noise, less one; beyond
+    (n,) [N m or N] : its RMS beyond the noise while the joint slides; raised : the
+    joints (from 0) whose error that raises, so that a curve is looked for; matters :
+    those on which the noise is known well enough to say so without one; residual (M, n)
+    [N m or N]; odd (M, n) : rows that are outliers of it."""
 
     share: Array
     beyond: Array
@@ -54,11 +56,16 @@ class Remainder:
     odd: NDArray[np.bool_]
 
 
-def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]) -> Remainder:
-    """residual (M, n) [N m or N], white in ``fit``; odd (M, n) : rows of events, left out."""
+def remainder(
+    data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
+) -> Remainder:
+    """residual (M, n) [N m or N], white in ``fit``; odd (M, n) : rows of events, left
+    out."""
     rows, noise = data.rows, data.noise
     white = (fit.residual * fit.level[:, None]).T
-    keep = rows.keep & (white != 0.0) & (noise.worth > 0.5) & (rows.still <= STILL) & ~odd
+    keep = (
+        rows.keep & (white != 0.0) & (noise.worth > 0.5) & (rows.still <= STILL) & ~odd
+    )
     slides = keep & (rows.slow <= SLOW)
     leverage = np.sum(fit.basis**2, axis=2).T
 
@@ -80,13 +87,16 @@ def remainder(data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
         variance *= (noise.floor / floor) ** 2
     matters = raised[variance[raised] > least[raised]]
     share = mean(white**2, keep) - 1.0
-    return Remainder(share, beyond, tuple(raised.tolist()), tuple(matters.tolist()), residual, odd)
+    return Remainder(
+        share, beyond, tuple(raised.tolist()), tuple(matters.tolist()), residual, odd
+    )
 
 
 def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
-    """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N] what these leave:
-    least squares on the white rows and on what is known of sizes, joints weighted by what is left of
-    them; parameters that rows do not tell are the model's."""
+    """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N]
+    what these leave: least squares on the white rows and on what is known of sizes,
+    joints weighted by what is left of them; parameters that rows do not tell are the
+    model's."""
     columns = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
     everything = np.concatenate(columns, axis=2)
     n, _, p = everything.shape
@@ -95,7 +105,9 @@ def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
         theta[: data.raw.shape[2]] = data.estimate.theta
     if not p:
         return theta, torque
-    known = plausible_sizes((*(() if data.frozen else data.estimate.model.effects), *effects))
+    known = plausible_sizes(
+        (*(() if data.frozen else data.estimate.model.effects), *effects)
+    )
     white = np.stack([data.white(everything[j], j) for j in range(n)])
     first, level, prior = theta, np.ones(n), np.diag(1.0 / known)
     target = data.y - white @ first
@@ -105,7 +117,9 @@ def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
         unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
         wanted = np.append(target / level[:, None], -prior @ first)
         theta = first + np.linalg.lstsq(A / unit, wanted, rcond=1e-8)[0] / unit
-        left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(data.count, 1.0)
+        left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(
+            data.count, 1.0
+        )
         level = np.sqrt(np.maximum(left, 1.0 if data.known else 1e-12))
     return theta, np.asarray(torque - (everything @ theta).T)
 
@@ -115,7 +129,8 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Event(Plain):
-    """joint from 1; t_start, t_end [s] on the clock of the measurements; what : "local" or "hum"."""
+    """joint from 1; t_start, t_end [s] on the clock of the measurements; what : "local"
+    or "hum"."""
 
     joint: int
     t_start: float
@@ -124,10 +139,12 @@ class Event(Plain):
     frequency: float | None = None
 
 
-def events(data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]) -> list[Event]:
-    """The events of a final model. residual (M, n) [N m or N] : what it leaves; odd (M, n) : its
-    outliers; named : the joints (from 0) on which something without a name is left, whose peaks are no
-    events."""
+def events(
+    data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]
+) -> list[Event]:
+    """The events of a final model. residual (M, n) [N m or N] : what it leaves; odd (M,
+    n) : its outliers; named : the joints (from 0) on which something without a name is
+    left, whose peaks are no events."""
     rows, mask = data.rows, odd.copy()
     mask[:, list(named)] = False
     whole = replace(rows, masked=np.zeros((0, 0), bool))
@@ -138,22 +155,28 @@ def events(data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]) ->
             apart = np.flatnonzero(np.diff(rows.t[own]) > 2.0 * SAME_PHASE) + 1
             for group in np.split(own, apart) if len(own) else ():
                 group = _loudest(group, residual[:, j])
-                found.append(Event(j + 1, float(rows.t[group[0]]), float(rows.t[group[-1]])))
+                found.append(
+                    Event(j + 1, float(rows.t[group[0]]), float(rows.t[group[-1]]))
+                )
     return sorted(found + _hums(data, residual), key=lambda e: (e.t_start, e.joint))
 
 
 def _loudest(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
-    """From the first to the last row of those that hold nearly all of a window's energy: windows are
-    longer than what happens in them."""
+    """From the first to the last row of those that hold nearly all of a window's
+    energy: windows are longer than what happens in them."""
     squares = residual[group] ** 2
     order = np.argsort(-squares)
-    count = int(np.searchsorted(np.cumsum(squares[order]), (1.0 - MINOR) * squares.sum())) + 1
+    count = (
+        int(np.searchsorted(np.cumsum(squares[order]), (1.0 - MINOR) * squares.sum()))
+        + 1
+    )
     kept = np.sort(order[:count])
     return group[kept[0] : kept[-1] + 1]
 
 
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
-    """(M, n) rows of which the residual, white (M, n), is an outlier beside what repeats."""
+    """(M, n) rows of which the residual, white (M, n), is an outlier beside what
+    repeats."""
     rows, noise = data.rows, data.noise
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
@@ -162,7 +185,8 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         degrees = float(noise.degrees[j])
         found = local_excess(steady, rows.pieces[j], rows.n, degrees)
         if found.any() and noise.source != REPETITION:
-            # It stands out of the joint's own error, where no repetition tells that from noise.
+            # It stands out of the joint's own error, where no repetition tells that
+            # from noise.
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
             found &= lone_windows(white[:, j], rows.pieces[j], slow, rows.rate, rows.n)
         if found.sum() < RARE * rows.keep[:, j].sum():
@@ -171,14 +195,16 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
 
 
 def _odd_ones(data: WhiteData, residual: Array) -> Mask:
-    """(M, n) where the repetitions of a motion differ: an event, in the one that leaves more error."""
+    """(M, n) where the repetitions of a motion differ: an event, in the one that leaves
+    more error."""
     rows, repeats, suspect = data.rows, data.noise.repeats, data.noise.suspect
     if not suspect.any():
         return suspect
     # Within so many rows two windows are at the same phase.
     width = np.ones(2 * max(1, round(SAME_PHASE * rows.rate)) + 1)
     near, energy = (
-        np.array([np.convolve(x, width, mode="same") for x in y.T]).T for y in (suspect, residual**2)
+        np.array([np.convolve(x, width, mode="same") for x in y.T]).T
+        for y in (suspect, residual**2)
     )
     out, near = suspect.copy(), near > 0.5
     for one, other in ((r.rows, r.there) for r in repeats):
@@ -193,8 +219,9 @@ def _odd_ones(data: WhiteData, residual: Array) -> Mask:
 def _hums(data: WhiteData, residual: Array) -> list[Event]:
     """One event a run for each joint in whose residual a spectral line stands.
 
-    Where the motion repeats it is looked for in what does not: a model's error is a comb of lines. The
-    residual is not whitened for it: an autoregression takes a sine for its own colour.
+    Where the motion repeats it is looked for in what does not: a model's error is a
+    comb of lines. The residual is not whitened for it: an autoregression takes a sine
+    for its own colour.
     """
     rows, repeats = data.rows, data.noise.repeats
     slow = rows.slow > SLOW  # reversals are harmonics of the motion
@@ -210,27 +237,42 @@ def _hums(data: WhiteData, residual: Array) -> list[Event]:
         longest = max((len(p) for p in every), default=0)
         series = [left[p, j] for p in every if 2 * len(p) > longest]
         # What the low-pass folds has no flat surroundings.
-        lines = [f for f in spectral_lines(series, rows.rate, rows.n) if f < rows.cutoff]
+        lines = [
+            f for f in spectral_lines(series, rows.rate, rows.n) if f < rows.cutoff
+        ]
         for segment in rows.segments if lines else ():
-            out.append(Event(j + 1, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0]))
+            out.append(
+                Event(j + 1, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0])
+            )
     return out
 
 
 def spectral_lines(
-    series: Sequence[Array], rate: float, tests: int, lowest: float = 0.8, smooth: float = 1.0
+    series: Sequence[Array],
+    rate: float,
+    tests: int,
+    lowest: float = 0.8,
+    smooth: float = 1.0,
 ) -> list[float]:
-    """Frequencies [Hz] at which the pooled periodogram of the series stands out of its surroundings.
+    """Frequencies [Hz] at which the pooled periodogram of the series stands out of its
+    surroundings.
 
-    series : records of the same channel, each at least 2 s long; lowest [Hz] : below, lines are the
-    motion's own harmonics; smooth [Hz] : the width over which the noise's spectrum is taken as flat.
+    series : records of the same channel, each at least 2 s long; lowest [Hz] : below,
+    lines are the motion's own harmonics; smooth [Hz] : the width over which the noise's
+    spectrum is taken as flat.
     """
     from scipy import ndimage
 
     length = min((len(s) for s in series), default=0)
     if length < 2.0 * rate:
         return []
-    pieces = [s[k : k + length] for s in series for k in range(0, len(s) - length + 1, length)]
-    power, pooled = periodograms(np.stack(pieces, axis=1), length)[0].sum(axis=1), len(pieces)
+    pieces = [
+        s[k : k + length] for s in series for k in range(0, len(s) - length + 1, length)
+    ]
+    power, pooled = (
+        periodograms(np.stack(pieces, axis=1), length)[0].sum(axis=1),
+        len(pieces),
+    )
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
     half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
     level = ndimage.median_filter(power, size=2 * half + 1, mode="nearest")

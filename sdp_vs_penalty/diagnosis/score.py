@@ -1,24 +1,26 @@
-"""The one score: a penalised likelihood whose evidence is coarsened and robust against what a model
-lacks.
+"""The one score: a penalised likelihood whose evidence is coarsened and robust against
+what a model lacks.
 
 A form beside the model and the terms that were chosen scores
 
     J = dD / v - (k + s) log(N / v) - 2 log P
 
-with the drop dD of the deviance D = sum_j N_j log V_j + RSS_j / V_j, V_j = max(RSS_j / N_j, noise);
-k coefficients (as many as the rows determine beside what is known of their size, of those that are not
-held at zero by their sign: Meyer, Woodroofe, Ann. Statist. 2000), s continuous shape constants, P
-candidates that are looked at, times the laws among which this one chooses: the extended BIC (Chen, Chen,
-Biometrika 2008). Beside findings P is twice as many, or twice as many as there are of an effect that was
-found on another joint: half of the odds are that joints are built alike. Evidence is worth v times less
-than independent rows would make it:
+with the drop dD of the deviance D = sum_j N_j log V_j + RSS_j / V_j, V_j = max(RSS_j /
+N_j, noise); k coefficients (as many as the rows determine beside what is known of their
+size, of those that are not held at zero by their sign: Meyer, Woodroofe, Ann. Statist.
+2000), s continuous shape constants, P candidates that are looked at, times the laws
+among which this one chooses: the extended BIC (Chen, Chen, Biometrika 2008). Beside
+findings P is twice as many, or twice as many as there are of an effect that was found
+on another joint: half of the odds are that joints are built alike. Evidence is worth v
+times less than independent rows would make it:
 
     v = max over clusterings of tr(A^-1 S) / k, at least 1, + N / ALPHA
 
-A = T'T of the form's columns T beside all others, S = sum over clusters u u', u = sum of T r within one:
-the sandwich (Liang, Zeger, Biometrika 1986), by time and, since what a model lacks comes back with the
-motion, by phase. N / ALPHA coarsens the likelihood (Miller, Dunson, JASA 2019): no law is right beyond
-what ALPHA rows of a joint tell, however many there are.
+A = T'T of the form's columns T beside all others, S = sum over clusters u u', u = sum
+of T r within one: the sandwich (Liang, Zeger, Biometrika 1986), by time and, since what
+a model lacks comes back with the motion, by phase. N / ALPHA coarsens the likelihood
+(Miller, Dunson, JASA 2019): no law is right beyond what ALPHA rows of a joint tell,
+however many there are.
 """
 
 from __future__ import annotations
@@ -44,9 +46,10 @@ DEPENDENT = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A form with its white columns (M, k) by joint, judged beside others: the drop of the deviance, how
-    many rows are worth one, and the form's price; its coefficients (k,), the squares (n,) of the white
-    torque that nothing else makes, and the forms that do as well. Equal to itself alone."""
+    """A form with its white columns (M, k) by joint, judged beside others: the drop of
+    the deviance, how many rows are worth one, and the form's price; its coefficients
+    (k,), the squares (n,) of the white torque that nothing else makes, and the forms
+    that do as well. Equal to itself alone."""
 
     form: Form
     columns: dict[int, Array]
@@ -62,8 +65,9 @@ class Term:
         return self.drop / self.worth - self.price
 
     def against(self, other: Term) -> float:
-        """J where rows are worth what they are to another term: of two that make nearly the same torque
-        the estimated worths alone differ by more than the evidence between them."""
+        """J where rows are worth what they are to another term: of two that make nearly
+        the same torque the estimated worths alone differ by more than the evidence
+        between them."""
         return self.drop / other.worth - self.price
 
     @property
@@ -81,11 +85,12 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """White columns A (n, M, p) of the model and of terms, of unit length; y (n, M) the torque; gram
-    (n, p, p), pull (n, p) : A'A, A'y; model : by key the column of each of its own effects whose
-    constant may be another one, under None those of all others; at : each term's columns, by text.
-    keys : of a term's column; extra (n,) : rows of a joint behind its own, each saying that a misfit's
-    coefficient is zero, or its share of one that several joints say.
+    """White columns A (n, M, p) of the model and of terms, of unit length; y (n, M) the
+    torque; gram (n, p, p), pull (n, p) : A'A, A'y; model : by key the column of each of
+    its own effects whose constant may be another one, under None those of all others;
+    at : each term's columns, by text. keys : of a term's column; extra (n,) : rows of a
+    joint behind its own, each saying that a misfit's coefficient is zero, or its share
+    of one that several joints say.
     """
 
     A: Array
@@ -105,17 +110,21 @@ class Design:
         """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z."""
         if batch not in self.products:
             M, pairs = batch.white.shape[1], zip(batch.joints, batch.white, strict=True)
-            self.products[batch] = [(self.A[j, :M].T @ Z, Z.T @ self.y[j, :M]) for j, Z in pairs]
+            self.products[batch] = [
+                (self.A[j, :M].T @ Z, Z.T @ self.y[j, :M]) for j, Z in pairs
+            ]
         return self.products[batch]
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The model and some terms fitted to white rows, each joint's divided by its ``level`` (n,).
+    """The model and some terms fitted to white rows, each joint's divided by its
+    ``level`` (n,).
 
-    kept : the columns that take part; W (p, r) : the columns A W, divided by the levels, are
-    orthonormal; theta (p,) : coefficients; residual (n, M) : what they leave; rss, degrees (n,) :
-    squared error in units of the noise, and rows less the joint's share of the rank.
+    kept : the columns that take part; W (p, r) : the columns A W, divided by the
+    levels, are orthonormal; theta (p,) : coefficients; residual (n, M) : what they
+    leave; rss, degrees (n,) : squared error in units of the noise, and rows less the
+    joint's share of the rank.
     """
 
     design: Design
@@ -163,18 +172,21 @@ class Fit:
 
 
 class Score:
-    """The score of forms on some rows; looked : candidates that there are; laws : among how many each of
-    them chooses, if more than one."""
+    """The score of forms on some rows; looked : candidates that there are; laws : among
+    how many each of them chooses, if more than one."""
 
-    def __init__(self, data: WhiteData, looked: int, laws: Mapping[Key, int] | None = None) -> None:
+    def __init__(
+        self, data: WhiteData, looked: int, laws: Mapping[Key, int] | None = None
+    ) -> None:
         self.data, self.looked, self.laws = data, max(looked, 1), laws or {}
         self.floor = 1.0 if data.known else 1e-12
         self.alike = Counter(name for name, _ in self.laws)
 
     @cached_property
     def _basis(self) -> tuple[Array, Array, dict[Key | None, list[int]]]:
-        """(n, M, r) a basis of the model's columns, with those of effects whose constant may be another
-        one by themselves; its products (n, r, r); and where whose stand."""
+        """(n, M, r) a basis of the model's columns, with those of effects whose
+        constant may be another one by themselves; its products (n, r, r); and where
+        whose stand."""
         X, own = self.data.X, self.data.own
         n, M, _ = X.shape
         alone = [column for _, column in own.values()]
@@ -182,20 +194,36 @@ class Score:
         r = B.shape[1]
         B = np.concatenate([B.reshape(n, M, r), _unit(X[:, :, alone])], axis=2)
         at: dict[Key | None, list[int]] = {None: list(range(r))}
-        return B, B.transpose(0, 2, 1) @ B, at | {key: [r + k] for k, key in enumerate(own)}
+        return (
+            B,
+            B.transpose(0, 2, 1) @ B,
+            at | {key: [r + k] for k, key in enumerate(own)},
+        )
 
     def fit(self, terms: Sequence[Term | Misfit], near: Fit | None = None) -> Fit:
-        """The model with the terms, each joint's rows weighted by what is left of them; near : a fit
-        whose columns serve where they hold the terms', and at whose levels it begins."""
-        design = near.design if near is not None and near.design.holds(terms) else self._design(terms)
+        """The model with the terms, each joint's rows weighted by what is left of them;
+        near : a fit whose columns serve where they hold the terms', and at whose levels
+        it begins."""
+        design = (
+            near.design
+            if near is not None and near.design.holds(terms)
+            else self._design(terms)
+        )
         others = {t.key for t in terms if isinstance(t, Term) and t.form.own}
-        own = [i for key, columns in design.model.items() if key not in others for i in columns]
+        own = [
+            i
+            for key, columns in design.model.items()
+            if key not in others
+            for i in columns
+        ]
         kept = (*own, *sorted(i for t in terms for i in design.at[t.text]))
-        return self._fitted(design, kept, np.ones(len(design.y)) if near is None else near.level)
+        return self._fitted(
+            design, kept, np.ones(len(design.y)) if near is None else near.level
+        )
 
     def without(self, fit: Fit, form: Form) -> Fit:
-        """A fit, at its levels, without what a form stands in the place of; itself where that is
-        nothing."""
+        """A fit, at its levels, without what a form stands in the place of; itself
+        where that is nothing."""
         if not form.own:
             return fit
         if form.key not in fit.apart:
@@ -206,7 +234,9 @@ class Score:
     def _design(self, terms: Sequence[Term | Misfit]) -> Design:
         B, gram, model = self._basis
         n, M, r = B.shape
-        ends = np.cumsum([r, *(next(iter(t.columns.values())).shape[1] for t in terms)]).tolist()
+        ends = np.cumsum(
+            [r, *(next(iter(t.columns.values())).shape[1] for t in terms)]
+        ).tolist()
         blocks = list(zip(terms, ends, ends[1:], strict=False))
         extra, behind = np.zeros(n), np.full(n, M)
         for t, first, stop in blocks:
@@ -232,7 +262,9 @@ class Score:
             cross = A[j].T @ A[j][:, own]
             G[j][:, own], G[j][own] = cross, cross.T
         scale = np.ones(ends[-1])
-        scale[r:] = 1.0 / or_one(np.sqrt(np.sum(np.diagonal(G, axis1=1, axis2=2), axis=0)[r:]))
+        scale[r:] = 1.0 / or_one(
+            np.sqrt(np.sum(np.diagonal(G, axis1=1, axis2=2), axis=0)[r:])
+        )
         A[:, :, r:] *= scale[r:]
         G *= scale[:, None] * scale
         y = np.zeros(A.shape[:2])
@@ -241,21 +273,28 @@ class Score:
         keys = {i: t.key for t in terms if isinstance(t, Term) for i in at[t.text]}
         return Design(A, y, G, pull, model, at, keys, extra)
 
-    def _fitted(self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20) -> Fit:
-        """rounds : of coefficients and levels in turn, at most; each raises the likelihood, and six were
-        the most on three arms; one: at the levels as they are."""
+    def _fitted(
+        self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20
+    ) -> Fit:
+        """rounds : of coefficients and levels in turn, at most; each raises the
+        likelihood, and six were the most on three arms; one: at the levels as they are.
+        """
         kept = np.array(columns, int)
         G, pull = design.gram.take(kept, 1).take(kept, 2), design.pull[:, kept]
         each = G.reshape(len(G), -1)
         square, degrees = np.sum(design.y**2, axis=1), self.data.count + design.extra
         for _ in range(rounds):
             L = _triangle((level**-2.0 @ each).reshape(G.shape[1:]))
-            theta = scipy.linalg.cho_solve((L, True), level**-2.0 @ pull, check_finite=False)
+            theta = scipy.linalg.cho_solve(
+                (L, True), level**-2.0 @ pull, check_finite=False
+            )
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
             last, level = level, np.sqrt(np.maximum(rss / degrees, self.floor))
             if np.all(np.abs(level - last) < 1e-2 * level):
                 break
-        root = scipy.linalg.solve_triangular(L, np.eye(len(L)), lower=True, check_finite=False).T
+        root = scipy.linalg.solve_triangular(
+            L, np.eye(len(L)), lower=True, check_finite=False
+        ).T
         p = design.A.shape[2]
         W, every = np.zeros((p, len(kept))), np.zeros(p)
         W[kept], every[kept] = root, theta
@@ -265,15 +304,24 @@ class Score:
         return Fit(design, columns, W, every, last, residual, rss, degrees, self.floor)
 
     def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
-        """A form beside a fit, the better of two: the model's constants on its joints stay as they are,
-        or move with it. Another constant of the model's own effect stands in that one's place."""
+        """A form beside a fit, the better of two: the model's constants on its joints
+        stay as they are, or move with it. Another constant of the model's own effect
+        stands in that one's place."""
         beside, there = self.without(fit, form), set(fit.kept)
         T, known = self.apart(beside, form, columns)
         term = self._judged(fit, beside, form, columns, T, known)
-        moving = [] if form.own else [key for key in self.data.constants if key[1] in columns]
-        for name, j in (key for key in moving if there.issuperset(fit.design.model[key])):
+        moving = (
+            []
+            if form.own
+            else [key for key in self.data.constants if key[1] in columns]
+        )
+        for name, j in (
+            key for key in moving if there.issuperset(fit.design.model[key])
+        ):
             if (name, j) not in fit.moved:
-                fit.moved[name, j] = fit.beside(fit.scaled({j: self.data.constants[name, j]}))
+                fit.moved[name, j] = fit.beside(
+                    fit.scaled({j: self.data.constants[name, j]})
+                )
             T = np.concatenate([T, fit.moved[name, j]], axis=2)
         if T.shape[2] == form.k or not T[:, :, : form.k].any():
             return term
@@ -282,10 +330,17 @@ class Score:
         return max(term, moved, key=lambda t: t.against(term))
 
     def _judged(
-        self, least: Fit, fit: Fit, form: Form, columns: dict[int, Array], T: Array, known: Array
+        self,
+        least: Fit,
+        fit: Fit,
+        form: Form,
+        columns: dict[int, Array],
+        T: Array,
+        known: Array,
     ) -> Term:
-        """least : the fit that it has to better, fit : beside which it stands; T (n, M, K) : what that
-        leaves of its columns and of what else may move; known (K,) : standard deviations of sizes."""
+        """least : the fit that it has to better, fit : beside which it stands; T (n, M,
+        K) : what that leaves of its columns and of what else may move; known (K,) :
+        standard deviations of sizes."""
         none, K = Term(form, columns, beta=np.zeros(form.k)), T.shape[2]
         low = np.append(form.nonnegative, np.zeros(K - form.k, bool))
         flat = T.reshape(-1, K)
@@ -323,11 +378,16 @@ class Score:
         looked = self.choices(fit, form) * self.laws.get(form.key, 1)
         price = float((size + form.constants) * np.log(N) + 2.0 * np.log(looked))
         squares = np.sum((torque * fit.level[:, None]) ** 2, axis=1)
-        return replace(none, drop=drop, worth=v, price=price, beta=beta, squares=squares)
+        return replace(
+            none, drop=drop, worth=v, price=price, beta=beta, squares=squares
+        )
 
-    def apart(self, fit: Fit, form: Form, columns: dict[int, Array]) -> tuple[Array, Array]:
-        """(n, M, k) what a fit leaves of a form's columns, all of them weighted, nothing of those that
-        the fit makes itself; and (k,) standard deviations that are known of their coefficients."""
+    def apart(
+        self, fit: Fit, form: Form, columns: dict[int, Array]
+    ) -> tuple[Array, Array]:
+        """(n, M, k) what a fit leaves of a form's columns, all of them weighted,
+        nothing of those that the fit makes itself; and (k,) standard deviations that
+        are known of their coefficients."""
         scaled = fit.scaled(columns)
         energy = np.sum([np.sum(z**2, axis=0) for z in scaled.values()], axis=0)
         T = fit.beside(scaled)
@@ -335,41 +395,57 @@ class Score:
         return T, self.prior(fit, form.plausible, list(columns), energy)
 
     def choices(self, fit: Fit, form: Form) -> float:
-        """Among how many candidates one is chosen: beside findings half of the odds are for effects that
-        act on another joint already, as joints of an arm are built alike."""
+        """Among how many candidates one is chosen: beside findings half of the odds are
+        for effects that act on another joint already, as joints of an arm are built
+        alike."""
         found = {fit.design.keys[i] for i in fit.kept if i in fit.design.keys}
         (name, joint), every = form.key, self.looked * (2.0 if found else 1.0)
         alike = any(other == name and j != joint for other, j in found)
         return 2.0 * self.alike[name] if alike else every
 
-    def worth_of_one(self, T: Array, left: Array, inverse: Array, freedom: float) -> float:
-        """How many rows are worth one: by how much the sandwich's middle, of the clusters that make most
-        of it, is larger than T'T; of a fit with so much freedom, and at least 1."""
+    def worth_of_one(
+        self, T: Array, left: Array, inverse: Array, freedom: float
+    ) -> float:
+        """How many rows are worth one: by how much the sandwich's middle, of the
+        clusters that make most of it, is larger than T'T; of a fit with so much
+        freedom, and at least 1."""
         scores = np.sum(T * left[:, :, None], axis=0)[: len(self.data.clusters[0])]
         sums = cluster_sums(self.data.clusters, scores)
         return max(1.0, *(float(np.sum((u @ inverse) * u)) / freedom for u in sums))
 
     @staticmethod
-    def prior(fit: Fit, plausible: Array, joints: Sequence[int], energy: Array) -> Array:
-        """(..., k) standard deviations of coefficients about zero before anything is measured: what
-        their effects say; else (NaN) that they make no more torque than their joints have in all.
+    def prior(
+        fit: Fit, plausible: Array, joints: Sequence[int], energy: Array
+    ) -> Array:
+        """(..., k) standard deviations of coefficients about zero before anything is
+        measured: what their effects say; else (NaN) that they make no more torque than
+        their joints have in all.
 
         energy (..., k) : of the weighted columns.
         """
         whole = float(np.sum(fit.target[joints] ** 2))
-        return np.where(np.isnan(plausible), np.sqrt(whole / np.maximum(energy, 1e-200)), plausible)
+        return np.where(
+            np.isnan(plausible), np.sqrt(whole / np.maximum(energy, 1e-200)), plausible
+        )
 
     def absorbed(self, fit: Fit, batch: Batch) -> Array:
-        """(F,) share of each form's energy that the fit's columns make; 1 where it has none."""
+        """(F,) share of each form's energy that the fit's columns make; 1 where it has
+        none."""
         G, _, raw = self._products(fit, batch)
         energy, made = np.trace(raw, axis1=1, axis2=2), np.sum(G**2, axis=(0, 2))
-        return np.asarray(np.divide(made, energy, out=np.ones(len(energy)), where=energy > 0.0))
+        return np.asarray(
+            np.divide(made, energy, out=np.ones(len(energy)), where=energy > 0.0)
+        )
 
     @staticmethod
     def _products(fit: Fit, batch: Batch) -> tuple[Array, Array, Array]:
-        """Of a batch's weighted columns: with a fit's (r, F, k), with what it leaves (F, k), and of each
-        form's with each other (F, k, k)."""
-        F, k, squares = len(batch.forms), batch.forms[0].k, fit.level[list(batch.joints)] ** -2.0
+        """Of a batch's weighted columns: with a fit's (r, F, k), with what it leaves
+        (F, k), and of each form's with each other (F, k, k)."""
+        F, k, squares = (
+            len(batch.forms),
+            batch.forms[0].k,
+            fit.level[list(batch.joints)] ** -2.0,
+        )
         of = list(zip(squares, fit.design.of(batch), strict=True))
         cross = sum(w * AZ for w, (AZ, _) in of)
         pull = sum(w * Zy for w, (_, Zy) in of) - fit.theta @ cross
@@ -387,7 +463,11 @@ class Score:
             energy = raw[:, 0, 0]
             D = energy - np.sum(G[:, :, 0] ** 2, axis=0)
             good = (ABSORBED * energy < D) & ~(batch.signed & (pull[:, 0] < 0.0))
-            return np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0) - lost - price
+            return (
+                np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0)
+                - lost
+                - price
+            )
         G = G.transpose(1, 2, 0)
         D = raw - G @ G.transpose(0, 2, 1)
         energy = np.diagonal(raw, axis1=1, axis2=2)
@@ -400,19 +480,23 @@ class Score:
         low = np.array([f.nonnegative for f in batch.forms])
         for f in np.flatnonzero(np.any(low & (beta < 0.0), axis=1)).tolist():
             beta[f] = _bounded(A[f], pull[f], low[f])
-        drop = 2.0 * np.sum(beta * pull, axis=1) - np.einsum("fa,fab,fb->f", beta, A, beta)
+        drop = 2.0 * np.sum(beta * pull, axis=1) - np.einsum(
+            "fa,fab,fb->f", beta, A, beta
+        )
         return np.asarray(drop - np.einsum("fab,fba->f", inverse, D) * price)
 
 
 def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis (N, r) of columns (N, p), their rank found by a pivoted QR of their
-    triangle."""
+    """An orthonormal basis (N, r) of columns (N, p), their rank found by a pivoted QR
+    of their triangle."""
     norms = np.linalg.norm(columns, axis=0)
     unit = columns[:, norms > 1e-12 * norms.max(initial=0.0)]
     if not unit.shape[1]:
         return np.zeros((len(columns), 0))
     unit = unit / np.linalg.norm(unit, axis=0)
-    triangle, order = scipy.linalg.qr(np.linalg.qr(unit, mode="r"), mode="r", pivoting=True)
+    triangle, order = scipy.linalg.qr(
+        np.linalg.qr(unit, mode="r"), mode="r", pivoting=True
+    )
     diagonal = np.abs(np.diagonal(triangle))
     rank = int(np.sum(diagonal > 1e-8 * diagonal[0]))
     basis = unit[:, order[:rank]]
@@ -428,8 +512,11 @@ def _unit(columns: Array) -> Array:
 
 
 def _triangle(gram: Array) -> Array:
-    """(p, p) Cholesky factor of a positive matrix, with a ridge against columns that others make."""
-    return np.asarray(np.linalg.cholesky(gram + np.diag(DEPENDENT**2 * or_one(np.diagonal(gram)))))
+    """(p, p) Cholesky factor of a positive matrix, with a ridge against columns that
+    others make."""
+    return np.asarray(
+        np.linalg.cholesky(gram + np.diag(DEPENDENT**2 * or_one(np.diagonal(gram))))
+    )
 
 
 def _ridged(A: Array) -> Array:
@@ -439,7 +526,8 @@ def _ridged(A: Array) -> Array:
 
 
 def _bounded(A: Array, pull: Array, low: NDArray[np.bool_]) -> Array:
-    """(k,) minimiser of b'A b / 2 - pull'b, those that may not be negative (``low``) at least zero."""
+    """(k,) minimiser of b'A b / 2 - pull'b, those that may not be negative (``low``) at
+    least zero."""
     beta = np.linalg.solve(_ridged(A), pull)
     if not np.any(beta[low] < 0.0):
         return np.asarray(beta)

@@ -23,13 +23,15 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Times that a constant that is as large as its effect follows it: what is left of an error falls by the
-#: share of the effect that is not of first order, a quarter for the softest gears.
+#: Times that a constant that is as large as its effect follows it: what is left of an
+#: error falls by the share of the effect that is not of first order, a quarter for the
+#: softest gears.
 _SIZED = 3
 
 
 class Search:
-    """Forward selection with exchange over one library; afterwards ``terms`` and ``fit``."""
+    """Forward selection with exchange over one library; afterwards ``terms`` and
+    ``fit``."""
 
     def __init__(self, data: WhiteData, library: Library) -> None:
         self.data, self.library = data, library
@@ -58,18 +60,23 @@ class Search:
     def beside(self, term: Term, others: Sequence[Term]) -> Term:
         """A term judged anew beside others, with the rivals that it had."""
         fit = self.score.fit(self.around(term, others), self.fit)
-        return replace(self.score.judged(fit, term.form, term.columns), rivals=term.rivals)
+        return replace(
+            self.score.judged(fit, term.form, term.columns), rivals=term.rivals
+        )
 
     def refined(self, fit: Fit, start: Term, fixed: Set[str] = frozenset()) -> Term:
-        """Each continuous shape constant but the fixed ones in turn where the score is highest, on a
-        lattice of its scale: the same values come back in every step of the search."""
+        """Each continuous shape constant but the fixed ones in turn where the score is
+        highest, on a lattice of its scale: the same values come back in every step of
+        the search."""
         best = start
         for name in start.form.effect.searched:
             if name not in fixed:
                 best = self._along(fit, best, name)
         sized = best.form.effect.sized_shape
         # A constant that is as large as its effect, such as a delay's, is made so.
-        for _ in range(_SIZED if sized and sized not in fixed and len(best.beta) else 0):
+        for _ in range(
+            _SIZED if sized and sized not in fixed and len(best.beta) else 0
+        ):
             effect = best.form.effect
             value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
             if effect.shapes[sized].complaint(value):
@@ -86,8 +93,17 @@ class Search:
         linear = shape.scale == "linear"
         there, back = (float, float) if linear else (np.log, np.exp)
         starts = type(effect).starts(effect.robot, effect.joints[0])
-        u, grid = there(effect.shape[name]), sorted({float(there(s[name])) for s in starts if name in s})
-        spacing = np.min(np.diff(grid)) if len(grid) > 1 else abs(u) + 1e-3 if linear else np.log(2.0)
+        u, grid = (
+            there(effect.shape[name]),
+            sorted({float(there(s[name])) for s in starts if name in s}),
+        )
+        spacing = (
+            np.min(np.diff(grid))
+            if len(grid) > 1
+            else abs(u) + 1e-3
+            if linear
+            else np.log(2.0)
+        )
         seen = {0.0: start}
 
         def at(x: float) -> Term:
@@ -107,7 +123,9 @@ class Search:
             while (best := max((x, x - step, x + step), key=score)) != x:
                 x = best
         less, most, more = (score(x + d) for d in (-step, 0.0, step))
-        if less - 2.0 * most + more < 0.0 and np.isfinite(less + more):  # the top of a parabola
+        if less - 2.0 * most + more < 0.0 and np.isfinite(
+            less + more
+        ):  # the top of a parabola
             top = 0.5 * (less - more) / (less - 2.0 * most + more)
             x = max((x, x + step * round(16.0 * top) / 16.0), key=score)
         return at(x)
@@ -116,10 +134,14 @@ class Search:
 
     def with_misfits(self, terms: Sequence[Term]) -> list[Term | Misfit]:
         """Terms, and what the laws of those that explain much may get wrong."""
-        return [*terms, *(m for t in terms if FORM * t.J > EQUIVALENT for m in self.misfits(t))]
+        return [
+            *terms,
+            *(m for t in terms if FORM * t.J > EQUIVALENT for m in self.misfits(t)),
+        ]
 
     def around(self, term: Term, others: Sequence[Term]) -> list[Term | Misfit]:
-        """Beside what a term has to show: others, what their laws get wrong, and what is tolerated."""
+        """Beside what a term has to show: others, what their laws get wrong, and what
+        is tolerated."""
         return [*self.with_misfits(others), *self.tolerated(term, others)]
 
     def tolerated(self, term: Term, others: Sequence[Term]) -> list[Misfit]:
@@ -130,7 +152,10 @@ class Search:
     @cached_property
     def tolerances(self) -> dict[str, Misfit]:
         forms = (f for b in self.library.batches for f in b.forms if f.effect.tolerance)
-        return {f.key[0]: Misfit(f"misfit of {f.key[0]}", self.columns(f), f.plausible) for f in forms}
+        return {
+            f.key[0]: Misfit(f"misfit of {f.key[0]}", self.columns(f), f.plausible)
+            for f in forms
+        }
 
     def misfits(self, term: Term) -> list[Misfit]:
         """By joint; none of another constant of the model's own effect."""
@@ -138,10 +163,16 @@ class Search:
             return []
         if term.text not in self._distorted:
             columns = distorted(self.data, term.form.effect, term.beta)
-            self._distorted[term.text] = [(j, z, self._beyond_model({j: z})) for j, z in columns.items()]
+            self._distorted[term.text] = [
+                (j, z, self._beyond_model({j: z})) for j, z in columns.items()
+            ]
         expected = FORM * np.maximum(term.squares, 1e-200)
         return [
-            Misfit(f"misfit of {term.text} on {j}", {j: z}, np.sqrt(expected[j] / len(s) / s))
+            Misfit(
+                f"misfit of {term.text} on {j}",
+                {j: z},
+                np.sqrt(expected[j] / len(s) / s),
+            )
             for j, z, s in self._distorted[term.text]
         ]
 
@@ -158,11 +189,13 @@ class Search:
         beyond: float = 0.0,
         whole: bool = False,
     ) -> list[Term]:
-        """The most likely form of each candidate, refined, the best first; on : some of whose joints, or
-        all of them and no others (``whole``); beyond : what has to be reached, nearly, to be of use."""
+        """The most likely form of each candidate, refined, the best first; on : some of
+        whose joints, or all of them and no others (``whole``); beyond : what has to be
+        reached, nearly, to be of use."""
         found = self._screened(fit, [t.form for t in terms], on, whole)
         top = max((t.J for t in found), default=0.0)
-        # A width that is far from those on the grid says little there, and all where it is right.
+        # A width that is far from those on the grid says little there, and all where it
+        # is right.
         least = 0.5 * max(top, beyond) - 3.0 * APART
         useful = (t for t in found if least < t.J or t.form.own)
         ranked = sorted((self.refined(fit, t) for t in useful), key=lambda t: -t.J)
@@ -207,8 +240,8 @@ class Search:
     # The steps.
 
     def settled(self, terms: Sequence[Term], on: Set[int] = frozenset()) -> list[Term]:
-        """The constants of each term on such joints (default: the newest one's) again beside all others;
-        a term that has not enough left goes."""
+        """The constants of each term on such joints (default: the newest one's) again
+        beside all others; a term that has not enough left goes."""
         terms = list(terms)
         newest = on or (terms[-1].joints if terms else frozenset[int]())
         full = self.score.fit(self.with_misfits(terms), self.fit)
@@ -237,8 +270,8 @@ class Search:
         return [self.beside(g, [*rest, *group[:i]]) for i, g in enumerate(group)]
 
     def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
-        """One term for another where that is as good and simpler, or better, or one for several; else
-        None, and every term knows its rivals."""
+        """One term for another where that is as good and simpler, or better, or one for
+        several; else None, and every term knows its rivals."""
         told = []
         for group in [*([t] for t in terms), *self.one_effect(terms)]:
             rest = [t for t in terms if t not in group]
@@ -247,7 +280,9 @@ class Search:
             judged = self.together(group, rest)
             J, now = sum(t.J for t in judged), judged[0]
             found = self.top_candidates(fit, rest, on, J, whole=len(group) > 1)
-            if self.in_reference.issuperset(t.key for t in group):  # they would explain themselves
+            if self.in_reference.issuperset(
+                t.key for t in group
+            ):  # they would explain themselves
                 found = [t for t in found if not t.form.effect.needs_torque]
             if len(group) == 1:
                 told.append(replace(now, rivals=self.equivalent(now, found)))
@@ -257,22 +292,33 @@ class Search:
             old, least = group[0].form, APART + FORM * max(J, 0.0)
             its = other.J if len(group) > 1 else other.against(now)
             ranks = (simplicity(other.form), -its), (simplicity(old), -J)
-            simpler = len(group) > 1 or (not other.form.refines(old) and ranks[0] < ranks[1])
-            if J + least < its or (J - least < its and (simpler or old.refines(other.form))):
+            simpler = len(group) > 1 or (
+                not other.form.refines(old) and ranks[0] < ranks[1]
+            )
+            if J + least < its or (
+                J - least < its and (simpler or old.refines(other.form))
+            ):
                 after = self.settled([*rest, other])
-                if any(t.key == other.key for t in after):  # beside what is tolerated, too
+                if any(
+                    t.key == other.key for t in after
+                ):  # beside what is tolerated, too
                     return after
         self.terms = told
         return None
 
     def one_effect(self, terms: Sequence[Term]) -> list[list[Term]]:
-        """Groups of terms of one effect that may be one candidate that acts on all of their joints."""
+        """Groups of terms of one effect that may be one candidate that acts on all of
+        their joints."""
         sets = {frozenset(b.joints) for b in self.library.batches if len(b.joints) > 1}
         out = list[list[Term]]()
         for name in dict.fromkeys(t.key[0] for t in terms):
             same = [t for t in terms if t.key[0] == name and not t.form.own]
             every = [*combinations(same, 2), *([same] if len(same) > 2 else [])]
-            out += [list(g) for g in every if frozenset().union(*(t.joints for t in g)) in sets]
+            out += [
+                list(g)
+                for g in every
+                if frozenset().union(*(t.joints for t in g)) in sets
+            ]
         return out
 
     @staticmethod
@@ -284,17 +330,25 @@ class Search:
     def run(self, progress: Progress = no_progress) -> list[Term]:
         """Add, exchange, drop until nothing changes."""
         seen = set[tuple[str, ...]]()
-        for _ in range(3 * len(self.library.laws)):  # each joins, gives way and goes once at most
+        for _ in range(
+            3 * len(self.library.laws)
+        ):  # each joins, gives way and goes once at most
             self.fit = self.score.fit(self.with_misfits(self.terms), self.fit)
             found = self.top_candidates(self.fit, self.terms)
             best = self.simplest([t for t in found if t.J > APART])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
-            after = self.settled([*self.terms, best]) if best else self.exchanged(self.terms)
+            after = (
+                self.settled([*self.terms, best])
+                if best
+                else self.exchanged(self.terms)
+            )
             if after is None:
                 break
             state = tuple(sorted(str(t.key) for t in after))
-            if best is not None and (state in seen or all(t.key != best.key for t in after)):
+            if best is not None and (
+                state in seen or all(t.key != best.key for t in after)
+            ):
                 self.refused.add(best.key)
                 continue
             self.terms = after
@@ -312,39 +366,59 @@ class Search:
         without: NDArray[np.bool_] | None = None,
         thetas: Sequence[Array] = (),
     ) -> Search:
-        """The same findings beside another model, in the columns that this one makes; without : rows
-        (M, n) that are no evidence; thetas : the terms' parameters beside it, if not their own."""
-        data, pairs = self.data, zip(self.terms, thetas or [t.beta for t in self.terms], strict=True)
+        """The same findings beside another model, in the columns that this one makes;
+        without : rows (M, n) that are no evidence; thetas : the terms' parameters
+        beside it, if not their own."""
+        data, pairs = (
+            self.data,
+            zip(self.terms, thetas or [t.beta for t in self.terms], strict=True),
+        )
         made = [(t, theta) for t, theta in pairs if not t.form.effect.needs_torque]
-        rows = with_estimate(data.rows, estimate, [(t.form.effect, theta) for t, theta in made])
+        rows = with_estimate(
+            data.rows, estimate, [(t.form.effect, theta) for t, theta in made]
+        )
         if without is not None:
-            rows = replace(rows, masked=rows.masked | without if rows.masked.size else without)
+            rows = replace(
+                rows, masked=rows.masked | without if rows.masked.size else without
+            )
         data = whitened(rows, data.noise, estimate, data.frozen)
         out = Search(data, self.library)
         out.in_reference = {t.key for t, _ in made}
-        out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in self.terms]
+        out.terms = [
+            replace(t, columns=data.columns(t.form.effect)) for t in self.terms
+        ]
         out.fit = out.score.fit(out.terms)
         return out
 
     @property
     def late(self) -> bool:
-        """Whether something makes torque late, a term or the model: all of it, also what terms make."""
-        effects = [*(t.form.effect for t in self.terms), *self.data.estimate.model.effects]
-        return bool(self.terms) and any(e.needs_torque and e.has_memory for e in effects)
+        """Whether something makes torque late, a term or the model: all of it, also
+        what terms make."""
+        effects = [
+            *(t.form.effect for t in self.terms),
+            *self.data.estimate.model.effects,
+        ]
+        return bool(self.terms) and any(
+            e.needs_torque and e.has_memory for e in effects
+        )
 
     def referred(self) -> Search:
-        """The same findings in columns that refer to the model beside them (a step of Gauss and Newton):
-        to its parameters there, and to their torque. Fitted without them it has taken a part of that; of
-        play in a gear 14 % of the size were left out."""
+        """The same findings in columns that refer to the model beside them (a step of
+        Gauss and Newton): to its parameters there, and to their torque. Fitted without
+        them it has taken a part of that; of play in a gear 14 % of the size were left
+        out."""
         data, estimate = self.data, self.data.estimate
         theta = refitted(data, [t.form.effect for t in self.terms])[0]
         ends = data.raw.shape[2] + np.cumsum([0, *(t.form.k for t in self.terms)])
         own, *thetas = np.split(theta, ends[:-1])
-        return self.carried(estimate if data.frozen else replace(estimate, theta=own), thetas=thetas)
+        return self.carried(
+            estimate if data.frozen else replace(estimate, theta=own), thetas=thetas
+        )
 
     def limited(self, terms: Sequence[Term]) -> Search:
-        """The search with some of its terms only, each judged beside those; where there is evidence
-        against some, the one against which it is most goes, and the rest is judged again."""
+        """The search with some of its terms only, each judged beside those; where there
+        is evidence against some, the one against which it is most goes, and the rest is
+        judged again."""
         out = copy(self)
         while True:
             out.fit = out.score.fit(out.with_misfits(terms), self.fit)
@@ -358,7 +432,8 @@ class Search:
 
 
 def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
-    """The constants of terms that stand in the place of a model's own effects, beside the model's."""
+    """The constants of terms that stand in the place of a model's own effects, beside
+    the model's."""
     out = []
     for t in own:
         (joint,), new = t.joints, t.form.effect
@@ -366,7 +441,11 @@ def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
         for key in (k for k in new.estimated if new.shape[k] != old.shape[k]):
             value, ends = new.shape[key], np.log(t.form.bounds(key) or (0.0, np.inf))
             end = at_end(float(np.log(value)), *ends.tolist())
-            out.append(ShapeEstimate(new.name, joint, key, old.shape[key], value, gain=t.J, at_end=end))
+            out.append(
+                ShapeEstimate(
+                    new.name, joint, key, old.shape[key], value, gain=t.J, at_end=end
+                )
+            )
     return out
 
 

@@ -1,10 +1,12 @@
-"""Where a model fails: what its residual torque depends on, when it is large, with which waves.
+"""Where a model fails: what its residual torque depends on, when it is large, with
+which waves.
 
-Nothing here names a physical effect (`diagnose` does); it shows what the error looks like, joint by
-joint, beside the noise. Causes are what a person sees in a log: a reversal, a standstill, high speed, a
-position, a wave per turn, time, another joint. Shares are held out: a smooth function of the quantity is
-fitted to some stretches of the motion and judged on others, so that a share above zero is no accident of
-the fit, nor of a motion that comes back.
+Nothing here names a physical effect (`diagnose` does); it shows what the error looks
+like, joint by joint, beside the noise. Causes are what a person sees in a log: a
+reversal, a standstill, high speed, a position, a wave per turn, time, another joint.
+Shares are held out: a smooth function of the quantity is fitted to some stretches of
+the motion and judged on others, so that a share above zero is no accident of the fit,
+nor of a motion that comes back.
 """
 
 from __future__ import annotations
@@ -44,20 +46,32 @@ POSITION, VELOCITY, ACCELERATION, LOAD = "position", "velocity", "acceleration",
 WAVES, TIME, OTHER_JOINTS = "waves per turn", "time", "other joints"
 #: The rows of a heat map, in this order.
 CAUSES = (
-    REVERSAL, STANDSTILL, HIGH_SPEED, VELOCITY, POSITION, WAVES, ACCELERATION, LOAD, TIME, OTHER_JOINTS,
-)  # fmt: skip
+    REVERSAL,
+    STANDSTILL,
+    HIGH_SPEED,
+    VELOCITY,
+    POSITION,
+    WAVES,
+    ACCELERATION,
+    LOAD,
+    TIME,
+    OTHER_JOINTS,
+)
 #: What a stretch is called whose cause none of these explains.
 UNNAMED = "no cause seen"
-#: Seconds around a velocity reversal that count as near it, and those over which an error follows it.
+#: Seconds around a velocity reversal that count as near it, and those over which an
+#: error follows it.
 NEAR, FOLLOWS = 0.15, 0.4
 #: Share of the largest speed from which on a joint is fast.
 _FAST = 0.75
-#: Hat functions of a quantity; an odd number, so that one of them sits at the reversal itself.
+#: Hat functions of a quantity; an odd number, so that one of them sits at the reversal
+#: itself.
 _HATS = 9
 
 
 class Stretch(NamedTuple):
-    """Instants [s] of a run between which an error is large, and the cause that is seen there."""
+    """Instants [s] of a run between which an error is large, and the cause that is seen
+    there."""
 
     run: str
     start: float
@@ -69,11 +83,12 @@ class Stretch(NamedTuple):
 class JointFailure(Plain):
     """How one joint's residual looks (joint from 1).
 
-    rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, of the residual's variance,
-    which repeats; held_out_shares : by cause the held-out share of the residual's variance
-    that a function of it explains; reversal_lift : RMS within 0.15 s of velocity reversals over that
-    elsewhere; orders : (waves per revolution, amplitude [N m], amplitude over its surroundings), most
-    conspicuous first; stretches : where the error is large, with the cause seen there.
+    rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, of the
+    residual's variance, which repeats; held_out_shares : by cause the held-out share of
+    the residual's variance that a function of it explains; reversal_lift : RMS within
+    0.15 s of velocity reversals over that elsewhere; orders : (waves per revolution,
+    amplitude [N m], amplitude over its surroundings), most conspicuous first; stretches
+    : where the error is large, with the cause seen there.
     """
 
     joint: int
@@ -95,7 +110,8 @@ class JointFailure(Plain):
 
 
 def dependences(failure: JointFailure, most: int = 3) -> list[tuple[str, float]]:
-    """The quantities that the error depends on, the ``most`` important, with the share of each."""
+    """The quantities that the error depends on, the ``most`` important, with the share
+    of each."""
     best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[:most]
     return [(name, share) for name, share in best if share >= CHANGES]
 
@@ -110,19 +126,25 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
         out = [f"No cause explains {100.0 * CHANGES:.0f} % of the error."]
     if REVERSAL in dict(found) and failure.reversal_lift > 1.0:
         out.append(
-            f"Within {NEAR:g} s of the joint's reversals it is {failure.reversal_lift:.2g} times as "
-            "large as elsewhere."
+            f"Within {NEAR:g} s of the joint's reversals it is"
+            f" {failure.reversal_lift:.2g} times as large as elsewhere."
         )
     if failure.orders:
-        waves = ", ".join(f"{k} ({a:.2g} {plain_unit(unit)}, {r:.0f}x)" for k, a, r in failure.orders)
-        out.append(f"Waves per revolution (amplitude, that over its surroundings): {waves}.")
+        waves = ", ".join(
+            f"{k} ({a:.2g} {plain_unit(unit)}, {r:.0f}x)" for k, a, r in failure.orders
+        )
+        out.append(
+            f"Waves per revolution (amplitude, that over its surroundings): {waves}."
+        )
     return out
 
 
 class Failures(Shown, list[JointFailure]):
     """Where a model fails on a run, joint by joint; units : of the joints' torques."""
 
-    def __init__(self, failures: Iterable[JointFailure] = (), units: Sequence[str] = ()) -> None:
+    def __init__(
+        self, failures: Iterable[JointFailure] = (), units: Sequence[str] = ()
+    ) -> None:
         super().__init__(failures)
         self.units = tuple(units)
 
@@ -130,14 +152,20 @@ class Failures(Shown, list[JointFailure]):
         """One row a joint (from 1): rmse, noise_floor, what the error depends on most."""
         import pandas
 
-        rows = [{"rmse": f.rmse, "noise_floor": f.noise_floor, **f.held_out_shares} for f in self]
-        return pandas.DataFrame(rows, [f.joint for f in self], dtype=float).rename_axis("joint")
+        rows = [
+            {"rmse": f.rmse, "noise_floor": f.noise_floor, **f.held_out_shares}
+            for f in self
+        ]
+        return pandas.DataFrame(rows, [f.joint for f in self], dtype=float).rename_axis(
+            "joint"
+        )
 
     def _summary(self) -> Summary:
         above = [f.rmse / f.noise_floor if f.noise_floor else f.rmse for f in self]
         worst = [self[int(k)] for k in np.argsort(above)[::-1]]
         return "Where the model fails, the worst joints first", [
-            (f"joint {f.joint}", " ".join(sentences(f, self.units[f.joint - 1]))) for f in worst
+            (f"joint {f.joint}", " ".join(sentences(f, self.units[f.joint - 1])))
+            for f in worst
         ]
 
 
@@ -158,7 +186,9 @@ def where_it_fails(
     """
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
     measurements = as_measurements(
-        measurements, names=estimate.robot.joint_names, what="where_it_fails(measurements=...)"
+        measurements,
+        names=estimate.robot.joint_names,
+        what="where_it_fails(measurements=...)",
     )
     estimate.require_joints(measurements)
     estimate, measurements = driven(estimate, measurements)
@@ -166,10 +196,13 @@ def where_it_fails(
     searched = window_subsample(measurements, settings)
     rows = diagnosis_rows(searched, estimate, settings)
     residual, folds = rows.residual, folds_of(rows, FOLDS)
-    floors, source = noise or noise_level(estimate.problem, FilteredRuns.of(measurements, settings))
+    floors, source = noise or noise_level(
+        estimate.problem, FilteredRuns.of(measurements, settings)
+    )
     known, runs = states(rows), searched.runs()
     smooth = {
-        name: [hats(x) for x in known[name].T] for name in (VELOCITY, POSITION, ACCELERATION, TIME)
+        name: [hats(x) for x in known[name].T]
+        for name in (VELOCITY, POSITION, ACCELERATION, TIME)
     }
     keep = np.asarray(rows.keep.all(axis=1), bool)
     out = Failures(units=estimate.robot.torque_units)
@@ -178,46 +211,74 @@ def where_it_fails(
         rmse = float(np.sqrt(np.mean(residual[keep, j] ** 2)))
         floor = None if floors is None else float(floors[j])
         repeats = floor is not None and source == REPETITION and rmse > 0.0
-        explainable = max(0.0, 1.0 - (floor / rmse) ** 2) if floor is not None and repeats else None
+        explainable = (
+            max(0.0, 1.0 - (floor / rmse) ** 2)
+            if floor is not None and repeats
+            else None
+        )
         full = [_full_rate(runs[s.run], s, j) for s in rows.segments]
         orders = _orders(full) if estimate.robot.joints[j].kind == "revolute" else ()
         velocity = known["velocity"][:, j]
         columns = cause_columns(known, smooth, rows, j, [k for k, _, _ in orders])
-        shares = {c: held_out_share(columns[c][keep], error[keep], folds[keep]) for c in CAUSES}
+        shares = {
+            c: held_out_share(columns[c][keep], error[keep], folds[keep])
+            for c in CAUSES
+        }
         lift = _reversal_lift(velocity, error, rows, keep)
-        stretches = failing_stretches(error, floor, velocity, rows.still[:, j], rows, shares)
-        out.append(JointFailure(j + 1, rmse, floor, explainable, shares, lift, orders, stretches))
+        stretches = failing_stretches(
+            error, floor, velocity, rows.still[:, j], rows, shares
+        )
+        out.append(
+            JointFailure(
+                j + 1, rmse, floor, explainable, shares, lift, orders, stretches
+            )
+        )
     return out
 
 
-def _reversal_lift(velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]) -> float:
+def _reversal_lift(
+    velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]
+) -> float:
     """RMS near velocity reversals over elsewhere; NaN where one of them does not occur."""
     near = np.abs(from_reversal(velocity, rows)[0]) <= NEAR
     if not (keep & near).any() or not np.any(error[keep & ~near]):
         return float("nan")
-    return float(np.sqrt(np.mean(error[keep & near] ** 2) / np.mean(error[keep & ~near] ** 2)))
+    return float(
+        np.sqrt(np.mean(error[keep & near] ** 2) / np.mean(error[keep & ~near] ** 2))
+    )
 
 
-def _full_rate(run: Measurements, segment: Segment, j: int) -> tuple[Array, Array, float]:
+def _full_rate(
+    run: Measurements, segment: Segment, j: int
+) -> tuple[Array, Array, float]:
     """Angle (N,), residual (N,) at the log's rate, and that rate."""
     motion = segment.motion
     inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
     t = run.t[inside]
     modelled = np.interp(t, motion.t, motion.modelled[:, j])
-    return run.q[inside, j], run.tau[inside, j] - modelled, 1.0 / float(np.median(np.diff(run.t)))
+    return (
+        run.q[inside, j],
+        run.tau[inside, j] - modelled,
+        1.0 / float(np.median(np.diff(run.t))),
+    )
 
 
 def _orders(
     full: list[tuple[Array, Array, float]], bins: int = 4096
 ) -> tuple[tuple[int, float, float], ...]:
-    """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their surroundings; bins :
-    of one revolution, of which eight show a wave."""
-    from scipy.ndimage import maximum_filter, median_filter  # scipy.signal takes 0.3 s to import
+    """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their
+    surroundings; bins : of one revolution, of which eight show a wave."""
+    from scipy.ndimage import (
+        maximum_filter,
+        median_filter,
+    )  # scipy.signal takes 0.3 s to import
 
     spectrum, count = np.zeros(bins, complex), 0
     for q, error, _ in full:
         smooth = np.convolve(error, np.ones(101) / 101.0, mode="same")
-        turned = np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * bins).astype(np.intp) % bins
+        turned = (
+            np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * bins).astype(np.intp) % bins
+        )
         spectrum += np.fft.fft(np.bincount(turned, error - smooth, bins))
         count += len(q)
     amplitude = 2.0 * np.abs(spectrum[: bins // 8 + 1]) / max(count, 1)
@@ -233,11 +294,14 @@ def _orders(
 
 
 def states(rows: SegmentedRuns) -> dict[str, Array]:
-    """Filtered position, velocity, acceleration, torque and time of every row, each (M, n)."""
+    """Filtered position, velocity, acceleration, torque and time of every row, each (M,
+    n)."""
 
     names = {POSITION: "q", VELOCITY: "dq", ACCELERATION: "ddq", "torque": "torque"}
     found = {
-        word: np.concatenate([s.low_pass @ getattr(s.motion, name) for s in rows.segments])
+        word: np.concatenate(
+            [s.low_pass @ getattr(s.motion, name) for s in rows.segments]
+        )
         for word, name in names.items()
     }
     return found | {TIME: np.repeat(rows.t[:, None], rows.n, axis=1)}
@@ -250,13 +314,19 @@ def cause_columns(
     j: int,
     orders: Sequence[int],
 ) -> dict[str, Array]:
-    """By cause the columns (M, k) of which a joint's error (from 0) may be a combination; smooth : those
-    of smooth functions of each joint's states; orders : the waves per turn that its spectrum shows."""
+    """By cause the columns (M, k) of which a joint's error (from 0) may be a
+    combination; smooth : those of smooth functions of each joint's states; orders : the
+    waves per turn that its spectrum shows."""
     x = {name: values[:, j] for name, values in known.items()}
     direction = smooth_sign(x[VELOCITY])
     fast = np.maximum(np.abs(x[VELOCITY]) - _FAST * np.abs(x[VELOCITY]).max(), 0.0)
     still = np.asarray(rows.still[:, j] > STILL, float)
-    others = [smooth[name][i] for i in range(rows.n) if i != j for name in (VELOCITY, POSITION)]
+    others = [
+        smooth[name][i]
+        for i in range(rows.n)
+        if i != j
+        for name in (VELOCITY, POSITION)
+    ]
     return {name: each[j] for name, each in smooth.items()} | {
         REVERSAL: _after_reversals(x[VELOCITY], rows),
         STANDSTILL: np.column_stack([still, still * direction]),
@@ -268,7 +338,8 @@ def cause_columns(
 
 
 def hats(x: Array, knots: Array | None = None) -> Array:
-    """(N, count) piecewise linear functions that add up to one; knots : by default at quantiles."""
+    """(N, count) piecewise linear functions that add up to one; knots : by default at
+    quantiles."""
     if knots is None:
         knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
     if len(knots) < 2:
@@ -277,8 +348,8 @@ def hats(x: Array, knots: Array | None = None) -> Array:
 
 
 def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
-    """(M,) seconds from the nearest reversal, below zero before it, infinite where there is none; and
-    the direction after it."""
+    """(M,) seconds from the nearest reversal, below zero before it, infinite where
+    there is none; and the direction after it."""
     every, segment = np.arange(len(velocity)), rows.segment
     turns = np.sign(velocity[1:]) != np.sign(velocity[:-1])
     at = np.flatnonzero(turns & (segment[1:] == segment[:-1]))
@@ -310,7 +381,8 @@ def _waves(rows: SegmentedRuns, j: int, orders: Sequence[int]) -> Array:
 
 
 def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
-    """1 - squared error of the prediction / squared error of none, over held-out folds; >= 0."""
+    """1 - squared error of the prediction / squared error of none, over held-out folds;
+    >= 0."""
     left = total = 0.0
     for f in np.unique(fold):
         out = fold == f
@@ -327,27 +399,46 @@ def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> flo
 
 
 def failing_stretches(
-    error: Array, floor: float | None, velocity: Array, still: Array, rows: SegmentedRuns,
+    error: Array,
+    floor: float | None,
+    velocity: Array,
+    still: Array,
+    rows: SegmentedRuns,
     shares: dict[str, float],
-) -> tuple[Stretch, ...]:  # fmt: skip
-    """Where a joint's error (M,) is large, with the cause that is seen there: its RMS over 2 NEAR beyond
-    the factor within which a floor may be known, or of its own RMS without one; for NEAR at least."""
+) -> tuple[Stretch, ...]:
+    """Where a joint's error (M,) is large, with the cause that is seen there: its RMS
+    over 2 NEAR beyond the factor within which a floor may be known, or of its own RMS
+    without one; for NEAR at least."""
     width = max(1, round(2.0 * NEAR * rows.rate))
     size = np.sqrt(np.convolve(error**2, np.ones(width) / width, mode="same"))
     limit = WITHIN * (floor or float(np.sqrt(np.mean(error**2))))
-    rest = {name: x for name, x in shares.items() if name not in (REVERSAL, STANDSTILL, HIGH_SPEED)}
+    rest = {
+        name: x
+        for name, x in shares.items()
+        if name not in (REVERSAL, STANDSTILL, HIGH_SPEED)
+    }
     best = max(rest, key=lambda name: rest[name], default=UNNAMED)
-    names = np.array([best if rest.get(best, 0.0) >= CHANGES else UNNAMED], dtype=object).repeat(
-        len(error)
-    )
+    names = np.array(
+        [best if rest.get(best, 0.0) >= CHANGES else UNNAMED], dtype=object
+    ).repeat(len(error))
     names[np.abs(velocity) > _FAST * np.abs(velocity).max()] = HIGH_SPEED
     names[np.abs(from_reversal(velocity, rows)[0]) <= NEAR] = REVERSAL
     names[still > STILL] = STANDSTILL
     names[size <= limit] = ""
-    ends = np.flatnonzero((names[1:] != names[:-1]) | (rows.segment[1:] != rows.segment[:-1])) + 1
+    ends = (
+        np.flatnonzero(
+            (names[1:] != names[:-1]) | (rows.segment[1:] != rows.segment[:-1])
+        )
+        + 1
+    )
     edges = [0, *ends.tolist(), len(names)]
     found = [
-        Stretch(rows.names[rows.run[a]], float(rows.t[a]), float(rows.t[b - 1]), str(names[a]))
+        Stretch(
+            rows.names[rows.run[a]],
+            float(rows.t[a]),
+            float(rows.t[b - 1]),
+            str(names[a]),
+        )
         for a, b in pairwise(edges)
         if names[a]
     ]

@@ -1,5 +1,5 @@
-"""White rows: the log's rows in units of their noise, the model's own columns on them, and their
-clusters."""
+"""White rows: the log's rows in units of their noise, the model's own columns on them,
+and their clusters."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 def diagnosis_rows(
     measurements: Measurements, estimate: Estimate, settings: Preprocessing
 ) -> SegmentedRuns:
-    """Filter all runs; ``settings`` must be resolved. The current model is the estimate.
+    """Filter all runs; ``settings`` must be resolved. The current model is the
+    estimate.
 
     Raises InputError where no run is long enough for the filters.
     """
@@ -43,17 +44,21 @@ def diagnosis_rows(
 def with_estimate(
     runs: SegmentedRuns, estimate: Estimate, found: Sequence[tuple[Effect, Array]] = ()
 ) -> SegmentedRuns:
-    """The same runs with an estimate as the current model; found : effects beside it, with their
-    parameters, whose torque passes the channels as well."""
+    """The same runs with an estimate as the current model; found : effects beside it,
+    with their parameters, whose torque passes the channels as well."""
     model = estimate.model
 
     def beside(motion: Motion) -> Motion:
         if not found:
             return motion
         made = sum(e.torque(theta, motion) for e, theta in found)
-        return replace(motion, torque=motion.model_torque + made * np.array(model.gains or (1.0,)))
+        return replace(
+            motion, torque=motion.model_torque + made * np.array(model.gains or (1.0,))
+        )
 
-    return runs.with_model(lambda m: model.seen_along(estimate.theta, m), beside, model.gains)
+    return runs.with_model(
+        lambda m: model.seen_along(estimate.theta, m), beside, model.gains
+    )
 
 
 #: What errors of an effect's free shape constants make of torque, white.
@@ -64,9 +69,9 @@ Moved = tuple[ShapeSensitivity, dict[int, Array]]
 class WhiteData:
     """Rows whose noise is white and of unit variance, joint by joint.
 
-    X (n, M, p), y (n, M) : the model's own columns and the torque, or what a frozen model leaves, white;
-    clusters : (M,) labels, by time and by phase; count (n,) : rows that carry information; frozen : X
-    has no columns.
+    X (n, M, p), y (n, M) : the model's own columns and the torque, or what a frozen
+    model leaves, white; clusters : (M,) labels, by time and by phase; count (n,) : rows
+    that carry information; frozen : X has no columns.
     """
 
     rows: SegmentedRuns
@@ -84,13 +89,14 @@ class WhiteData:
 
     @property
     def known(self) -> bool:
-        """Whether the size of the noise is known, rather than taken from what the model leaves."""
+        """Whether the size of the noise is known, rather than taken from what the model
+        leaves."""
         return self.noise.source != RESIDUAL
 
     @cached_property
     def own(self) -> dict[tuple[str, int], tuple[Effect, int]]:
-        """By name and joint the model's own effects, each alone, whose shape constant may be another
-        one: with one column a joint; and where that stands in X."""
+        """By name and joint the model's own effects, each alone, whose shape constant
+        may be another one: with one column a joint; and where that stands in X."""
         if self.frozen:
             return {}
         model = self.estimate.model
@@ -101,9 +107,12 @@ class WhiteData:
             for j, column in zip(e.joints, columns, strict=True)
         }
 
-    def moved(self, effects: Sequence[Effect] = (), thetas: Sequence[Array] = ()) -> list[Moved]:
-        """What errors of the free shape constants of effects, and of the model's own beside them, make
-        of white torque: what turns over another velocity looks like friction of another size."""
+    def moved(
+        self, effects: Sequence[Effect] = (), thetas: Sequence[Array] = ()
+    ) -> list[Moved]:
+        """What errors of the free shape constants of effects, and of the model's own
+        beside them, make of white torque: what turns over another velocity looks like
+        friction of another size."""
         model, own = self.estimate.model, self.estimate.theta
         if not self.frozen:
             effects = [*effects, *model.effects]
@@ -114,7 +123,12 @@ class WhiteData:
     def constants(self) -> dict[tuple[str, int], Array]:
         """(M, s) by name and joint the same of the model's own effects in ``own``."""
         every = ((s.effect.name, columns) for s, columns in self.moved())
-        return {(name, j): z for name, by in every for j, z in by.items() if (name, j) in self.own}
+        return {
+            (name, j): z
+            for name, by in every
+            for j, z in by.items()
+            if (name, j) in self.own
+        }
 
     @cached_property
     def raw(self) -> Array:
@@ -128,19 +142,28 @@ class WhiteData:
     def columns(self, effect: Effect) -> dict[int, Array]:
         """(M, k) white columns of an effect, of each joint whose torque it changes."""
         wide = spread_columns(self.rows, effect)
-        return {b.joint: self.white(wide[b.joint], b.joint) for b in self.rows.blocks(effect)}
+        return {
+            b.joint: self.white(wide[b.joint], b.joint)
+            for b in self.rows.blocks(effect)
+        }
 
 
-def cluster_sums(clusters: Sequence[NDArray[np.intp]], scores: Array) -> Iterator[Array]:
+def cluster_sums(
+    clusters: Sequence[NDArray[np.intp]], scores: Array
+) -> Iterator[Array]:
     """(clusters, k) sums of scores (M, k), by each way to cluster rows."""
     for labels in clusters:
         yield np.stack([np.bincount(labels, column) for column in scores.T], axis=1)
 
 
 def prepare(
-    rows: SegmentedRuns, estimate: Estimate, frozen: bool = False, whole: SegmentedRuns | None = None
+    rows: SegmentedRuns,
+    estimate: Estimate,
+    frozen: bool = False,
+    whole: SegmentedRuns | None = None,
 ) -> WhiteData:
-    """White rows with a model attached; whole : what the noise is measured in, if not these."""
+    """White rows with a model attached; whole : what the noise is measured in, if not
+    these."""
     noise = noise_of(rows, whole)
     masked = noise.suspect | unsettled(rows)
     if masked.any():
@@ -149,23 +172,30 @@ def prepare(
 
 
 def unsettled(rows: SegmentedRuns) -> NDArray[np.bool_]:
-    """(M, n) rows before a joint has come so far that friction with a memory has forgotten what bent it
-    before the log began. Of a joint that never comes so far, none."""
+    """(M, n) rows before a joint has come so far that friction with a memory has
+    forgotten what bent it before the log began. Of a joint that never comes so far,
+    none."""
     out = []
     for s in rows.segments:
-        path = np.cumsum(np.abs(np.diff(s.motion.q, axis=0, prepend=s.motion.q[:1])), axis=0)
+        path = np.cumsum(
+            np.abs(np.diff(s.motion.q, axis=0, prepend=s.motion.q[:1])), axis=0
+        )
         out.append(path[s.low_pass.at] < FORGETS)
     masked = np.concatenate(out)
     return masked & ~masked.all(axis=0)
 
 
-def whitened(rows: SegmentedRuns, noise: Noise, estimate: Estimate, frozen: bool) -> WhiteData:
+def whitened(
+    rows: SegmentedRuns, noise: Noise, estimate: Estimate, frozen: bool
+) -> WhiteData:
     """The same where the noise is known."""
     torque = rows.residual if frozen else rows.torque
     X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), torque)
     clusters = time_clusters(rows), stretches(rows, CLUSTERS)[1]
     # Rows behind the past that whitening needs, each by its worth.
-    count = np.array([noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)])
+    count = np.array(
+        [noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)]
+    )
     return WhiteData(rows, noise, estimate, X, y, clusters, count, frozen)
 
 
@@ -189,11 +219,16 @@ def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
     return out
 
 
-def model_columns(rows: SegmentedRuns, estimate: Estimate, frozen: bool = False) -> Array:
-    """(n, M, p) filtered columns of the model's own parameters; none of a frozen model's."""
+def model_columns(
+    rows: SegmentedRuns, estimate: Estimate, frozen: bool = False
+) -> Array:
+    """(n, M, p) filtered columns of the model's own parameters; none of a frozen
+    model's."""
     if frozen:
         return np.zeros((rows.n, len(rows.t), 0))
-    return np.concatenate([spread_columns(rows, e) for e in estimate.model.effects], axis=2)
+    return np.concatenate(
+        [spread_columns(rows, e) for e in estimate.model.effects], axis=2
+    )
 
 
 def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
@@ -216,11 +251,16 @@ def folds_of(rows: SegmentedRuns, count: int) -> NDArray[np.intp]:
     return np.unique(stretches(rows, count)[0], return_inverse=True)[1]
 
 
-def stretches(rows: SegmentedRuns, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(M,) folds, each one stretch of every motion's clock; and (M,) labels of stretch and motion. A
-    run's clock is that of its longest segment."""
+def stretches(
+    rows: SegmentedRuns, count: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(M,) folds, each one stretch of every motion's clock; and (M,) labels of stretch
+    and motion. A run's clock is that of its longest segment."""
     runs = dict.fromkeys(s.run for s in rows.segments)
-    longest = [max((s for s in rows.segments if s.run == r), key=lambda s: len(s.t)) for r in runs]
+    longest = [
+        max((s for s in rows.segments if s.run == r), key=lambda s: len(s.t))
+        for r in runs
+    ]
     clocks = motion_clocks([(s.t_dense, s.q_dense) for s in longest])
     fold, motion = np.zeros((2, len(rows.t)), np.intp)
     for run, clock in zip(runs, clocks, strict=True):

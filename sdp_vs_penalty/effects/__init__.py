@@ -9,8 +9,18 @@ from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.plugins import classes, surface
 from sdp_vs_penalty.robot.robot import Robot
 
-_PARTS = {"Motion": "motion", "CurrentModel": "motion", "Seen": "effect", "Model": "model"}
-DEFAULT_EFFECTS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
+_PARTS = {
+    "Motion": "motion",
+    "CurrentModel": "motion",
+    "Seen": "effect",
+    "Model": "model",
+}
+DEFAULT_EFFECTS = (
+    "rigid_body",
+    "viscous_friction",
+    "coulomb_friction",
+    "torque_offset",
+)
 
 
 @cache
@@ -21,10 +31,11 @@ def effect_types() -> dict[str, type[Effect]]:
 
 
 def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...]:
-    """Effects from their written form ``name[:joints][@shape=value]``, separated by commas.
+    """Effects from their written form ``name[:joints][@shape=value]``, separated by
+    commas.
 
-    ``presliding_hysteresis:5+7@d=0.003``: joints from 1 joined by +; several shape constants each
-    with an @ of its own.
+    ``presliding_hysteresis:5+7@d=0.003``: joints from 1 joined by +; several shape
+    constants each with an @ of its own.
     """
     words = texts.split(",") if isinstance(texts, str) else list(texts)
     return tuple(_parse_effect(word.strip(), robot) for word in words if word.strip())
@@ -35,7 +46,8 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
     name, _, joints_text = head.partition(":")
     if name.isdecimal():  # torque_offset:1,3: commas part effects
         raise InputError(
-            f"effect {name!r} is a number", "join the joints of an effect by +, like torque_offset:1+3"
+            f"effect {name!r} is a number",
+            "join the joints of an effect by +, like torque_offset:1+3",
         )
     kind = _lookup(name)
     joints = None
@@ -56,7 +68,9 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
         except ValueError:
             words = known.words if known is not None else ()
             how = f"@{key.strip()}={'|'.join(words)}" if words else "@name=number"
-            raise InputError(f"effect {text!r}", f"write a shape constant as {how}") from None
+            raise InputError(
+                f"effect {text!r}", f"write a shape constant as {how}"
+            ) from None
     return kind(robot, joints, **shape)
 
 
@@ -72,7 +86,8 @@ def _lookup(name: str) -> type[Effect]:
 
 
 def __getattr__(name: str) -> Any:
-    """The effects' classes, such as ``effects.PreslidingHysteresis``, and what they are made of."""
+    """The effects' classes, such as ``effects.PreslidingHysteresis``, and what they are
+    made of."""
     if name in _PARTS:
         return surface(__name__, **{_PARTS[name]: name})(name)
     found = {kind.__name__: kind for kind in effect_types().values()}

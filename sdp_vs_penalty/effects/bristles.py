@@ -1,4 +1,5 @@
-"""Friction that remembers: internal states that follow a path, and the effects that have them."""
+"""Friction that remembers: internal states that follow a path, and the effects that
+have them."""
 
 from __future__ import annotations
 
@@ -9,19 +10,27 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, JointEffect, Motion, Seen
+from sdp_vs_penalty.effects.effect import (
+    Array,
+    Block,
+    Effect,
+    JointEffect,
+    Motion,
+    Seen,
+)
 from sdp_vs_penalty.effects.motion import Legs
 from sdp_vs_penalty.effects.shape import POSITION, Shape
 from sdp_vs_penalty.robot.robot import Robot
 
-#: From a path, the distance over which its state turns round, and the state at its start, to the
-#: state z (N,) along it.
+#: From a path, the distance over which its state turns round, and the state at its
+#: start, to the state z (N,) along it.
 Law = Callable[[Array | Legs, float, float], Array]
 
 
 @dataclass(frozen=True)
 class Bristles:
-    """k states z in [-1, 1]: z_i turns over the distance d_i along the path s_i = directions_i q.
+    """k states z in [-1, 1]: z_i turns over the distance d_i along the path s_i =
+    directions_i q.
 
     directions : (k, n); distances : (k,) [rad, m]; law : :func:`dahl` or :func:`stop`.
     """
@@ -31,14 +40,16 @@ class Bristles:
     law: Law
 
     def along(self, motion: Motion) -> Array:
-        """(N, k) states along a motion, which begins in sliding (or at rest: in the middle)."""
+        """(N, k) states along a motion, which begins in sliding (or at rest: in the
+        middle)."""
         states = np.empty((len(self.distances), len(motion.t)))
         for z, row, d in zip(states, self.directions, self.distances, strict=True):
             z[:] = self.law(motion.legs_along(row), d, float(motion.sign_along(row)[0]))
         return states.T
 
     def advanced(self, z: Array, travel: Array) -> Array:
-        """(W, k) states after W joint displacements (W, n) along a straight line, from states (W, k)."""
+        """(W, k) states after W joint displacements (W, n) along a straight line, from
+        states (W, k)."""
         step = travel @ self.directions.T / self.distances
         if self.law is stop:
             return np.clip(z + step, -1.0, 1.0)
@@ -66,15 +77,18 @@ class Remembering(Effect):
     def looks_like(self, size: float, seen: Seen) -> str:
         hidden = max(self.bristles.distances, default=np.inf) < 2.0 * seen.resolution
         if self.at_rest == "turns" and hidden:
-            return "it turns round within what the positions tell apart: any sharp friction looks so"
+            return (
+                "it turns round within what the positions tell apart: any sharp"
+                " friction looks so"
+            )
         return super().looks_like(size, seen)
 
 
 def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     """Dahl's friction state z (N,) in [-1, 1] along positions q (N,), z[0] = start.
 
-    Exact for motion that is monotone between samples: while q runs in direction s,
-    z = s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop a reversal, not a sample.
+    Exact for motion that is monotone between samples: while q runs in direction s, z =
+    s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop a reversal, not a sample.
     """
     legs = q if isinstance(q, Legs) else Legs.of(q)
     decay = np.exp(np.abs(np.diff(legs.corners)) / -d)
@@ -83,14 +97,18 @@ def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
         z.append(s + (z[-1] - s) * e)
     s, begin = legs.direction, np.array(z[:-1])
     moved = s[legs.leg] + (begin - s)[legs.leg] * np.exp(np.abs(legs.travel) / -d)
-    return np.append(start, moved if s.all() else np.where(s[legs.leg] == 0.0, start, moved))
+    return np.append(
+        start, moved if s.all() else np.where(s[legs.leg] == 0.0, start, moved)
+    )
 
 
 def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
-    """Spring and slider in series, z (N,) in [-1, 1] along positions q (N,), z[0] = start.
+    """Spring and slider in series, z (N,) in [-1, 1] along positions q (N,), z[0] =
+    start.
 
-    Exact for motion that is monotone between samples: from one reversal to the next the state is the
-    straight line of its spring, cut off at +-1. One step of the loop a reversal, not a sample.
+    Exact for motion that is monotone between samples: from one reversal to the next the
+    state is the straight line of its spring, cut off at +-1. One step of the loop a
+    reversal, not a sample.
     """
     legs = q if isinstance(q, Legs) else Legs.of(q)
     z = [start]
@@ -103,9 +121,9 @@ def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
 class PreslidingHysteresis(Remembering, JointEffect):
     equation = "f_h (z - sign(dq)), dz/dq = (1 - z sign(dq)) / d"
     explanation = (
-        "Before surfaces slide their asperities bend like springs: after a reversal the friction "
-        "needs a travel of about d to change sign. The way back differs from the way there "
-        "(hysteresis), which no function of velocity can imitate."
+        "Before surfaces slide their asperities bend like springs: after a reversal the"
+        " friction needs a travel of about d to change sign. The way back differs from"
+        " the way there (hysteresis), which no function of velocity can imitate."
     )
     reference = "Dahl, Aerospace Corp. TR-0158 (1968); AIAA Journal 1976, eq. 5"
     symbol = "f_h"
@@ -124,31 +142,47 @@ class PreslidingHysteresis(Remembering, JointEffect):
     @property
     def bristles(self) -> Bristles:
         joints = list(self.joints)
-        return Bristles(np.eye(self.robot.n)[joints], np.full(len(joints), self.shape["d"]), dahl)
+        return Bristles(
+            np.eye(self.robot.n)[joints], np.full(len(joints), self.shape["d"]), dahl
+        )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        return self.apart([x - motion.sign(j) for j, x in zip(self.joints, z.T, strict=True)])
+        return self.apart(
+            [x - motion.sign(j) for j, x in zip(self.joints, z.T, strict=True)]
+        )
 
 
 class Stiction(PreslidingHysteresis):
     equation = "f_s (z - sign(dq)), z the last way of sliding"
     explanation = (
-        "Dry friction holds a joint at rest, where a smooth sign of the velocity lets go: what it held "
-        "at last it goes on holding until the joint slides the other way. Pushed, it is anything up to "
-        "its Coulomb level, which no motion tells. The positions stay alike meanwhile: over what travel "
-        "it turns round (presliding) cannot be told."
+        "Dry friction holds a joint at rest, where a smooth sign of the velocity lets"
+        " go: what it held at last it goes on holding until the joint slides the other"
+        " way. Pushed, it is anything up to its Coulomb level, which no motion tells."
+        " The positions stay alike meanwhile: over what travel it turns round"
+        " (presliding) cannot be told."
     )
-    reference = "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
+    reference = (
+        "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
+    )
     symbol = "f_s"
     at_rest = "holds"
-    #: Short travels, over which the computed state forgets what the filter makes of a joint at rest.
+    #: Short travels, over which the computed state forgets what the filter makes of a
+    #: joint at rest.
     shapes = {
-        "d": Shape(0.0001, POSITION, grid=(0.00001, 0.00003, 0.0001, 0.0003), bounds=(0.00001, 0.001))
+        "d": Shape(
+            0.0001,
+            POSITION,
+            grid=(0.00001, 0.00003, 0.0001, 0.0003),
+            bounds=(0.00001, 0.001),
+        )
     }
 
     def remark(self, size: float) -> str:
         d, unit = self.shape["d"], self.robot.position_units[self.joints[0]]
-        return f"It turned round without a motion that shows: over how far below {d:.2g} {unit} is open."
+        return (
+            f"It turned round without a motion that shows: over how far below {d:.2g}"
+            f" {unit} is open."
+        )
 
 
 #: Elements side by side, and how many times farther the next one bends before it slips.
@@ -158,27 +192,38 @@ _ELEMENTS, _SPACING = 3, 4.0
 class MaxwellSlip(Remembering, JointEffect):
     equation = "sum_i f_m,i z_i, dz_i/dq = 1 / d_i while |z_i| < 1, d_i = d, 4 d, 16 d"
     explanation = (
-        "Springs side by side, each with a slider that gives way at its own distance: after a reversal "
-        "the friction turns round over several scales, where Dahl's curve has one. Every element is "
-        "passive for f_m,i >= 0; with law = even all are as strong, f_m / 3. What depends on speed once "
-        "all slip is stribeck_friction's."
+        "Springs side by side, each with a slider that gives way at its own distance:"
+        " after a reversal the friction turns round over several scales, where Dahl's"
+        " curve has one. Every element is passive for f_m,i >= 0; with law = even all"
+        " are as strong, f_m / 3. What depends on speed once all slip is"
+        " stribeck_friction's."
     )
-    reference = "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip), sec. III"
+    reference = (
+        "Al-Bender, Lampaert, Swevers, IEEE TAC 2005 (generalized Maxwell-slip),"
+        " sec. III"
+    )
     symbol = "f_m"
     refines: tuple[str, ...] = ("presliding_hysteresis", "coulomb_friction")
     at_rest = "turns"
     shapes = {
         "d": Shape(
-            0.002, POSITION, grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008), bounds=(0.00005, 0.05)
+            0.002,
+            POSITION,
+            grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008),
+            bounds=(0.00005, 0.05),
         ),
         "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("free", "even")),
     }
 
     lower = 0.0
 
-    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+    def __init__(
+        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
+    ) -> None:
         super().__init__(robot, joints, **shape)
-        if self.even:  # has no more constants than Dahl's curve, of which it is no finer form
+        if (
+            self.even
+        ):  # has no more constants than Dahl's curve, of which it is no finer form
             self.refines = self.refines[1:]
 
     @property
@@ -192,7 +237,9 @@ class MaxwellSlip(Remembering, JointEffect):
 
     @property
     def bristles(self) -> Bristles:
-        directions = np.repeat(np.eye(self.robot.n)[list(self.joints)], _ELEMENTS, axis=0)
+        directions = np.repeat(
+            np.eye(self.robot.n)[list(self.joints)], _ELEMENTS, axis=0
+        )
         distances = self.shape["d"] * _SPACING ** np.arange(_ELEMENTS)
         return Bristles(directions, np.tile(distances, len(self.joints)), stop)
 
@@ -204,20 +251,26 @@ class MaxwellSlip(Remembering, JointEffect):
 class LoadDependentHysteresis(PreslidingHysteresis):
     equation = "f_lh |tau_l| z, tau_l the links' torque, dz/dq = (1 - z sign(dq)) / d"
     explanation = (
-        "Teeth that are pressed harder rub more, and at a reversal their friction turns round over a "
-        "travel of about d: load-dependent friction with Dahl's memory. f_lh is the share of the "
-        "transmitted torque that is lost once the teeth slide; then it only takes energy. Before, they "
-        "are a spring whose stiffness follows the load."
+        "Teeth that are pressed harder rub more, and at a reversal their friction turns"
+        " round over a travel of about d: load-dependent friction with Dahl's memory."
+        " f_lh is the share of the transmitted torque that is lost once the teeth"
+        " slide; then it only takes energy. Before, they are a spring whose stiffness"
+        " follows the load."
     )
-    reference = "Dahl, AIAA Journal 1976, eq. 5; load: Hamon, Gautier, Garrec, IROS 2010"
+    reference = (
+        "Dahl, AIAA Journal 1976, eq. 5; load: Hamon, Gautier, Garrec, IROS 2010"
+    )
     symbol = "f_lh"
     units = ("-", "-")
     usual = (0.3, 0.3)  # as load-dependent friction
-    #: Where the load hardly changes, or is mostly friction itself, the two make the same torque.
+    #: Where the load hardly changes, or is mostly friction itself, the two make the
+    #: same torque.
     refines = ("presliding_hysteresis", "stiction", "coulomb_friction")
     at_rest = ""
     needs_links = True
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         load = np.abs(motion.link_torque)
-        return self.apart([load[:, j] * x for j, x in zip(self.joints, z.T, strict=True)])
+        return self.apart(
+            [load[:, j] * x for j, x in zip(self.joints, z.T, strict=True)]
+        )

@@ -5,14 +5,24 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.linalg import solve_banded
 
-from sdp_vs_penalty.effects.effect import STANDS, Array, Effect, JointEffect, Motion, Seen
+from sdp_vs_penalty.effects.effect import (
+    STANDS,
+    Array,
+    Effect,
+    JointEffect,
+    Motion,
+    Seen,
+)
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot.robot import Robot
 
 
 class TorqueOffset(JointEffect):
     equation = "f_o"
-    explanation = "The zero of a torque or current sensor, or a friction that differs by direction."
+    explanation = (
+        "The zero of a torque or current sensor, or a friction that differs by"
+        " direction."
+    )
     reference = "Gaz et al., RA-L 2019, eq. 9"
     signless = True
     symbol = "f_o"
@@ -23,17 +33,20 @@ class TorqueOffset(JointEffect):
 
 #: Drives state their gains to some per cent; beyond this, something else is wrong.
 _LARGEST = 0.3
-#: Time constant of a drive's filter, or a delay, that is nothing odd [s]: a bandwidth of 8 Hz.
+#: Time constant of a drive's filter, or a delay, that is nothing odd [s]: a bandwidth
+#: of 8 Hz.
 _FILTER = 0.02
-#: Where a search for one begins [s]: beside a delay of 12 ms one of 20 more is nothing of first order.
+#: Where a search for one begins [s]: beside a delay of 12 ms one of 20 more is nothing
+#: of first order.
 _STARTS = 0.001, 0.005, 0.025
 
 
 class TorqueGain(JointEffect):
     equation = "g tau_hat"
     explanation = (
-        "The torque channel of this joint reads 1 + g times the true torque: a sensor's or a "
-        "drive's gain. It is identifiable because the other joints show the true inertia."
+        "The torque channel of this joint reads 1 + g times the true torque: a sensor's"
+        " or a drive's gain. It is identifiable because the other joints show the true"
+        " inertia."
     )
     reference = "Gautier, Briot, ASME J. Dynamic Systems 2014 (drive gains)"
     symbol = "g"
@@ -52,15 +65,21 @@ class TorqueGain(JointEffect):
 
     def looks_like(self, size: float, seen: Seen) -> str:
         if abs(size) > _LARGEST:
-            return f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong ratio or unit"
+            return (
+                f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong"
+                " ratio or unit"
+            )
         return super().looks_like(size, seen)
 
 
 class Late(Effect):
-    """Torque that is logged later than the positions; each parameter is as long as the shape constant
-    T."""
+    """Torque that is logged later than the positions; each parameter is as long as the
+    shape constant T."""
 
-    reference = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model Identification"
+    reference = (
+        "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, Model"
+        " Identification"
+    )
     units = ("s", "s")
     usual = (_FILTER, _FILTER)
     lower = 0.0
@@ -70,9 +89,11 @@ class Late(Effect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        # On a single joint a delay of all is its own; friction and inertia are one torque there, so that
-        # what is filtered of it is not told.
-        return super().starts(robot, joint) if robot.n > 1 or not cls.whole_robot else []
+        # On a single joint a delay of all is its own; friction and inertia are one
+        # torque there, so that what is filtered of it is not told.
+        return (
+            super().starts(robot, joint) if robot.n > 1 or not cls.whole_robot else []
+        )
 
 
 class Delay(Late):
@@ -83,7 +104,9 @@ class Delay(Late):
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
         out = torque.copy()
-        for late, j in zip(np.broadcast_to(theta, len(self.joints)), self.joints, strict=True):
+        for late, j in zip(
+            np.broadcast_to(theta, len(self.joints)), self.joints, strict=True
+        ):
             out[:, j] = np.interp(t + late, t, torque[:, j])
         return out
 
@@ -91,8 +114,8 @@ class Delay(Late):
 class TorqueDelay(Delay, JointEffect):
     equation = "T_d (tau_hat(t - T) - tau_hat(t)) / T"
     explanation = (
-        "This joint's torque is logged T_d later than its position: a filter in the drive, a slower "
-        "bus. T is T_d."
+        "This joint's torque is logged T_d later than its position: a filter in the"
+        " drive, a slower bus. T is T_d."
     )
     symbol = "T_d"
 
@@ -103,8 +126,9 @@ class TorqueDelay(Delay, JointEffect):
 class GlobalDelay(Delay):
     equation = "T_g (tau_hat(t - T) - tau_hat(t)) / T on every joint"
     explanation = (
-        "All torques are logged T_g later than the positions: two clocks, or one filter for all "
-        "channels. None is early: a joint that sticks or bends before it moves looks so. T is T_g."
+        "All torques are logged T_g later than the positions: two clocks, or one filter"
+        " for all channels. None is early: a joint that sticks or bends before it moves"
+        " looks so. T is T_g."
     )
     symbol = "T_g"
     whole_robot = True
@@ -114,19 +138,24 @@ class GlobalDelay(Delay):
 
 
 class TorqueFilter(Late):
-    equation = "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T) H(-T)"
+    equation = (
+        "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T)"
+        " H(-T)"
+    )
     explanation = (
-        "All torques are logged behind one low-pass filter of the time constant T, of which the "
-        "positions know nothing: a drive's current filter, which also delays (phase late), or one that "
-        "looks both ways, as a mean of samples does (phase zero: tau_hat without the links' torque). "
-        "T is T_f: all of the torque passes."
+        "All torques are logged behind one low-pass filter of the time constant T, of"
+        " which the positions know nothing: a drive's current filter, which also delays"
+        " (phase late), or one that looks both ways, as a mean of samples does (phase"
+        " zero: tau_hat without the links' torque). T is T_f: all of the torque passes."
     )
     symbol = "T_f"
     forward = "left out"  # no instant's torque is known from that instant's reading
     whole_robot = True
     shapes = {
         "T": Shape(0.005, "s", grid=_STARTS),
-        "phase": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")),
+        "phase": Shape(
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")
+        ),
     }
 
     @property
@@ -136,8 +165,8 @@ class TorqueFilter(Late):
     def torques(self, motion: Motion) -> Array:
         T, torque = self.shape["T"], motion.model_torque
         if self.needs_links:
-            # The links' torque is smooth, but for the noise of its accelerations, which the measured
-            # torque has none of: to smooth it away would always help.
+            # The links' torque is smooth, but for the noise of its accelerations, which
+            # the measured torque has none of: to smooth it away would always help.
             torque = torque - motion.link_torque
         passed = lagging(torque, motion.t, T)
         if self.needs_links:
@@ -146,16 +175,25 @@ class TorqueFilter(Late):
 
     def looks_like(self, size: float, seen: Seen) -> str:
         if self.needs_links and seen.stands > STANDS:
-            return "joints stand still at reversals, where friction turns round as slowly by itself"
+            return (
+                "joints stand still at reversals, where friction turns round as slowly"
+                " by itself"
+            )
         return ""
 
     def as_sized(self, size: float) -> float:
-        # What looks both ways has no first order: T_f goes as the square of the true constant over T.
-        return size if self.shape["phase"] == 1.0 else float(np.sqrt(self.shape["T"] * max(size, 0.0)))
+        # What looks both ways has no first order: T_f goes as the square of the true
+        # constant over T.
+        return (
+            size
+            if self.shape["phase"] == 1.0
+            else float(np.sqrt(self.shape["T"] * max(size, 0.0)))
+        )
 
 
 def lagging(x: Array, t: Array, T: float) -> Array:
-    """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear between samples."""
+    """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear
+    between samples."""
     if len(t) < 2:
         return x
     step = (t[-1] - t[0]) / (len(t) - 1)

@@ -11,8 +11,8 @@ from sdp_vs_penalty.robot.robot import Robot
 
 
 class Drift(JointEffect):
-    """Odd forms are linear in time, even ones settle with the time constant T; t0 is the clock's reading
-    from which time counts: the measurements' first instant."""
+    """Odd forms are linear in time, even ones settle with the time constant T; t0 is
+    the clock's reading from which time counts: the measurements' first instant."""
 
     follows_clock = True
     time_constant = Shape(300.0, "s", grid=(10.0, 30.0, 100.0), bounds=(3.0, 3000.0))
@@ -21,9 +21,12 @@ class Drift(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """What settles: in a later run a line has gone too far, and a long T is nearly one."""
+        """What settles: in a later run a line has gone too far, and a long T is nearly
+        one."""
         settling = [form for form in cls.shapes["form"].choices if form % 2 == 0]
-        return [{"form": form, "T": T} for form in settling for T in cls.shapes["T"].grid]
+        return [
+            {"form": form, "T": T} for form in settling for T in cls.shapes["T"].grid
+        ]
 
     @property
     def exponential(self) -> bool:
@@ -37,8 +40,9 @@ class Drift(JointEffect):
         return ("form", "T") if self.exponential else ("form",)
 
     def course(self, motion: Motion) -> Array:
-        """How the effect follows time: minutes-long trends, linear [s] or saturating [-]. What settles
-        fades before t0 as after it: in an older run exp(-t / T) would grow without end."""
+        """How the effect follows time: minutes-long trends, linear [s] or saturating
+        [-]. What settles fades before t0 as after it: in an older run exp(-t / T) would
+        grow without end."""
         t = motion.t - self.shape["t0"]
         return np.exp(-np.abs(t) / self.shape["T"]) if self.exponential else t
 
@@ -46,8 +50,8 @@ class Drift(JointEffect):
 class DriftOffset(Drift):
     equation = "f_do times t | exp(-t / T), for form = 1 | 2 (t from t0)"
     explanation = (
-        "The zero of the torque channel drifts: a strain gauge or a current sensor that warms up. "
-        "It depends on the time, not on the motion."
+        "The zero of the torque channel drifts: a strain gauge or a current sensor that"
+        " warms up. It depends on the time, not on the motion."
     )
     reference = "Doebelin, Measurement Systems, ch. 3 (zero drift)"
     signless = True
@@ -77,21 +81,29 @@ class Rubbing(JointEffect):
 
 class DriftFriction(Rubbing, Drift):
     equation = (
-        "f_df times sign(dq) t | sign(dq) exp(-t / T) | dq t | dq exp(-t / T), for form = 1 | 2 | 3 | 4"
+        "f_df times sign(dq) t | sign(dq) exp(-t / T) | dq t | dq exp(-t / T), for form"
+        " = 1 | 2 | 3 | 4"
     )
     explanation = (
-        "Friction falls (or rises) with the time since the start: grease warms up and thins. Coulomb "
-        "(form 1, 2) or viscous (form 3, 4) friction follows the clock, linearly or settling with T. "
-        "Settling is warming_friction without a thermometer: where logged temperatures explain as much, "
-        "that is named."
+        "Friction falls (or rises) with the time since the start: grease warms up and"
+        " thins. Coulomb (form 1, 2) or viscous (form 3, 4) friction follows the clock,"
+        " linearly or settling with T. Settling is warming_friction without a"
+        " thermometer: where logged temperatures explain as much, that is named."
     )
     reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015"
     symbol = "f_df"
-    # Where temperatures are logged they are the cause, for which the clock can only stand.
-    refines: tuple[str, ...] = ("coulomb_friction", "viscous_friction", "warming_friction")
+    # Where temperatures are logged they are the cause, for which the clock can only
+    # stand.
+    refines: tuple[str, ...] = (
+        "coulomb_friction",
+        "viscous_friction",
+        "warming_friction",
+    )
     shapes = {**Drift.shapes, "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
 
-    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+    def __init__(
+        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
+    ) -> None:
         super().__init__(robot, joints, **shape)
         self.refines = self.refines[self.viscous], "warming_friction"
 
@@ -103,25 +115,33 @@ class DriftFriction(Rubbing, Drift):
         return self.course(motion) * self.rubbing(motion, joint)
 
 
-#: Where the exponential is 1 [degrees Celsius]; elsewhere the amplitude would only read differently.
+#: Where the exponential is 1 [degrees Celsius]; elsewhere the amplitude would only read
+#: differently.
 _ROOM = 20.0
 
 
 class WarmingFriction(Rubbing):
     equation = (
-        "f_w exp(-(temp - 20) / warm) or f_w exp(-(t - t0) / T), for by = temperature | clock, times "
-        "sign(dq) | dq, for law = coulomb | viscous"
+        "f_w exp(-(temp - 20) / warm) or f_w exp(-(t - t0) / T), for by = temperature |"
+        " clock, times sign(dq) | dq, for law = coulomb | viscous"
     )
     explanation = (
-        "Grease thins as it warms, and friction falls exponentially with the gear's temperature "
-        "(columns temp1..tempn of the log). By the clock it settles with T, counted over all runs by "
-        "their own time stamps, pauses included: that is drift_friction with form 2 or 4, its special "
-        "case, which a search names where no temperature was logged. For f_w >= 0 it never feeds energy."
+        "Grease thins as it warms, and friction falls exponentially with the gear's"
+        " temperature (columns temp1..tempn of the log). By the clock it settles with"
+        " T, counted over all runs by their own time stamps, pauses included: that is"
+        " drift_friction with form 2 or 4, its special case, which a search names where"
+        " no temperature was logged. For f_w >= 0 it never feeds energy."
     )
-    reference = "Simoni, Beschi, Legnani, Visioli, IROS 2015; Carlson et al., Mech. Mach. Theory 2015"
+    reference = (
+        "Simoni, Beschi, Legnani, Visioli, IROS 2015; Carlson et al., Mech. Mach."
+        " Theory 2015"
+    )
     symbol = "f_w"
     lower = 0.0
-    refines: tuple[str, ...] = ("coulomb_friction", "viscous_friction")  # each law its own
+    refines: tuple[str, ...] = (
+        "coulomb_friction",
+        "viscous_friction",
+    )  # each law its own
     shapes = {
         "law": Shape(1.0, choices=(1.0, 2.0), words=("coulomb", "viscous")),
         "by": Shape(1.0, choices=(1.0, 2.0), words=("temperature", "clock")),
@@ -130,7 +150,9 @@ class WarmingFriction(Rubbing):
         "t0": Drift.clock,
     }
 
-    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+    def __init__(
+        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
+    ) -> None:
         super().__init__(robot, joints, **shape)
         self.refines = (self.refines[self.viscous],)
         self.follows_clock = self.shape["by"] == 2.0
@@ -146,10 +168,13 @@ class WarmingFriction(Rubbing):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """By temperature: by the clock it is drift_friction, which a search knows already."""
+        """By temperature: by the clock it is drift_friction, which a search knows
+        already."""
         scales = list(zip(cls.shapes["warm"].grid, cls.shapes["T"].grid, strict=True))
         laws = cls.shapes["law"].choices
-        return [{"law": law, "warm": warm, "T": T} for law in laws for warm, T in scales]
+        return [
+            {"law": law, "warm": warm, "T": T} for law in laws for warm, T in scales
+        ]
 
     def column(self, motion: Motion, joint: int) -> Array:
         if self.follows_clock:

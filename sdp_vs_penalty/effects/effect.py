@@ -1,10 +1,12 @@
 """What an effect is: one physical cause of joint torque, linear in its parameters.
 
-tau_j(t) = sum over effects of Y_e,j(t) theta_e. The columns Y_e come from the motion and, where an
-effect needs a torque (a gain, load friction), from the prediction of the current model and what was
-found beside it, never from the measured channel: that would explain itself.
+tau_j(t) = sum over effects of Y_e,j(t) theta_e. The columns Y_e come from the motion
+and, where an effect needs a torque (a gain, load friction), from the prediction of the
+current model and what was found beside it, never from the measured channel: that would
+explain itself.
 
-A subclass of :class:`Effect` with an equation, in a file of this folder, is registered by that.
+A subclass of :class:`Effect` with an equation, in a file of this folder, is registered
+by that.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ from sdp_vs_penalty.robot.robot import Robot
 
 @dataclass(frozen=True)
 class Parameter:
-    """One entry of theta. ``joint`` counts from 1 (0: the whole robot); ``lower`` is its sign bound."""
+    """One entry of theta. ``joint`` counts from 1 (0: the whole robot); ``lower`` is
+    its sign bound."""
 
     name: str
     unit: str
@@ -46,25 +49,28 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Block:
-    """Columns (N, k) of the torque on one joint, and which k of the effect's parameters they meet."""
+    """Columns (N, k) of the torque on one joint, and which k of the effect's parameters
+    they meet."""
 
     joint: int
     parameters: NDArray[np.intp]
     columns: Array
 
 
-#: Friction, offsets and other parameters that are no link's: |theta| below this, in SI units.
+#: Friction, offsets and other parameters that are no link's: |theta| below this, in SI
+#: units.
 PARAMETER_RANGE = 1e4
 
 
-#: Share of the rows that a standstill reaches from which what holds a joint there shows.
+#: Share of the rows that a standstill reaches from which what holds a joint there
+#: shows.
 STANDS = 0.02
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What runs show of a joint: how far it went and how fine its positions are [rad, m]; stands : share
-    of the rows in which joints stand still."""
+    """What runs show of a joint: how far it went and how fine its positions are [rad,
+    m]; stands : share of the rows in which joints stand still."""
 
     travel: float = np.inf
     resolution: float = 0.0
@@ -85,12 +91,15 @@ class Effect(ABC):
     equation: ClassVar[str]
     explanation: ClassVar[str]
     reference: ClassVar[str]
-    #: Non-linear shape constants by name; an object's own may be more or fewer than its class's.
+    #: Non-linear shape constants by name; an object's own may be more or fewer than its
+    #: class's.
     shapes: Mapping[str, Shape] = {}
 
-    #: True where a column depends on earlier motion: it is then computed over whole runs.
+    #: True where a column depends on earlier motion: it is then computed over whole
+    #: runs.
     has_memory: bool = False
-    #: True where the columns follow the time of day rather than the motion: what repeats is no proof.
+    #: True where the columns follow the time of day rather than the motion: what
+    #: repeats is no proof.
     follows_clock: bool = False
     #: True where the columns need Motion.torque.
     needs_torque: bool = False
@@ -103,16 +112,18 @@ class Effect(ABC):
     #: True where the columns need Motion.motors.
     needs_motors: ClassVar[bool] = False
 
-    #: When the model runs forward: a torque, the measuring channel's (:meth:`undone`), what drives the
-    #: joints, or nothing.
+    #: When the model runs forward: a torque, the measuring channel's (:meth:`undone`),
+    #: what drives the joints, or nothing.
     forward: ClassVar[Literal["torque", "channel", "drive", "left out"]] = "torque"
 
-    #: Which parameters are gains of the joints' position errors; None where it has no such.
+    #: Which parameters are gains of the joints' position errors; None where it has no
+    #: such.
     position_gains: ClassVar[slice | None] = None
 
     #: True where one parameter acts on the whole robot: no joints to choose from.
     whole_robot: ClassVar[bool] = False
-    #: True where the links absorb the effect, so that it shows only against a model held fixed.
+    #: True where the links absorb the effect, so that it shows only against a model
+    #: held fixed.
     frozen_only: ClassVar[bool] = False
     #: False where a search never tries it.
     sought: ClassVar[bool] = True
@@ -120,14 +131,18 @@ class Effect(ABC):
     several: ClassVar[bool] = False
     #: True where its joints belong together: one parameter acts on all of them.
     joins: ClassVar[bool] = False
-    #: What dry friction does at rest by this law: "holds" (tried where joints stand) or "turns" round.
+    #: What dry friction does at rest by this law: "holds" (tried where joints stand) or
+    #: "turns" round.
     at_rest: ClassVar[Literal["", "holds", "turns"]] = ""
-    #: Effects of which this one is a finer form: it is looked for only where one of them is known.
+    #: Effects of which this one is a finer form: it is looked for only where one of
+    #: them is known.
     refines: tuple[str, ...] = ()
 
-    #: True where as much of it as is plausible is in every machine, whether it is named or not.
+    #: True where as much of it as is plausible is in every machine, whether it is named
+    #: or not.
     tolerance: ClassVar[bool] = False
-    #: The effect of which this is a special case: beside it nothing of that is tolerated.
+    #: The effect of which this is a special case: beside it nothing of that is
+    #: tolerated.
     form_of: ClassVar[str] = ""
 
     #: The effect whose shape constants it has as well, without any of its own.
@@ -135,32 +150,44 @@ class Effect(ABC):
 
     #: |theta| stays below this, in SI units.
     range: ClassVar[float] = PARAMETER_RANGE
-    #: Standard deviation about zero of each parameter on machines as they are built, on a revolute and a
-    #: prismatic joint; None: nothing is known but that it makes no more torque than its joint has.
+    #: Standard deviation about zero of each parameter on machines as they are built, on
+    #: a revolute and a prismatic joint; None: nothing is known but that it makes no
+    #: more torque than its joint has.
     usual: ClassVar[tuple[float, float] | None] = None
-    #: Which parameters say how large the effect is: their norm, or the value of a single one.
+    #: Which parameters say how large the effect is: their norm, or the value of a
+    #: single one.
     sized_by: ClassVar[slice] = slice(None)
-    #: The shape constant that is as large as the effect itself, and follows it (a delay's).
+    #: The shape constant that is as large as the effect itself, and follows it (a
+    #: delay's).
     sized_shape: ClassVar[str] = ""
-    #: True where no column holds the sign of a velocity: nothing of it is particular to reversals, and
-    #: what looks like it there alone is dry friction's own error.
+    #: True where no column holds the sign of a velocity: nothing of it is particular to
+    #: reversals, and what looks like it there alone is dry friction's own error.
     signless: ClassVar[bool] = False
-    #: True where columns are at most products of states with sines of positions, as the links' are.
+    #: True where columns are at most products of states with sines of positions, as the
+    #: links' are.
     smooth: ClassVar[bool] = False
 
-    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+    def __init__(
+        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
+    ) -> None:
         self.robot = robot
         if self.whole_robot and joints is not None:
-            raise InputError(f"effect {self.name} acts on the whole robot", "write it without joints")
-        self.joints = tuple(range(robot.n)) if joints is None else tuple(sorted(set(joints)))
+            raise InputError(
+                f"effect {self.name} acts on the whole robot", "write it without joints"
+            )
+        self.joints = (
+            tuple(range(robot.n)) if joints is None else tuple(sorted(set(joints)))
+        )
         #: The shape constants that were given, which nothing estimates anew.
         self.given = frozenset(shape)
-        #: Which joints were asked for; None means all, and is how the effect is written down.
+        #: Which joints were asked for; None means all, and is how the effect is written
+        #: down.
         self.asked_joints = None if joints is None else self.joints
         for j in self.joints:
             if not 0 <= j < robot.n:
                 raise InputError(
-                    f"effect {self.name}: joint {j + 1} does not exist, the robot has {robot.n}",
+                    f"effect {self.name}: joint {j + 1} does not exist, the robot has"
+                    f" {robot.n}",
                     f"choose from 1 to {robot.n}",
                 )
         for key, value in shape.items():
@@ -176,10 +203,15 @@ class Effect(ABC):
                     f"effect {self.name}: shape constant {key} {complaint}",
                     "correct it, or leave it out",
                 )
-        self.shape: dict[str, float] = {k: s.default for k, s in self.shapes.items()} | shape
+        self.shape: dict[str, float] = {
+            k: s.default for k, s in self.shapes.items()
+        } | shape
 
-    def with_shape(self, joints: Sequence[int] | None = None, /, **shape: float) -> Effect:
-        """The same effect with these shape constants, the others as they are; or on some joints only."""
+    def with_shape(
+        self, joints: Sequence[int] | None = None, /, **shape: float
+    ) -> Effect:
+        """The same effect with these shape constants, the others as they are; or on
+        some joints only."""
         asked = self.asked_joints if joints is None else joints
         return type(self)(self.robot, asked, **{**self.shape, **shape})
 
@@ -195,7 +227,8 @@ class Effect(ABC):
     units: ClassVar[tuple[str, str]] = ("N*m", "N")
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
-        """Name and unit of each parameter of a joint (from 0); joint -1: of the whole robot."""
+        """Name and unit of each parameter of a joint (from 0); joint -1: of the whole
+        robot."""
         return [(self.parameter_name(joint), self.unit_on(joint))]
 
     def parameter_name(self, joint: int) -> str:
@@ -221,13 +254,15 @@ class Effect(ABC):
         raise NotImplementedError
 
     def blocks(self, motion: Motion) -> list[Block]:
-        """The columns, joint by joint; joints without torque from this effect may be left out."""
+        """The columns, joint by joint; joints without torque from this effect may be
+        left out."""
         own, torques = np.arange(len(self.parameters)), self.torques(motion)
         return [Block(j, own, torques[:, j]) for j in range(self.robot.n)]
 
     def same_columns(self, other: Effect) -> bool:
-        """Whether both have the same columns on every motion, as far as that shows: effects made of more
-        than robot, joints and shape constants are like themselves only."""
+        """Whether both have the same columns on every motion, as far as that shows:
+        effects made of more than robot, joints and shape constants are like themselves
+        only."""
         plain = type(self) is type(other) and type(self).__init__ is Effect.__init__
         return self is other or (
             plain
@@ -244,7 +279,8 @@ class Effect(ABC):
 
     @property
     def waves(self) -> float | None:
-        """How often its torque repeats in a turn [-, or rad/m]; None where it follows no phase."""
+        """How often its torque repeats in a turn [-, or rad/m]; None where it follows
+        no phase."""
         return None
 
     # What is known of the parameters before anything is measured.
@@ -252,51 +288,63 @@ class Effect(ABC):
     def constraints(
         self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
-        """Demands on the parameters, which sit at ``indices`` of theta: sign and range of each, and what
-        ties them to other effects' (parameters : all of theta)."""
+        """Demands on the parameters, which sit at ``indices`` of theta: sign and range
+        of each, and what ties them to other effects' (parameters : all of theta)."""
         out = []
         for index, parameter in zip(indices, self.parameters, strict=True):
             name = f"{self.name} {parameter.name}"
             if np.isfinite(parameter.lower):
-                out.append(build.linear("sign", name, [index], [[1.0]], [-parameter.lower]))
+                out.append(
+                    build.linear("sign", name, [index], [[1.0]], [-parameter.lower])
+                )
             both = [self.range, self.range]
             out.append(build.linear("range", name, [index], [[1.0, -1.0]], both))
         return out
 
     @property
     def nominal(self) -> Array:
-        """(k,) plausible parameters, strictly inside the constraints that are no mere bounds."""
+        """(k,) plausible parameters, strictly inside the constraints that are no mere
+        bounds."""
         return np.zeros(len(self.parameters))
 
     @property
     def plausible(self) -> Array | None:
-        """(k,) standard deviations of the parameters about zero that are known before anything is
-        measured, and enter every fit as observations; None: nothing is known."""
+        """(k,) standard deviations of the parameters about zero that are known before
+        anything is measured, and enter every fit as observations; None: nothing is
+        known."""
         if self.usual is None:
             return None
-        slides = [self.robot.joints[p.joint - 1].kind == "prismatic" for p in self.parameters]
+        slides = [
+            self.robot.joints[p.joint - 1].kind == "prismatic" for p in self.parameters
+        ]
         return np.where(slides, *reversed(self.usual))
 
     def as_sized(self, size: float) -> float:
-        """The value of the shape constant that follows the effect's ``size``, when that was found."""
+        """The value of the shape constant that follows the effect's ``size``, when that
+        was found."""
         return size
 
     def undone(self, theta: Array, t: Array, torque: Array) -> Array:
-        """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) : its own."""
+        """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) :
+        its own."""
         return torque
 
     @property
     def contact(self) -> Array | None:
-        """(n,) the combination of joints along which it is dry friction; None: along its own joints."""
+        """(n,) the combination of joints along which it is dry friction; None: along
+        its own joints."""
         return None
 
     # What a search asks.
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """The shape constants with which a search begins on one joint; none where it cannot act."""
+        """The shape constants with which a search begins on one joint; none where it
+        cannot act."""
         kind = robot.joints[joint].kind
-        grids = {key: shape.on(kind).grid for key, shape in cls.shapes.items() if shape.grid}
+        grids = {
+            key: shape.on(kind).grid for key, shape in cls.shapes.items() if shape.grid
+        }
         every = product(*grids.values()) if cls.sought else ()
         return [dict(zip(grids, values, strict=True)) for values in every]
 
@@ -304,23 +352,30 @@ class Effect(ABC):
     def candidates(
         cls, robot: Robot, joint: int | None, start: float = 0.0, **given: float
     ) -> list[Effect]:
-        """The effect on one joint (None: the whole robot), with each set of shape constants that a
-        search begins with; ``given`` ones stay. start : the first instant of the measurements [s]."""
-        clock = {key: start for key, shape in cls.shapes.items() if shape.role == "clock"}
+        """The effect on one joint (None: the whole robot), with each set of shape
+        constants that a search begins with; ``given`` ones stay. start : the first
+        instant of the measurements [s]."""
+        clock = {
+            key: start for key, shape in cls.shapes.items() if shape.role == "clock"
+        }
         joints = None if joint is None else [joint]
         return [
-            cls(robot, joints, **{**clock, **shape, **given}) for shape in cls.starts(robot, joint or 0)
+            cls(robot, joints, **{**clock, **shape, **given})
+            for shape in cls.starts(robot, joint or 0)
         ]
 
     @property
     def searched(self) -> tuple[str, ...]:
-        """The shape constants that measurements can tell, on which the columns truly depend."""
+        """The shape constants that measurements can tell, on which the columns truly
+        depend."""
         return tuple(key for key, shape in self.shapes.items() if shape.role != "clock")
 
     @property
     def estimated(self) -> tuple[str, ...]:
         """Those of them that `identify` estimates as well."""
-        return tuple(key for key, shape in self.shapes.items() if shape.role == "estimated")
+        return tuple(
+            key for key, shape in self.shapes.items() if shape.role == "estimated"
+        )
 
     def opened(self, keys: Iterable[str]) -> Effect:
         """The same effect, some of whose shape constants are to be estimated again."""
@@ -331,32 +386,45 @@ class Effect(ABC):
     # What a reader is told.
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
-        """(N,) where a motion leaves what the effect is known for; nowhere, but for measured tables."""
+        """(N,) where a motion leaves what the effect is known for; nowhere, but for
+        measured tables."""
         return np.zeros(len(motion.t), bool)
 
     @property
     def constants(self) -> str:
-        """The shape constants that measurements can tell, with their units: "vs = 0.1 rad/s"."""
+        """The shape constants that measurements can tell, with their units: "vs = 0.1
+        rad/s"."""
         kind = self.robot.joints[self.joints[0]].kind
-        return ", ".join(f"{k} = {self.shapes[k].said(self.shape[k], kind)}" for k in self.searched)
+        return ", ".join(
+            f"{k} = {self.shapes[k].said(self.shape[k], kind)}" for k in self.searched
+        )
 
     def remark(self, size: float) -> str:
         """A sentence about an effect of this size, if there is something to say."""
         return ""
 
     def looks_like(self, size: float, seen: Seen) -> str:
-        """What a model may lack that passes for this effect of this size in what was seen of its joint,
-        if there is such a thing."""
+        """What a model may lack that passes for this effect of this size in what was
+        seen of its joint, if there is such a thing."""
         slow = (self.waves or np.inf) * seen.travel < 2.0 * np.pi
         return (
-            "less than one wave was travelled: all that changes slowly along it looks so" if slow else ""
+            "less than one wave was travelled: all that changes slowly along it"
+            " looks so"
+            if slow
+            else ""
         )
 
     @property
     def text(self) -> str:
         """How the effect is written on the command line."""
-        joints = "" if self.asked_joints is None else ":" + "+".join(str(j + 1) for j in self.joints)
-        shape = "".join(f"@{k}={self.shapes[k].written(v)}" for k, v in self.shape.items())
+        joints = (
+            ""
+            if self.asked_joints is None
+            else ":" + "+".join(str(j + 1) for j in self.joints)
+        )
+        shape = "".join(
+            f"@{k}={self.shapes[k].written(v)}" for k, v in self.shape.items()
+        )
         return f"{self.name}{joints}{shape}"
 
     @property
@@ -365,14 +433,17 @@ class Effect(ABC):
         return self.text
 
     def to_dict(self) -> dict[str, object]:
-        """Plain JSON: name, joints from 1 and shape constants, as model.json holds them."""
-        joints = None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
+        """Plain JSON: name, joints from 1 and shape constants, as model.json holds
+        them."""
+        joints = (
+            None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
+        )
         return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
 
 
 def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
-    """Whether the torque changes with the joints' position, or velocity, or not at all, and with nothing
-    else."""
+    """Whether the torque changes with the joints' position, or velocity, or not at all,
+    and with nothing else."""
     other = effect.needs_torque or effect.needs_links or effect.needs_temperature
     if other or effect.needs_command or effect.needs_motors or effect.has_memory:
         return False
@@ -384,14 +455,17 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
         return effect.blocks(Motion(still[:, 0], q, dq, still))
 
     first, second = columns(0.0), columns(0.7)
-    return all(np.array_equal(a.columns, b.columns) for a, b in zip(first, second, strict=True))
+    return all(
+        np.array_equal(a.columns, b.columns) for a, b in zip(first, second, strict=True)
+    )
 
 
 class JointEffect(Effect):
     """An effect with one column a joint, or several, on that joint's own torque."""
 
     def column(self, motion: Motion, joint: int) -> Array:
-        """The (N,) column of the torque on ``joint`` (from 0); (N, k) where it has k parameters."""
+        """The (N,) column of the torque on ``joint`` (from 0); (N, k) where it has k
+        parameters."""
         raise NotImplementedError
 
     def blocks(self, motion: Motion) -> list[Block]:

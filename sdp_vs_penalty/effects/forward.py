@@ -2,10 +2,11 @@
 
     M(q) ddq = tau - b(q, dq) - f(q, dq, z, t),   dz/ds = law of the friction's internal states
 
-M and b are the links' (Pinocchio), and f everything else that the model knows. Dry friction turns round
-over velocities that a step of a millisecond passes many times over: what it does within a step is
-solved for (Moreau's time stepping), and whatever else grows with velocity or travel is linearised at
-the step's end (linearly implicit midpoint rule), so that stiff friction is stable at any step.
+M and b are the links' (Pinocchio), and f everything else that the model knows. Dry
+friction turns round over velocities that a step of a millisecond passes many times
+over: what it does within a step is solved for (Moreau's time stepping), and whatever
+else grows with velocity or travel is linearised at the step's end (linearly implicit
+midpoint rule), so that stiff friction is stable at any step.
 """
 
 from __future__ import annotations
@@ -23,19 +24,20 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 
-#: Change of velocity [rad/s, m/s] by which slopes of the force are taken, and the damping of drives,
-#: whose laws are linear in it.
+#: Change of velocity [rad/s, m/s] by which slopes of the force are taken, and the
+#: damping of drives, whose laws are linear in it.
 _SLOPE, _PUSH = 1e-6, 1e-3
-#: Widths beyond which a contact slides to the last bit, Newton steps of a whole step and of one contact.
+#: Widths beyond which a contact slides to the last bit, Newton steps of a whole step
+#: and of one contact.
 _SLIDES, _STEPS, _INNER = 20.0, 12, 9
 #: Miss of a step, relative to its velocities, that is rounding.
 _ARRIVED = 1e-11
 
 
 class State(NamedTuple):
-    """W simulations at one instant: t (W,); q, dq, ddq (W, n), ddq of the last step; z (W, k);
-    temperature (W, n) of the joints, NaN where it is not known, which stays as it is; sum (W, n) the
-    integrals of q, NaN where nobody knows them."""
+    """W simulations at one instant: t (W,); q, dq, ddq (W, n), ddq of the last step; z
+    (W, k); temperature (W, n) of the joints, NaN where it is not known, which stays as
+    it is; sum (W, n) the integrals of q, NaN where nobody knows them."""
 
     t: Array
     q: Array
@@ -51,7 +53,8 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class _Probe(Motion):
-    """A motion whose dry friction is told its direction: signs (N, m) along the contacts."""
+    """A motion whose dry friction is told its direction: signs (N, m) along the
+    contacts."""
 
     contacts: Array | None = None
     signs: Array | None = None
@@ -68,7 +71,8 @@ class _Probe(Motion):
 
 
 class Plant:
-    """A model with parameters theta (W, p), one row a simulation, or (p,) for all of them.
+    """A model with parameters theta (W, p), one row a simulation, or (p,) for all of
+    them.
 
     Raises InputError where a model has no rigid body.
     """
@@ -77,16 +81,26 @@ class Plant:
         self.model, self.robot = model, model.robot
         self.theta = np.atleast_2d(np.asarray(theta, float))
         if not len(model.rigid_indices):
-            raise InputError("the model has no rigid_body effect", "without inertia nothing can move")
+            raise InputError(
+                "the model has no rigid_body effect", "without inertia nothing can move"
+            )
         own = model.parts
-        self.effects = [(e, k) for e, k in own if e.name != "rigid_body" and e.forward == "torque"]
+        self.effects = [
+            (e, k) for e, k in own if e.name != "rigid_body" and e.forward == "torque"
+        ]
         self.channels = [(e, k) for e, k in own if e.forward == "channel"]
         links = self.theta[:, model.rigid_indices]
         different, which = np.unique(links, axis=0, return_inverse=True)
-        self._rigid, self._which = [self.robot.mass_and_bias(row) for row in different], which.ravel()
-        #: (m, n) directions along which there may be dry friction, (m,) over what widths it turns round.
+        self._rigid, self._which = (
+            [self.robot.mass_and_bias(row) for row in different],
+            which.ravel(),
+        )
+        #: (m, n) directions along which there may be dry friction, (m,) over what
+        #: widths it turns round.
         self.contacts, self.widths = self._contacts()
-        self.bristles = [e.bristles for e, _ in self.effects if isinstance(e, Remembering)]
+        self.bristles = [
+            e.bristles for e, _ in self.effects if isinstance(e, Remembering)
+        ]
         self.states = sum(len(b.distances) for b in self.bristles)
         self._moves = [(e, k) for e, k in self.effects if self._feels_acceleration(e)]
 
@@ -96,7 +110,8 @@ class Plant:
         return tuple(e.text for e in self.model.effects if e.forward == "left out")
 
     def true_torque(self, t: Array, torque: Array) -> Array:
-        """(N, n) the joints' torque from what the channels read, of the first row of parameters."""
+        """(N, n) the joints' torque from what the channels read, of the first row of
+        parameters."""
         if self.model.gains is not None:
             torque = torque / np.array(self.model.gains)
         for effect, k in self.channels:
@@ -106,34 +121,49 @@ class Plant:
     def remembered(self, motion: Motion) -> Array:
         """(N, k) the friction's states along a measured motion."""
         motion = replace(motion, sign_width=self.model.sign_width)
-        return np.hstack([np.zeros((len(motion.t), 0)), *(b.along(motion) for b in self.bristles)])
+        return np.hstack(
+            [np.zeros((len(motion.t), 0)), *(b.along(motion) for b in self.bristles)]
+        )
 
     def advanced(self, z: Array, travel: Array) -> Array:
         """(W, k) the friction's states after displacements (W, n)."""
-        parts = np.split(z, np.cumsum([len(b.distances) for b in self.bristles])[:-1], axis=1)
-        moved = [b.advanced(part, travel) for b, part in zip(self.bristles, parts, strict=False)]
+        parts = np.split(
+            z, np.cumsum([len(b.distances) for b in self.bristles])[:-1], axis=1
+        )
+        moved = [
+            b.advanced(part, travel)
+            for b, part in zip(self.bristles, parts, strict=False)
+        ]
         return np.hstack([np.zeros((len(z), 0)), *moved])
 
     @property
     def can_move(self) -> bool:
-        """Whether M(q) of the first row is positive definite, at poses all over the range."""
+        """Whether M(q) of the first row is positive definite, at poses all over the
+        range."""
         first = self if len(self.theta) == 1 else Plant(self.model, self.theta[0])
-        return bool(np.linalg.eigvalsh(first.mass(self.robot.random_configurations(20, 0))).min() > 0.0)
+        return bool(
+            np.linalg.eigvalsh(
+                first.mass(self.robot.random_configurations(20, 0))
+            ).min()
+            > 0.0
+        )
 
     def mass(self, q: Array) -> Array:
         """(W, n, n) M(q) at configurations (W, n)."""
         return self._mass_and_bias(q, np.zeros_like(q))[0]
 
     def terms(self, state: State, h: float) -> tuple[Array, Array, Array, Array]:
-        """What moves W simulations at the middle of a step of h [s], if it went on as in the last one: M
-        (W, n, n), force (W, n) = b + f without dry friction, its slope (W, n) over the velocity there,
-        and the dry forces (W, m) along the contacts."""
+        """What moves W simulations at the middle of a step of h [s], if it went on as
+        in the last one: M (W, n, n), force (W, n) = b + f without dry friction, its
+        slope (W, n) over the velocity there, and the dry forces (W, m) along the
+        contacts."""
         dq = state.dq + 0.5 * h * state.ddq
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
         mass, bias = self._mass_and_bias(state.q + travel, dq)
         delta = np.where(dq < 0.0, -_SLOPE, _SLOPE)
         n, m = self.robot.n, len(self.contacts)
-        # Probes: nothing dry, all joints' friction forwards, each other contact's, a little faster.
+        # Probes: nothing dry, all joints' friction forwards, each other contact's, a
+        # little faster.
         signs = np.zeros((3 + m - n, m))
         signs[1, :n] = 1.0
         signs[2:-1, n:] = np.eye(m - n)
@@ -150,7 +180,8 @@ class Plant:
     def _forces(
         self, state: State, moves: Sequence[tuple[Array, Array]], signs: Array, h: float
     ) -> Array:
-        """(P, W, n) f with each of P displacements and velocities (W, n) and signs (P, m)."""
+        """(P, W, n) f with each of P displacements and velocities (W, n) and signs (P,
+        m)."""
         count, size = len(moves), len(state.q)
         travel, dq = (np.concatenate(x) for x in zip(*moves, strict=True))
         still = np.zeros_like(dq)
@@ -166,12 +197,20 @@ class Plant:
         )
         if self.model.needs_reference:
             motion = self._with_load(motion, np.tile(state.ddq, (count, 1)))
-        z = self.advanced(np.tile(state.z, (count, 1)), travel) if self.states else state.z
+        z = (
+            self.advanced(np.tile(state.z, (count, 1)), travel)
+            if self.states
+            else state.z
+        )
         theta = np.tile(self.theta, (count if len(self.theta) > 1 else 1, 1))
         return self._sum(self.effects, motion, z, theta).reshape(count, size, -1)
 
     def _sum(
-        self, effects: Sequence[tuple[Effect, NDArray[np.intp]]], motion: Motion, z: Array, theta: Array
+        self,
+        effects: Sequence[tuple[Effect, NDArray[np.intp]]],
+        motion: Motion,
+        z: Array,
+        theta: Array,
     ) -> Array:
         out = np.zeros_like(motion.q)
         used = 0
@@ -183,7 +222,9 @@ class Plant:
             else:
                 blocks = effect.blocks(motion)
             for block in blocks:
-                out[:, block.joint] += (block.columns * theta[:, own[block.parameters]]).sum(axis=1)
+                out[:, block.joint] += (
+                    block.columns * theta[:, own[block.parameters]]
+                ).sum(axis=1)
         return out
 
     def _with_load(self, motion: _Probe, ddq: Array) -> _Probe:
@@ -191,11 +232,17 @@ class Plant:
         reference = self.model.reference
         assert reference is not None
         links = reference[self.model.rigid_indices].reshape(-1, 10)
-        free = [(e, k) for e, k in self.effects if not (e.needs_torque or e.needs_links)]
+        free = [
+            (e, k) for e, k in self.effects if not (e.needs_torque or e.needs_links)
+        ]
         plain = [(e, k) for e, k in free if not isinstance(e, Remembering)]
         torque = self.robot.inverse_dynamics(links, motion.q, motion.dq, ddq)
-        torque += self._sum(plain, motion, np.zeros((len(motion.t), 0)), reference[None])
-        return replace(motion, ddq=ddq, torque=torque, current=CurrentModel(self.robot, links))
+        torque += self._sum(
+            plain, motion, np.zeros((len(motion.t), 0)), reference[None]
+        )
+        return replace(
+            motion, ddq=ddq, torque=torque, current=CurrentModel(self.robot, links)
+        )
 
     def _mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
         if len(self._rigid) == 1:
@@ -223,32 +270,44 @@ class Plant:
         return moved.reshape(size, n, n)
 
     def _feels_acceleration(self, effect: Effect) -> bool:
-        """Whether its torque changes with the acceleration itself, not through a reference."""
+        """Whether its torque changes with the acceleration itself, not through a
+        reference."""
         if effect.needs_torque or effect.needs_links:
             return False
         n = self.robot.n
         q, still = np.full((1, n), 0.1), np.zeros((1, n))
-        motions = [Motion(np.zeros(1), q, still, a, temperature=still) for a in (still, np.ones((1, n)))]
-        before, after = ([b.columns for b in effect.blocks(motion)] for motion in motions)
+        motions = [
+            Motion(np.zeros(1), q, still, a, temperature=still)
+            for a in (still, np.ones((1, n)))
+        ]
+        before, after = (
+            [b.columns for b in effect.blocks(motion)] for motion in motions
+        )
         return not all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
 
     def _contacts(self) -> tuple[Array, Array]:
-        """One a joint, and one for each combination of joints on which dry friction acts."""
+        """One a joint, and one for each combination of joints on which dry friction
+        acts."""
         n, widths = self.robot.n, list(self.model.sign_width)
         rows = list(np.eye(n))
         for effect, _ in self.effects:
             ratios = effect.contact
-            if ratios is not None and not any(np.array_equal(ratios, row) for row in rows):
+            if ratios is not None and not any(
+                np.array_equal(ratios, row) for row in rows
+            ):
                 rows.append(ratios)
                 widths.append(max(widths[j] for j in np.flatnonzero(ratios)))
         return np.array(rows), np.array(widths)
 
 
-def advance(plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None) -> State:
+def advance(
+    plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None
+) -> State:
     """One step of h [s] of all simulations; positions move with the mean velocity.
 
-    torque : (W, n) at the middle of the step, if that goes on as the last one did; damping : (W, n, n)
-    how the torque falls with the velocity there, where a controller makes it.
+    torque : (W, n) at the middle of the step, if that goes on as the last one did;
+    damping : (W, n, n) how the torque falls with the velocity there, where a controller
+    makes it.
     """
     mass, force, slope, dry = plant.terms(state, h)
     predicted = state.dq + h * state.ddq
@@ -256,7 +315,8 @@ def advance(plant: Plant, state: State, torque: Array, h: float, damping: Array 
     if damping is not None:
         slopes = slopes + damping
     matrix = mass + 0.5 * h * slopes
-    # The force was taken at the velocity predicted for the middle, (dq + predicted) / 2.
+    # The force was taken at the velocity predicted for the middle, (dq + predicted) /
+    # 2.
     push = h * (torque - force) + np.einsum("kij,kj->ki", matrix, predicted)
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
     dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts, plant.widths)
@@ -266,7 +326,8 @@ def advance(plant: Plant, state: State, torque: Array, h: float, damping: Array 
 
 
 class ServoLoop:
-    """A model with servo effects and its parameters theta (p,): the plant, and what drives it."""
+    """A model with servo effects and its parameters theta (p,): the plant, and what
+    drives it."""
 
     def __init__(self, model: Model, theta: Array) -> None:
         self.drives = [(e, theta[k]) for e, k in model.parts if e.forward == "drive"]
@@ -274,14 +335,20 @@ class ServoLoop:
 
     def drive(self, motion: Motion) -> Array:
         """(N, n) torque of the drives [N m, N]."""
-        return -sum((e.torque(own, motion) for e, own in self.drives), np.zeros_like(motion.q))
+        return -sum(
+            (e.torque(own, motion) for e, own in self.drives), np.zeros_like(motion.q)
+        )
 
     def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
-        """States (W) at positions q (W, n) whose integrals are path (W, n), with the velocity of the
-        command, at instants t (W,)."""
+        """States (W) at positions q (W, n) whose integrals are path (W, n), with the
+        velocity of the command, at instants t (W,)."""
         dq, rest = command.velocity(t), np.zeros_like(q)
         motion = Motion(t, q, dq, rest, command=command, sum=path)
-        z = self.plant.remembered(motion) if self.plant.states else np.zeros((len(t), 0))
+        z = (
+            self.plant.remembered(motion)
+            if self.plant.states
+            else np.zeros((len(t), 0))
+        )
         return State(t, q, dq, rest, z, np.full_like(q, np.nan), path)
 
     def step(self, state: State, command: Command, h: float) -> State:
@@ -295,24 +362,30 @@ class ServoLoop:
         path = path + 0.5 * half * half * _PUSH
         faster = replace(middle, q=q + half * _PUSH, dq=dq + _PUSH, sum=path)
         fall = (torque - self.drive(faster)) / _PUSH
-        return advance(self.plant, state, torque, h, fall[:, :, None] * np.eye(q.shape[1]))
+        return advance(
+            self.plant, state, torque, h, fall[:, :, None] * np.eye(q.shape[1])
+        )
 
 
 # One step with dry friction, its sticking and sliding solved for, not stepped over.
 
 
-def dry_step(matrix: Array, push: Array, before: Array, impulse: Array, c: Array, w: Array) -> Array:
+def dry_step(
+    matrix: Array, push: Array, before: Array, impulse: Array, c: Array, w: Array
+) -> Array:
     """(W, n) velocities after a step.
 
-    matrix : (W, n, n) K; push : (W, n) [N m s]; before : (W, n) velocities before the step; impulse :
-    (W, m) p; c (m, n), w (m,) : the contacts' directions and widths. What is negative of p (no friction)
-    acts as the velocity before the step says.
+    matrix : (W, n, n) K; push : (W, n) [N m s]; before : (W, n) velocities before the
+    step; impulse : (W, m) p; c (m, n), w (m,) : the contacts' directions and widths.
+    What is negative of p (no friction) acts as the velocity before the step says.
     """
     past = before @ c.T
     odd = np.minimum(impulse, 0.0)
     push = push - (odd * np.tanh(past / w)) @ c
     p = impulse - odd
-    right = np.concatenate([push[:, :, None], np.broadcast_to(c.T, (len(push), *c.T.shape))], axis=2)
+    right = np.concatenate(
+        [push[:, :, None], np.broadcast_to(c.T, (len(push), *c.T.shape))], axis=2
+    )
     solved = np.linalg.solve(matrix, right)
     free, response = solved[:, :, 0], solved[:, :, 1:]
     y0, coupling = free @ c.T, c @ response
@@ -330,17 +403,22 @@ def dry_step(matrix: Array, push: Array, before: Array, impulse: Array, c: Array
 def _solved(y0: Array, coupling: Array, p: Array, past: Array, w: Array) -> Array:
     """(W, m) friction impulses f with y = y0 - G f, f = p tanh(y / w).
 
-    Newton on x = y + g f, g = diag G: y and f are both Lipschitz functions of x, whatever w. Where that
-    has not arrived after some steps it goes in circles, which half steps leave.
+    Newton on x = y + g f, g = diag G: y and f are both Lipschitz functions of x,
+    whatever w. Where that has not arrived after some steps it goes in circles, which
+    half steps leave.
     """
     g = np.einsum("kii->ki", coupling)
     x = np.where(np.abs(y0) > g * p, y0, past)
     scale = np.abs(y0).max(axis=1) + w.min()
     x = _newton(x, y0, coupling, p, w, scale, 1.0)
-    miss = x - g * (f := _friction(x, g, p, w)) + np.einsum("kij,kj->ki", coupling, f) - y0
+    miss = (
+        x - g * (f := _friction(x, g, p, w)) + np.einsum("kij,kj->ki", coupling, f) - y0
+    )
     rest = np.flatnonzero(np.abs(miss).max(axis=1) > _ARRIVED * scale)
     if len(rest):
-        x[rest] = _newton(x[rest], y0[rest], coupling[rest], p[rest], w, scale[rest], 0.25)
+        x[rest] = _newton(
+            x[rest], y0[rest], coupling[rest], p[rest], w, scale[rest], 0.25
+        )
         f = _friction(x, g, p, w)
     return np.clip(f, -p, p)
 
@@ -361,7 +439,9 @@ def _newton(
         if np.all(np.abs(miss).max(axis=1) <= _ARRIVED * scale):
             break
         # dy/dx
-        rate = 1.0 / (1.0 + g * p / (w * np.cosh(np.minimum(np.abs(y) / w, 300.0)) ** 2))
+        rate = 1.0 / (
+            1.0 + g * p / (w * np.cosh(np.minimum(np.abs(y) / w, 300.0)) ** 2)
+        )
         jacobian = coupling * ((1.0 - rate) / g)[:, None, :]
         jacobian[:, range(m), range(m)] += rate + 1e-14
         x = x - share * np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
@@ -369,7 +449,8 @@ def _newton(
 
 
 def _resolvent(x: Array, c: Array, w: Array | float) -> Array:
-    """y with y + c tanh(y / w) = x. Concave for x > 0, so that Newton from below arrives from below."""
+    """y with y + c tanh(y / w) = x. Concave for x > 0, so that Newton from below
+    arrives from below."""
     size, steepest = np.abs(x), c / w
     y = np.maximum(size - c, size / (1.0 + steepest))
     for _ in range(_INNER):

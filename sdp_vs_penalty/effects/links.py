@@ -1,4 +1,5 @@
-"""The links' inertia and weight, what is carried, and links that stand elsewhere than the model says."""
+"""The links' inertia and weight, what is carried, and links that stand elsewhere than
+the model says."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -7,22 +8,30 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import Array, Block, Effect, JointEffect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import (
+    Array,
+    Block,
+    Effect,
+    JointEffect,
+    Motion,
+    Parameter,
+)
 from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Distance [m] of a centre of mass beyond which rounding would show in a torque divided by the mass.
+#: Distance [m] of a centre of mass beyond which rounding would show in a torque divided
+#: by the mass.
 _FARTHEST = 100.0
 
 
 class RigidBody(Effect):
     equation = "M(q) ddq + C(q, dq) dq + g(q) = Y(q, dq, ddq) theta"
     explanation = (
-        "Mass, centre of mass and inertia of every link determine the torque that accelerates the "
-        "arm and holds it against gravity."
+        "Mass, centre of mass and inertia of every link determine the torque that"
+        " accelerates the arm and holds it against gravity."
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     signless = smooth = True
@@ -33,7 +42,9 @@ class RigidBody(Effect):
         return tuple(
             Parameter(name, unit, self.name, link)
             for link in range(1, self.robot.links + 1)
-            for name, unit in zip(inertia.parameter_names(link), inertia.UNITS, strict=True)
+            for name, unit in zip(
+                inertia.parameter_names(link), inertia.UNITS, strict=True
+            )
         )
 
     def constraints(
@@ -54,10 +65,12 @@ class RigidBody(Effect):
         return blocks
 
     def torque(self, theta: Array, motion: Motion) -> Array:
-        """By recursive Newton-Euler, half the price of columns; these where a mass is next to nothing,
-        by which it divides."""
+        """By recursive Newton-Euler, half the price of columns; these where a mass is
+        next to nothing, by which it divides."""
         links = theta.reshape(-1, 10)
-        if np.any(np.linalg.norm(links[:, 1:4], axis=1) > _FARTHEST * np.abs(links[:, 0])):
+        if np.any(
+            np.linalg.norm(links[:, 1:4], axis=1) > _FARTHEST * np.abs(links[:, 0])
+        ):
             return super().torque(theta, motion)
         return self.robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
 
@@ -65,10 +78,10 @@ class RigidBody(Effect):
 class Payload(Effect):
     equation = "Y_last(q, dq, ddq) theta_payload"
     explanation = (
-        "A body carried by the last link. Its ten parameters are those of the last link, so only a "
-        "model held fixed (identified without the load) can show it. Its mass is only as accurate "
-        "as the scale of the torque channels: gains that are 1 % off make it 1 % off, and these "
-        "data cannot separate the two."
+        "A body carried by the last link. Its ten parameters are those of the last"
+        " link, so only a model held fixed (identified without the load) can show it."
+        " Its mass is only as accurate as the scale of the torque channels: gains that"
+        " are 1 % off make it 1 % off, and these data cannot separate the two."
     )
     reference = "Atkeson, An, Hollerbach, IJRR 1986"
     whole_robot = True
@@ -77,14 +90,22 @@ class Payload(Effect):
     sized_by = slice(0, 1)  # its mass
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
-        names, last = inertia.parameter_names(self.robot.links), len(str(self.robot.links))
-        return zip([f"payload_{name[:-last]}" for name in names], inertia.UNITS, strict=True)
+        names, last = (
+            inertia.parameter_names(self.robot.links),
+            len(str(self.robot.links)),
+        )
+        return zip(
+            [f"payload_{name[:-last]}" for name in names], inertia.UNITS, strict=True
+        )
 
     def constraints(
         self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
         """It is a body."""
-        return [build.pseudo_inertia(self.name, indices), *super().constraints(indices, parameters)]
+        return [
+            build.pseudo_inertia(self.name, indices),
+            *super().constraints(indices, parameters),
+        ]
 
     @property
     def nominal(self) -> Array:
@@ -98,8 +119,9 @@ class Payload(Effect):
 class ExternalWrench(Effect):
     equation = "-J(q)^T (F, M)"
     explanation = (
-        "A force and a moment that stay constant in the world act on the last link, at its joint's "
-        "origin: a cable or a balancer that pulls, a tool that rests on something."
+        "A force and a moment that stay constant in the world act on the last link, at"
+        " its joint's origin: a cable or a balancer that pulls, a tool that rests on"
+        " something."
     )
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 7.1"
     whole_robot = True
@@ -107,19 +129,28 @@ class ExternalWrench(Effect):
     sized_by = slice(0, 3)  # the force
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
-        return [(f"{x}_{axis}", unit) for x, unit in (("F", "N"), ("M", "N*m")) for axis in "xyz"]
+        return [
+            (f"{x}_{axis}", unit)
+            for x, unit in (("F", "N"), ("M", "N*m"))
+            for axis in "xyz"
+        ]
 
     def torques(self, motion: Motion) -> Array:
-        return -self.robot.jacobians(motion.q, self.robot.link_joints[-1]).swapaxes(1, 2)
+        return -self.robot.jacobians(motion.q, self.robot.link_joints[-1]).swapaxes(
+            1, 2
+        )
 
 
 class RotorInertia(JointEffect):
     equation = "I_a ddq"
     explanation = (
-        "Reflected rotor inertia (armature): the rotor turns N times faster than the link, so its "
-        "inertia counts N^2 times on the joint's own axis. Only a motor-side torque contains it."
+        "Reflected rotor inertia (armature): the rotor turns N times faster than the"
+        " link, so its inertia counts N^2 times on the joint's own axis. Only a"
+        " motor-side torque contains it."
     )
-    reference = "Khalil, Dombre, Modeling, Identification and Control of Robots, sec. 9.4"
+    reference = (
+        "Khalil, Dombre, Modeling, Identification and Control of Robots, sec. 9.4"
+    )
     symbol = "I_a"
     units = ("kg*m^2", "kg")
     lower = 0.0
@@ -131,13 +162,18 @@ class RotorInertia(JointEffect):
 
 
 class MotorInertia(JointEffect):
-    equation = "I_m (ddq_m - ddq), q_m the motor's position on the joint's side of the gear"
-    explanation = (
-        "Where motor and link have encoders of their own (columns qmot1..qmotn) it is measured what the "
-        "gear yields: the rotor's inertia acts on the motor's acceleration. With the link's it is "
-        "rotor_inertia, which the links often absorb; this is the rest, which they cannot."
+    equation = (
+        "I_m (ddq_m - ddq), q_m the motor's position on the joint's side of the gear"
     )
-    reference = "Albu-Schaeffer, Hirzinger, IEEE ICRA 2001 (both sides measured); Spong 1987"
+    explanation = (
+        "Where motor and link have encoders of their own (columns qmot1..qmotn) it is"
+        " measured what the gear yields: the rotor's inertia acts on the motor's"
+        " acceleration. With the link's it is rotor_inertia, which the links often"
+        " absorb; this is the rest, which they cannot."
+    )
+    reference = (
+        "Albu-Schaeffer, Hirzinger, IEEE ICRA 2001 (both sides measured); Spong 1987"
+    )
     symbol = "I_m"
     units = ("kg*m^2", "kg")
     lower = 0.0
@@ -152,10 +188,14 @@ class MotorInertia(JointEffect):
 class BaseTilt(Effect):
     equation = "g_1 dID/dg_1 + g_2 dID/dg_2"
     explanation = (
-        "The base is not mounted as the model says: gravity has components along the two directions "
-        "across the assumed one (x and y of an upright base). 0.17 m/s^2 is one degree."
+        "The base is not mounted as the model says: gravity has components along the"
+        " two directions across the assumed one (x and y of an upright base). 0.17"
+        " m/s^2 is one degree."
     )
-    reference = "Luh, Walker, Paul, ASME J. Dynamic Systems 1980 (gravity as the base's acceleration)"
+    reference = (
+        "Luh, Walker, Paul, ASME J. Dynamic Systems 1980 (gravity as the base's"
+        " acceleration)"
+    )
     usual = (0.5, 0.5)  # three degrees, which an eye sees
     form_of = "kinematic_error"
     needs_links = True
@@ -164,9 +204,13 @@ class BaseTilt(Effect):
 
     @property
     def across(self) -> Array:
-        """(2, 3) the two directions across gravity: base axes where gravity points along one, otherwise
-        those nearest to them."""
-        gravity = np.array(self.robot.gravity) if any(self.robot.gravity) else np.array([0.0, 0.0, -1.0])
+        """(2, 3) the two directions across gravity: base axes where gravity points
+        along one, otherwise those nearest to them."""
+        gravity = (
+            np.array(self.robot.gravity)
+            if any(self.robot.gravity)
+            else np.array([0.0, 0.0, -1.0])
+        )
         down = gravity / np.linalg.norm(gravity)
         axes = np.delete(np.eye(3), int(np.argmax(np.abs(down))), axis=0)
         flat = axes - np.outer(axes @ down, down)
@@ -175,7 +219,11 @@ class BaseTilt(Effect):
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         straight = np.count_nonzero(self.robot.gravity) < 2
-        names = ["xyz"[int(np.argmax(np.abs(a)))] for a in self.across] if straight else ["1", "2"]
+        names = (
+            ["xyz"[int(np.argmax(np.abs(a)))] for a in self.across]
+            if straight
+            else ["1", "2"]
+        )
         return [(f"g_{name}", "m/s^2") for name in names]
 
     def torques(self, motion: Motion) -> Array:
@@ -183,7 +231,9 @@ class BaseTilt(Effect):
         columns = []
         for gravity in self.across:
             robot = replace(self.robot, gravity=(gravity[0], gravity[1], gravity[2]))
-            columns.append(robot.inverse_dynamics(motion.model_links, motion.q, rest, rest))
+            columns.append(
+                robot.inverse_dynamics(motion.model_links, motion.q, rest, rest)
+            )
         return np.stack(columns, axis=2)
 
     def remark(self, size: float) -> str:
@@ -191,7 +241,8 @@ class BaseTilt(Effect):
 
 
 class LinkDeviation(Effect):
-    """Joint j's link is elsewhere than its encoder says: torque on every joint that depends on it."""
+    """Joint j's link is elsewhere than its encoder says: torque on every joint that
+    depends on it."""
 
     needs_links = True
     signless = True
@@ -207,9 +258,10 @@ class LinkDeviation(Effect):
 class JointZeroError(LinkDeviation):
     equation = "e_0 dID/dq_j"
     explanation = (
-        "The true position of joint j is q_j + e_0: gravity and the coupling between links act at a "
-        "different angle than the model assumes. (Rotating both neighbours' frames would do the "
-        "same; on some joints the links' parameters absorb it.)"
+        "The true position of joint j is q_j + e_0: gravity and the coupling between"
+        " links act at a different angle than the model assumes. (Rotating both"
+        " neighbours' frames would do the same; on some joints the links' parameters"
+        " absorb it.)"
     )
     reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
     symbol = "e_0"
@@ -222,21 +274,23 @@ class JointZeroError(LinkDeviation):
         return by_q[:, :, joint]
 
 
-#: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with resonances of 4 to 8
-#: Hz are found within a fifth below 2 or 4 Hz; up to 8 Hz from -.1 to .7 of what they are.
+#: Below this [Hz] a geared joint yields as a spring alone does. MuJoCo's gears with
+#: resonances of 4 to 8 Hz are found within a fifth below 2 or 4 Hz; up to 8 Hz from -.1
+#: to .7 of what they are.
 _BENDS = 4.0
 
 
 class Backlash(LinkDeviation):
     equation = (
-        "-b dID/dq_j s | -b D s below the frequency band, for law = rests | crosses; s = sign(tau_j), D "
-        "as of joint_elasticity"
+        "-b dID/dq_j s | -b D s below the frequency band, for law = rests | crosses; s"
+        " = sign(tau_j), D as of joint_elasticity"
     )
     explanation = (
-        "The gear of joint j has play: the link rests against one flank or the other, b away from "
-        "the position that the motor-side encoder shows, on the side that the transmitted torque "
-        "tau_j determines. With law = crosses the way from flank to flank counts too, whose velocity "
-        "and acceleration the encoder does not show."
+        "The gear of joint j has play: the link rests against one flank or the other, b"
+        " away from the position that the motor-side encoder shows, on the side that"
+        " the transmitted torque tau_j determines. With law = crosses the way from"
+        " flank to flank counts too, whose velocity and acceleration the encoder does"
+        " not show."
     )
     reference = "Nordin, Gutman, Automatica 2002"
     symbol = "b"
@@ -246,12 +300,17 @@ class Backlash(LinkDeviation):
     forward = "left out"  # a link that moves by itself within the play
     has_memory = True  # time derivatives of the side
     shapes = {
-        "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("rests", "crosses")),
+        "law": Shape(
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("rests", "crosses")
+        ),
         "band": Shape(_BENDS, "Hz"),
     }
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        side, by_q = np.sign(motion.link_torque[:, joint]), motion.derivatives[0][:, :, joint]
+        side, by_q = (
+            np.sign(motion.link_torque[:, joint]),
+            motion.derivatives[0][:, :, joint],
+        )
         if self.shape["law"] == 1.0:
             return -by_q * side[:, None]
         # Where a flank is never left nothing has a rate, not even by rounding.
@@ -261,16 +320,17 @@ class Backlash(LinkDeviation):
 
 class JointElasticity(LinkDeviation):
     equation = (
-        "-c_e D x, x = tau_j - c (D tau_j)_j below the frequency band, D x = dID/dq_j x + dID/d dq_j "
-        "dx/dt + dID/d ddq_j d^2 x/dt^2"
+        "-c_e D x, x = tau_j - c (D tau_j)_j below the frequency band, D x = dID/dq_j x"
+        " + dID/d dq_j dx/dt + dID/d ddq_j d^2 x/dt^2"
     )
     explanation = (
-        "The gear of joint j yields under the torque tau_j that it transmits (that of the links; "
-        "motor friction does not pass through it): the link lags behind the motor-side encoder by "
-        "c_e x, c_e = 1 / stiffness, which changes position, velocity and acceleration in the inverse "
-        "dynamics of every joint. What bends the gear is the torque x of the link that lags; c is c_e. "
-        "That holds well below the gear's resonance, and band keeps to there: where friction turns "
-        "round the motor shakes faster than its link can follow."
+        "The gear of joint j yields under the torque tau_j that it transmits (that of"
+        " the links; motor friction does not pass through it): the link lags behind the"
+        " motor-side encoder by c_e x, c_e = 1 / stiffness, which changes position,"
+        " velocity and acceleration in the inverse dynamics of every joint. What bends"
+        " the gear is the torque x of the link that lags; c is c_e. That holds well"
+        " below the gear's resonance, and band keeps to there: where friction turns"
+        " round the motor shakes faster than its link can follow."
     )
     reference = "Spong, ASME J. Dynamic Systems 1987"
     symbol = "c_e"
@@ -285,7 +345,8 @@ class JointElasticity(LinkDeviation):
         band, c = self.shape["band"], self.shape["c"]
         torque = motion.smoothed(motion.link_torque[:, joint], band)
         if c:
-            # With the link where the model has it, a gear is found up to a quarter softer than it is.
+            # With the link where the model has it, a gear is found up to a quarter
+            # softer than it is.
             torque = torque - c * _moved(motion, joint, torque)[:, joint]
         return -_moved(motion, joint, torque)
 
@@ -297,9 +358,11 @@ def _moved(motion: Motion, joint: int, x: Array) -> Array:
     return np.asarray(by_q * x + by_dq * rate + by_ddq * acceleration)
 
 
-#: What may be expected of an arm that nobody has calibrated: displacements [m] and turns [rad].
+#: What may be expected of an arm that nobody has calibrated: displacements [m] and
+#: turns [rad].
 _SLIP, _TURN = 2e-3, 4e-3
-#: Of the acceleration's root mean square: what is lost where columns are computed at fewer instants.
+#: Of the acceleration's root mean square: what is lost where columns are computed at
+#: fewer instants.
 _THINNED = 0.02
 _FEWEST = 200
 
@@ -307,11 +370,14 @@ _FEWEST = 200
 class KinematicError(Effect):
     equation = "sum_jk e_jk dID/d(placement of joint j)_k"
     explanation = (
-        "The joints are mounted beside where the model's kinematics say, by small displacements and "
-        "rotations in their own frames: a calibration would tell. Gravity and inertia act elsewhere. "
-        "Single parameters are known no better than their intervals say; the torque is that of all."
+        "The joints are mounted beside where the model's kinematics say, by small"
+        " displacements and rotations in their own frames: a calibration would tell."
+        " Gravity and inertia act elsewhere. Single parameters are known no better than"
+        " their intervals say; the torque is that of all."
     )
-    reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3"
+    reference = (
+        "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991, ch. 3"
+    )
     needs_links = True
     whole_robot = True
     signless = True
@@ -320,16 +386,21 @@ class KinematicError(Effect):
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         kinds = [("slip", "m") if k < 3 else ("turn", "rad") for _, k in self._places]
         places = zip(kinds, self._places, strict=True)
-        return [(f"{word}_{'xyz'[k % 3]}{j + 1}", unit) for (word, unit), (j, k) in places]
+        return [
+            (f"{word}_{'xyz'[k % 3]}{j + 1}", unit) for (word, unit), (j, k) in places
+        ]
 
     @cached_property
     def _places(self) -> list[tuple[int, int]]:
-        """Joint of the tree and axis (three displacements, then three rotations), displacements first:
-        those that can make torque. A joint on the base feels no more than where gravity points."""
+        """Joint of the tree and axis (three displacements, then three rotations),
+        displacements first: those that can make torque. A joint on the base feels no
+        more than where gravity points."""
         gravity, out = np.array(self.robot.gravity), list[tuple[int, int]]()
         for j, joint in enumerate(self.robot.tree):
             down = joint.placement[:3, :3].T @ gravity
-            across = [k for k in range(3, 6) if np.hypot(*np.delete(down, k - 3)) > 1e-6]
+            across = [
+                k for k in range(3, 6) if np.hypot(*np.delete(down, k - 3)) > 1e-6
+            ]
             out += [(j, k) for k in (across if joint.parent == -1 else range(6))]
         return sorted(out, key=lambda place: place[1] >= 3)
 
@@ -353,12 +424,16 @@ class KinematicError(Effect):
         q, dq, ddq = (x[few] for x in (motion.q, motion.dq, motion.ddq))
         by = self.robot.placement_derivatives(motion.model_links, q, dq, ddq)
         columns = np.stack([by[:, :, j, k] for j, k in self._places], axis=2)
-        return columns if len(few) == len(motion.t) else CubicSpline(motion.t[few], columns)(motion.t)
+        return (
+            columns
+            if len(few) == len(motion.t)
+            else CubicSpline(motion.t[few], columns)(motion.t)
+        )
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:
-    """Instants from which splines give back the acceleration, the roughest part of a motion; all of
-    them where they are no series, such as a simulation's states."""
+    """Instants from which splines give back the acceleration, the roughest part of a
+    motion; all of them where they are no series, such as a simulation's states."""
     from scipy.interpolate import CubicSpline
 
     every = np.arange(len(motion.t))

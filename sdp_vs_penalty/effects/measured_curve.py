@@ -17,15 +17,16 @@ from sdp_vs_penalty.effects.shape import Shape
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
-#: What a curve can run over, in the order of the numbers that saved models have for it; "none" as the
-#: second of a pair is no second variable.
+#: What a curve can run over, in the order of the numbers that saved models have for it;
+#: "none" as the second of a pair is no second variable.
 WORDS = ("q", "dq", "ddq", "tau", "t", "sign(dq)", "abs(ddq)", "temp", "none")
 
 
 @dataclass(frozen=True)
 class Variable:
-    """word : of WORDS, tau being the current model's torque; joint : from 0; other, ratio : the joint
-    (-1: none) that is added in this ratio, to a position or velocity."""
+    """word : of WORDS, tau being the current model's torque; joint : from 0; other,
+    ratio : the joint (-1: none) that is added in this ratio, to a position or velocity.
+    """
 
     word: str
     joint: int = 0
@@ -46,7 +47,9 @@ class Variable:
         if self.word == "abs(ddq)":
             return np.abs(motion.ddq[:, j])
         x = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}[self.word]
-        return np.asarray(x[:, j] if self.other < 0 else x[:, j] + self.ratio * x[:, self.other])
+        return np.asarray(
+            x[:, j] if self.other < 0 else x[:, j] + self.ratio * x[:, self.other]
+        )
 
     @property
     def name(self) -> str:
@@ -81,7 +84,13 @@ class Variable:
     def unit(self, torque_units: Sequence[str]) -> str:
         """From the units of the joints' torques; of a combination the first joint's."""
         position = "m" if torque_units[self.joint] == "N" else "rad"
-        rates = {"q": position, "dq": f"{position}/s", "ddq": f"{position}/s^2", "t": "s", "temp": "K"}
+        rates = {
+            "q": position,
+            "dq": f"{position}/s",
+            "ddq": f"{position}/s^2",
+            "t": "s",
+            "temp": "K",
+        }
         more = {"abs(ddq)": rates["ddq"], "tau": torque_units[self.joint]}
         return (rates | more).get(self.word, "-")
 
@@ -91,14 +100,17 @@ _MOST = 200
 
 
 def _is_value(key: str) -> bool:
-    """Whether a shape constant is a value of the table: v1, v2, ... where it was measured, w1, w2, ...
+    """Whether a shape constant is a value of the table: v1, v2, ... where it was
+    measured, w1, w2, ...
     what a law says where it was not."""
     return key[0] in "vw" and key[1:].isdigit()
 
 
-def _axis(axis: str, count: float, default: float, words: tuple[str, ...]) -> dict[str, Shape]:
-    """Shape constants of one variable: its word and joint, the joint that is added to it (0: none) in a
-    ratio, the ends and the number of the table's values along it."""
+def _axis(
+    axis: str, count: float, default: float, words: tuple[str, ...]
+) -> dict[str, Shape]:
+    """Shape constants of one variable: its word and joint, the joint that is added to
+    it (0: none) in a ratio, the ends and the number of the table's values along it."""
     numbers = tuple(WORDS.index(w) + 1.0 for w in words)
     return {
         axis: Shape(default, choices=numbers, words=words),
@@ -113,20 +125,30 @@ def _axis(axis: str, count: float, default: float, words: tuple[str, ...]) -> di
 
 def _variable(own: Mapping[str, float], axis: str, joint: int) -> Variable | None:
     """Of an axis of a curve of a joint (from 0), or None."""
-    word, first, other = WORDS[int(own[axis]) - 1], int(own[f"{axis}j"]), int(own.get(f"{axis}i", 0))
+    word, first, other = (
+        WORDS[int(own[axis]) - 1],
+        int(own[f"{axis}j"]),
+        int(own.get(f"{axis}i", 0)),
+    )
     if word == "none":
         return None
-    return Variable(word, first - 1 if first else joint, other - 1, own.get(f"{axis}c", 1.0))
+    return Variable(
+        word, first - 1 if first else joint, other - 1, own.get(f"{axis}c", 1.0)
+    )
 
 
 class MeasuredCurve(JointEffect):
     name = "measured_curve"
-    equation = "s f(x) or s f(x, y), f interpolated linearly between the values v1, v2, ... of a table"
+    equation = (
+        "s f(x) or s f(x, y), f interpolated linearly between the values v1, v2, ... of"
+        " a table"
+    )
     explanation = (
-        "A torque that repeats and that no other effect explains, as diagnose measures it: a table over "
-        "one variable or a pair of them. Its size s is 1 where the table was measured. Between its "
-        "ends, what was not measured is as its law says, where it has one (values w1, w2, ...). Held "
-        "constant outside of the table, where nothing is known of it."
+        "A torque that repeats and that no other effect explains, as diagnose measures"
+        " it: a table over one variable or a pair of them. Its size s is 1 where the"
+        " table was measured. Between its ends, what was not measured is as its law"
+        " says, where it has one (values w1, w2, ...). Held constant outside of the"
+        " table, where nothing is known of it."
     )
     reference = "Eilers, Marx, Statistical Science 1996 (penalised splines)"
     symbol = "curve"
@@ -140,8 +162,12 @@ class MeasuredCurve(JointEffect):
         "v2": Shape(1.0, signed=True),
     }
 
-    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
-        own: dict[str, float] = {k: s.default for k, s in type(self).shapes.items()} | shape
+    def __init__(
+        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
+    ) -> None:
+        own: dict[str, float] = {
+            k: s.default for k, s in type(self).shapes.items()
+        } | shape
         if any(_is_value(key) for key in shape):
             own = {k: v for k, v in own.items() if k in shape or not _is_value(k)}
         keys = {int(key[1:]): key for key in own if _is_value(key)}
@@ -156,48 +182,72 @@ class MeasuredCurve(JointEffect):
         self.needs_torque, self.follows_clock = "tau" in words, "t" in words
         self.needs_temperature = "temp" in words
         size, there = (int(own["xn"]), int(own["yn"])), np.array(known) - 1
-        places, table = np.array(list(np.ndindex(size))), np.full(size[0] * size[1], np.nan)
+        places, table = (
+            np.array(list(np.ndindex(size))),
+            np.full(size[0] * size[1], np.nan),
+        )
         table[there] = [self.shape[key] for key in values]
-        left = np.flatnonzero(np.isnan(table))  # where no measurement lay it is as at the nearest value
+        left = np.flatnonzero(
+            np.isnan(table)
+        )  # where no measurement lay it is as at the nearest value
         apart = np.sum((places[left, None] - places[there]) ** 2, axis=2)
         table[left] = table[there][np.argmin(apart, axis=1)]
         self._table, self._missing = table.reshape(size), np.ones(size)
         self._missing.flat[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
 
-    def _refuse(self, robot: Robot, own: Mapping[str, float], known: Sequence[int]) -> None:
+    def _refuse(
+        self, robot: Robot, own: Mapping[str, float], known: Sequence[int]
+    ) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""
         who = f"effect {self.name}:"
         for key in ("xn", "yn"):
             if own[key] != int(own[key]) or not 1 <= own[key] <= _MOST:
-                raise InputError(f"{who} {key} = {own[key]:g}", f"give a whole number from 1 to {_MOST}")
+                raise InputError(
+                    f"{who} {key} = {own[key]:g}",
+                    f"give a whole number from 1 to {_MOST}",
+                )
         count = int(own["xn"] * own["yn"])
         if not known or not 1 <= known[0] <= known[-1] <= count:
             remedy = f"name those that are known among v1 to v{count}"
             raise InputError(f"{who} the values do not fit a table of {count}", remedy)
         if not (own["xlow"] < own["xhigh"] and own["ylow"] < own["yhigh"]):
-            raise InputError(f"{who} a table's low end is not below its high end", "swap the ends")
+            raise InputError(
+                f"{who} a table's low end is not below its high end", "swap the ends"
+            )
         for key in ("xj", "yj", "xi", "yi"):
             if own[key] != int(own[key]) or not 0 <= own[key] <= robot.n:
-                remedy = f"give one from 1 to {robot.n}, or 0 for {'none' if 'i' in key else 'its own'}"
+                remedy = (
+                    f"give one from 1 to {robot.n}, or 0 for"
+                    f" {'none' if 'i' in key else 'its own'}"
+                )
                 raise InputError(f"{who} {key} = {own[key]:g} is no joint", remedy)
             if "i" in key and own[key] and own[key[0]] not in (1.0, 2.0):
                 what = f"{who} {key} adds a joint to what is no position or velocity"
-                raise InputError(what, f"leave it out, or write {key[0]}=q or {key[0]}=dq")
+                raise InputError(
+                    what, f"leave it out, or write {key[0]}=q or {key[0]}=dq"
+                )
 
     @classmethod
     def _own_shapes(
         cls, robot: Robot, joint: int, own: Mapping[str, float], values: Sequence[str]
     ) -> dict[str, Shape]:
-        """The class's that say something, with the units of this table's variables and of its torque."""
+        """The class's that say something, with the units of this table's variables and
+        of its torque."""
         out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
         for axis in "xy":
-            over = _variable(own, axis, joint) if own[axis] in cls.shapes[axis].choices else None
+            over = (
+                _variable(own, axis, joint)
+                if own[axis] in cls.shapes[axis].choices
+                else None
+            )
             unit = "-" if over is None else over.unit(robot.torque_units)
             for end in ("low", "high"):
                 out[axis + end] = replace(cls.shapes[axis + end], unit=unit)
             if not own[f"{axis}i"]:
                 del out[f"{axis}i"], out[f"{axis}c"]
-        return out | {v: Shape(own[v], robot.torque_units[joint], signed=True) for v in values}
+        return out | {
+            v: Shape(own[v], robot.torque_units[joint], signed=True) for v in values
+        }
 
     def variables(self, joint: int) -> tuple[Variable, ...]:
         """What the curve runs over."""
@@ -224,7 +274,8 @@ class MeasuredCurve(JointEffect):
         return self._interpolated(self._table, motion, joint)
 
     def _interpolated(self, table: Array, motion: Motion, joint: int) -> Array:
-        """(N,) linear interpolation of values (xn, yn), those at the ends held constant outside."""
+        """(N,) linear interpolation of values (xn, yn), those at the ends held constant
+        outside."""
         from scipy.ndimage import map_coordinates
 
         places = np.zeros((2, len(motion.t)))
@@ -234,8 +285,8 @@ class MeasuredCurve(JointEffect):
         return np.asarray(map_coordinates(table, places, order=1, mode="nearest"))
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
-        """(N,) where a variable lies outside of the table, or in a part of it of which nothing is known,
-        on any of the joints."""
+        """(N,) where a variable lies outside of the table, or in a part of it of which
+        nothing is known, on any of the joints."""
         out = np.zeros(len(motion.t), bool)
         for joint in self.joints:
             out |= self._interpolated(self._missing, motion, joint) > 0.5

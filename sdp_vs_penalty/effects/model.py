@@ -9,7 +9,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Block, CurrentModel, Effect, Motion, Parameter
+from sdp_vs_penalty.effects.effect import (
+    SIGN_WIDTH,
+    Block,
+    CurrentModel,
+    Effect,
+    Motion,
+    Parameter,
+)
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -20,13 +27,15 @@ _PART = 1 << 13
 
 @dataclass(frozen=True)
 class JointColumns:
-    """The torque on one joint: columns (N, k) and the indices (k,) into theta that they meet."""
+    """The torque on one joint: columns (N, k) and the indices (k,) into theta that they
+    meet."""
 
     indices: NDArray[np.intp]
     columns: Array
 
     def wide(self, p: int) -> Array:
-        """(N, p) with the columns of all parameters, zero where they do not act on the joint."""
+        """(N, p) with the columns of all parameters, zero where they do not act on the
+        joint."""
         out = np.zeros((len(self.columns), p))
         out[:, self.indices] = self.columns
         return out
@@ -34,7 +43,8 @@ class JointColumns:
 
 @dataclass(frozen=True)
 class Model:
-    """tau = sum over effects of Y_e theta_e; theta concatenates the effects' parameters.
+    """tau = sum over effects of Y_e theta_e; theta concatenates the effects'
+    parameters.
 
     reference : (p,) the current model that effects refer to whose columns depend on the links
         (elasticity) or on the torque of all that needs none (a gain): only entries of what needs no
@@ -58,11 +68,14 @@ class Model:
         for p in () if self.changes else self.parameters:
             if p.name in seen:
                 raise InputError(
-                    f"parameter {p.name} appears twice", f"list effect {p.effect} only once per joint"
+                    f"parameter {p.name} appears twice",
+                    f"list effect {p.effect} only once per joint",
                 )
             seen.add(p.name)
         if not self.parameters:
-            raise InputError("The model has no effect", "name at least one, such as rigid_body")
+            raise InputError(
+                "The model has no effect", "name at least one, such as rigid_body"
+            )
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -88,16 +101,22 @@ class Model:
             return self
         part = Model(self.robot, before, gains=self.gains, known=self.known)
         known = self.reference
-        return part if known is None else replace(part, reference=known[self.places(part)])
+        return (
+            part if known is None else replace(part, reference=known[self.places(part)])
+        )
 
     def places(self, part: Model) -> NDArray[np.intp]:
         """Where the parameters of a part of it sit in theta."""
-        return np.concatenate([np.arange(0), *(k for e, k in self.parts if e in part.effects)])
+        return np.concatenate(
+            [np.arange(0), *(k for e, k in self.parts if e in part.effects)]
+        )
 
     @cached_property
     def without_drives(self) -> Model:
         """The same model without the drives' laws."""
-        return replace(self, effects=tuple(e for e in self.effects if e.forward != "drive"))
+        return replace(
+            self, effects=tuple(e for e in self.effects if e.forward != "drive")
+        )
 
     @cached_property
     def indices(self) -> tuple[NDArray[np.intp], ...]:
@@ -112,8 +131,11 @@ class Model:
 
     @cached_property
     def rigid_indices(self) -> NDArray[np.intp]:
-        """(10 n,) where the links' standard parameters sit in theta; empty without a rigid body."""
-        return next((k for effect, k in self.parts if effect.name == "rigid_body"), np.arange(0))
+        """(10 n,) where the links' standard parameters sit in theta; empty without a
+        rigid body."""
+        return next(
+            (k for effect, k in self.parts if effect.name == "rigid_body"), np.arange(0)
+        )
 
     @cached_property
     def drives(self) -> NDArray[np.bool_]:
@@ -123,21 +145,32 @@ class Model:
 
     @cached_property
     def error_gains(self) -> tuple[int, ...]:
-        """(n) where the gain of each joint's position error sits in theta; -1 without a servo."""
+        """(n) where the gain of each joint's position error sits in theta; -1 without a
+        servo."""
         own = [(e, k) for e, k in self.parts if e.position_gains]
-        at = {j: int(i) for e, k in own for j, i in zip(e.joints, k[e.position_gains], strict=True)}
+        at = {
+            j: int(i)
+            for e, k in own
+            for j, i in zip(e.joints, k[e.position_gains], strict=True)
+        }
         return tuple(at.get(j, -1) for j in range(self.robot.n))
 
     @cached_property
     def sign_width(self) -> tuple[float, ...]:
-        """(n) the velocities over which this model smooths the signs of dry friction [rad/s, m/s]."""
-        widths = {j: e.shape["v_s"] for e in self.effects if "v_s" in e.shape for j in e.joints}
+        """(n) the velocities over which this model smooths the signs of dry friction
+        [rad/s, m/s]."""
+        widths = {
+            j: e.shape["v_s"]
+            for e in self.effects
+            if "v_s" in e.shape
+            for j in e.joints
+        }
         return tuple(widths.get(j, SIGN_WIDTH) for j in range(self.robot.n))
 
     @cached_property
     def plausible(self) -> Array:
-        """(p,) standard deviations of the parameters about zero before anything is measured, infinite
-        where nothing is known."""
+        """(p,) standard deviations of the parameters about zero before anything is
+        measured, infinite where nothing is known."""
         return plausible_sizes(self.effects)
 
     def columns(self, motion: Motion) -> list[JointColumns]:
@@ -145,13 +178,17 @@ class Model:
         return self.joined(self.blocks(motion), len(motion.t))
 
     def wide(self, motion: Motion) -> Array:
-        """(n, N, p) the same with columns for all parameters, zero where they do not act on a joint."""
-        return np.stack([own.wide(len(self.parameters)) for own in self.columns(motion)])
+        """(n, N, p) the same with columns for all parameters, zero where they do not
+        act on a joint."""
+        return np.stack(
+            [own.wide(len(self.parameters)) for own in self.columns(motion)]
+        )
 
     def blocks(
         self, motion: Motion, known: Collection[int] = (), smooth: Motion | None = None
     ) -> dict[int, list[Block]]:
-        """Each effect's columns by its place in the model, but for those that are known already.
+        """Each effect's columns by its place in the model, but for those that are known
+        already.
 
         smooth : the motion on which those of smooth effects are wanted instead.
         """
@@ -172,8 +209,11 @@ class Model:
         made |= {k: e.blocks(motion) for k, e in late.items() if e.needs_torque}
         return {k: found for k, found in made.items() if k not in known}
 
-    def joined(self, blocks: Mapping[int, list[Block]], count: int) -> list[JointColumns]:
-        """Columns of ``count`` instants, joint by joint (n entries), of the effects' blocks."""
+    def joined(
+        self, blocks: Mapping[int, list[Block]], count: int
+    ) -> list[JointColumns]:
+        """Columns of ``count`` instants, joint by joint (n entries), of the effects'
+        blocks."""
         parts = [[(np.arange(0), np.zeros((count, 0)))] for _ in range(self.robot.n)]
         for k, own in enumerate(self.indices):
             for block in blocks.get(k, ()):
@@ -182,7 +222,10 @@ class Model:
         joints = [JointColumns(np.concatenate(i), np.hstack(c)) for i, c in each]
         if self.gains is None:
             return joints
-        return [replace(c, columns=g * c.columns) for c, g in zip(joints, self.gains, strict=True)]
+        return [
+            replace(c, columns=g * c.columns)
+            for c, g in zip(joints, self.gains, strict=True)
+        ]
 
     def explaining(
         self, columns: Sequence[JointColumns], torque: Array
@@ -193,12 +236,17 @@ class Model:
         free = np.array([p.name not in self.known for p in self.parameters])
         value = self.with_known(np.zeros(len(free)))
         given = np.column_stack([c.columns @ value[c.indices] for c in columns])
-        return [replace(c, columns=c.columns * free[c.indices]) for c in columns], torque - given
+        return [
+            replace(c, columns=c.columns * free[c.indices]) for c in columns
+        ], torque - given
 
     def with_known(self, theta: Array) -> Array:
         """theta (p,) with the values that are given."""
         names = [p.name for p in self.parameters]
-        return np.array([self.known.get(name, x) for name, x in zip(names, theta, strict=True)], float)
+        return np.array(
+            [self.known.get(name, x) for name, x in zip(names, theta, strict=True)],
+            float,
+        )
 
     @property
     def _referred(self) -> Array:
@@ -211,7 +259,9 @@ class Model:
             )
         return self.reference
 
-    def _made(self, blocks: Mapping[int, list[Block]], theta: Array, motion: Motion) -> Array:
+    def _made(
+        self, blocks: Mapping[int, list[Block]], theta: Array, motion: Motion
+    ) -> Array:
         """(N, n) torque of blocks."""
         torque = np.zeros_like(motion.q)
         for k, parts in blocks.items():
@@ -221,13 +271,16 @@ class Model:
         return torque
 
     def _current(self, theta: Array) -> CurrentModel:
-        """The links as theta (p,) has them; without mass in a model without a rigid body."""
+        """The links as theta (p,) has them; without mass in a model without a rigid
+        body."""
         links = theta[self.rigid_indices].reshape(-1, 10)
-        return CurrentModel(self.robot, links if len(links) else np.zeros((self.robot.links, 10)))
+        return CurrentModel(
+            self.robot, links if len(links) else np.zeros((self.robot.links, 10))
+        )
 
     def seen_along(self, theta: Array, motion: Motion) -> Motion:
-        """The motion with the links of theta (p,), with the torque of all that needs none and as the
-        channels log it, and this model's widths of signs."""
+        """The motion with the links of theta (p,), with the torque of all that needs
+        none and as the channels log it, and this model's widths of signs."""
         before = self.before_channels
         torque = before.torque(theta[self.places(before)], motion)
         logged = torque if before is self else self.torque(theta, motion)
@@ -241,22 +294,30 @@ class Model:
             parts = (motion.part(slice(k, k + _PART)) for k in range(0, count, _PART))
             return np.concatenate([self.torque(theta, part) for part in parts])
         if self.needs_reference:
-            return np.column_stack([c.columns @ theta[c.indices] for c in self.columns(motion)])
+            return np.column_stack(
+                [c.columns @ theta[c.indices] for c in self.columns(motion)]
+            )
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
-        total = sum((e.torque(theta[k], motion) for e, k in self.parts), np.zeros_like(motion.q))
+        total = sum(
+            (e.torque(theta[k], motion) for e, k in self.parts), np.zeros_like(motion.q)
+        )
         return total * np.array(self.gains or (1.0,))
 
 
 def plausible_sizes(effects: Sequence[Effect]) -> Array:
-    """(k,) standard deviations of effects' parameters about zero before anything is measured, infinite
-    where nothing is known."""
-    parts = [np.full(len(e.parameters), np.inf) if e.plausible is None else e.plausible for e in effects]
+    """(k,) standard deviations of effects' parameters about zero before anything is
+    measured, infinite where nothing is known."""
+    parts = [
+        np.full(len(e.parameters), np.inf) if e.plausible is None else e.plausible
+        for e in effects
+    ]
     return np.concatenate([np.zeros(0), *parts])
 
 
 def turning(motion: Motion, effect: Effect) -> Motion:
-    """The motion whose signs turn over the velocity that an effect says; itself where it says none."""
+    """The motion whose signs turn over the velocity that an effect says; itself where
+    it says none."""
     if "v_s" not in effect.shape:
         return motion
     width = effect.shape["v_s"]

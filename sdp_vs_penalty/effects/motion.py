@@ -1,4 +1,5 @@
-"""What an effect sees: a motion, and the current model where a torque or the links are needed."""
+"""What an effect sees: a motion, and the current model where a torque or the links are
+needed."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ SIGN_WIDTH = 0.01
 
 @dataclass(frozen=True)
 class CurrentModel:
-    """What torque-dependent effects refer to: the robot and its links' standard parameters (n, 10)."""
+    """What torque-dependent effects refer to: the robot and its links' standard
+    parameters (n, 10)."""
 
     robot: Robot
     links: Array
@@ -28,7 +30,8 @@ class CurrentModel:
 
 @dataclass(frozen=True)
 class Sampling:
-    """How many samples of a log, dt [s] apart, one instant of a motion stands for; one: itself."""
+    """How many samples of a log, dt [s] apart, one instant of a motion stands for; one:
+    itself."""
 
     count: int = 1
     dt: float = 0.0
@@ -36,8 +39,9 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Command:
-    """What the drives were told: q, dq, ddq (N, n), and the integral of q (N, n) over time [rad s, m s],
-    at instants t (N,) [s], evenly spaced. Between two of them Taylor's series is followed."""
+    """What the drives were told: q, dq, ddq (N, n), and the integral of q (N, n) over
+    time [rad s, m s], at instants t (N,) [s], evenly spaced. Between two of them
+    Taylor's series is followed."""
 
     t: Array
     q: Array
@@ -59,21 +63,27 @@ class Command:
         """The integral of the position, which outside stays as it was at the end."""
         k, h = self._near(t)
         beyond = (t - np.clip(t, self.t[0], self.t[-1]))[:, None]
-        return np.asarray(self.sum[k] + (h + beyond) * self.q[k] + 0.5 * h * h * self.dq[k])
+        return np.asarray(
+            self.sum[k] + (h + beyond) * self.q[k] + 0.5 * h * h * self.dq[k]
+        )
 
     def _near(self, t: Array) -> tuple[Array, Array]:
         """(len(t),) the nearest known instant, and (len(t), 1) how far it is [s]."""
         at = np.clip(t, self.t[0], self.t[-1])
         step = float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
-        k = np.rint((at - self.t[0]) / step).astype(np.intp) if step > 0.0 else np.zeros(len(at), int)
+        k = (
+            np.rint((at - self.t[0]) / step).astype(np.intp)
+            if step > 0.0
+            else np.zeros(len(at), int)
+        )
         return k, (at - self.t[k])[:, None]
 
 
 @dataclass(frozen=True)
 class Legs:
-    """A path (N,) as legs in one direction each: corners (L + 1,) where it is at their ends, direction
-    (L,); of each step (N - 1,) its leg, one without motion being part of that before it, and how far
-    from the leg's beginning it ends."""
+    """A path (N,) as legs in one direction each: corners (L + 1,) where it is at their
+    ends, direction (L,); of each step (N - 1,) its leg, one without motion being part
+    of that before it, and how far from the leg's beginning it ends."""
 
     corners: Array
     direction: Array
@@ -98,7 +108,10 @@ def _logged(field: str, what: str, columns: str) -> Any:
 
     def read(motion: Motion) -> Any:
         if (value := getattr(motion, field)) is None:
-            raise InputError(f"these measurements hold no {what}", f"add columns {columns} to the log")
+            raise InputError(
+                f"these measurements hold no {what}",
+                f"add columns {columns} to the log",
+            )
         return value
 
     return property(read)
@@ -106,11 +119,12 @@ def _logged(field: str, what: str, columns: str) -> Any:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the current model.
+    """A motion sampled uniformly: t (N,) s; q, dq, ddq (N, n); torque (N, n) of the
+    current model.
 
-    Effects that need a torque read ``torque``, those that need inverse dynamics ``current``: both
-    come from the model as it stands (in a diagnosis with what was found so far), never from the
-    measured torque.
+    Effects that need a torque read ``torque``, those that need inverse dynamics
+    ``current``: both come from the model as it stands (in a diagnosis with what was
+    found so far), never from the measured torque.
     """
 
     t: Array
@@ -119,42 +133,62 @@ class Motion:
     ddq: Array
     torque: Array | None = None
     current: CurrentModel | None = None
-    #: Velocities [rad/s, m/s] over which the sign of a velocity is smoothed: one for all joints, or
-    #: one a joint. The model's own for Coulomb.
+    #: Velocities [rad/s, m/s] over which the sign of a velocity is smoothed: one for
+    #: all joints, or one a joint. The model's own for Coulomb.
     sign_width: float | tuple[float, ...] = SIGN_WIDTH
     #: The samples of the log that each of these instants stands for, if not itself.
     within: Sampling | None = None
     #: (N, n) of each joint's gear or motor [degrees Celsius], where the log holds them.
     temperature: Array | None = None
-    #: What the drives were told, where that was logged, and (N, n) the integral of q over time since the
-    #: same instant.
+    #: What the drives were told, where that was logged, and (N, n) the integral of q
+    #: over time since the same instant.
     command: Command | None = None
     sum: Array | None = None
-    #: (N, n) accelerations of the motors on their joints' side of the gear, where the log holds both.
+    #: (N, n) accelerations of the motors on their joints' side of the gear, where the
+    #: log holds both.
     motors: Array | None = None
     #: (N, n) what the current model makes of its torque where torque channels pass it.
     logged: Array | None = None
 
-    #: ``command``, ``sum``, ``temperature``, ``motors``; InputError where the measurements hold none.
+    #: ``command``, ``sum``, ``temperature``, ``motors``; InputError where the
+    #: measurements hold none.
     told: ClassVar[Command] = _logged("command", "commands", "qcmd1..qcmdn")
     integral: ClassVar[Array] = _logged("sum", "commands", "qcmd1..qcmdn")
-    joint_temperature: ClassVar[Array] = _logged("temperature", "temperatures", "temp1..tempn")
-    motor_acceleration: ClassVar[Array] = _logged("motors", "positions of motors", "qmot1..qmotn")
+    joint_temperature: ClassVar[Array] = _logged(
+        "temperature", "temperatures", "temp1..tempn"
+    )
+    motor_acceleration: ClassVar[Array] = _logged(
+        "motors", "positions of motors", "qmot1..qmotn"
+    )
 
     def part(self, which: slice | NDArray[np.integer]) -> Motion:
         """Some of these instants."""
-        arrays = ("t", "q", "dq", "ddq", "torque", "logged", "temperature", "sum", "motors")
-        known: dict[str, Any] = {k: x[which] for k in arrays if (x := getattr(self, k)) is not None}
+        arrays = (
+            "t",
+            "q",
+            "dq",
+            "ddq",
+            "torque",
+            "logged",
+            "temperature",
+            "sum",
+            "motors",
+        )
+        known: dict[str, Any] = {
+            k: x[which] for k in arrays if (x := getattr(self, k)) is not None
+        }
         return replace(self, **known)
 
     def sign(self, joint: int, width: float | None = None) -> Array:
-        """(N,) smooth sign of a joint's velocity, over the joint's width or the one given."""
+        """(N,) smooth sign of a joint's velocity, over the joint's width or the one
+        given."""
         if width is None:
             return np.asarray(self._signs[joint])
         return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
 
     def sign_along(self, ratios: Array) -> Array:
-        """(N,) smooth sign of ratios (n,) times the velocities, over its joints' largest width."""
+        """(N,) smooth sign of ratios (n,) times the velocities, over its joints'
+        largest width."""
         if (joint := _only(ratios)) is not None:
             return self.sign(joint)
         width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
@@ -185,7 +219,9 @@ class Motion:
     def model_torque(self) -> Array:
         """``torque``; ValueError where this motion carries none."""
         if self.torque is None:
-            raise ValueError("this effect needs Motion.torque, the current model's prediction")
+            raise ValueError(
+                "this effect needs Motion.torque, the current model's prediction"
+            )
         return self.torque
 
     @property
@@ -195,12 +231,15 @@ class Motion:
 
     @cached_property
     def link_torque(self) -> Array:
-        """(N, n) what the gears transmit: the current model's rigid-body torque, without friction."""
-        return self._model.robot.inverse_dynamics(self.model_links, self.q, self.dq, self.ddq)
+        """(N, n) what the gears transmit: the current model's rigid-body torque,
+        without friction."""
+        return self._model.robot.inverse_dynamics(
+            self.model_links, self.q, self.dq, self.ddq
+        )
 
     def late_torque_rate(self, T: float) -> Array:
-        """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque; of a T below two samples the
-        difference over two about the same middle."""
+        """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque; of a T below
+        two samples the difference over two about the same middle."""
         step = (self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
         middle, half = self.t - 0.5 * T, max(0.5 * abs(T), step)
         ahead, back = (
@@ -210,14 +249,15 @@ class Motion:
         return (ahead - back) / (2.0 * half)
 
     def rates(self, values: Array) -> tuple[Array, Array, Array]:
-        """Values (N, ...) at these instants, and their first and second time derivative."""
+        """Values (N, ...) at these instants, and their first and second time
+        derivative."""
         rate = _time_derivative(values, self.t)
         return values, rate, _time_derivative(rate, self.t)
 
     def smoothed(self, values: Array, band: float) -> Array:
-        """Values (N, ...) at these instants without what is faster than ``band`` [Hz]: times
-        1 / (1 + (f / band)^8), Butterworth's filter of fourth order there and back, flat to 1e-5 at a
-        quarter of it. Values go on odd about their ends."""
+        """Values (N, ...) at these instants without what is faster than ``band`` [Hz]:
+        times 1 / (1 + (f / band)^8), Butterworth's filter of fourth order there and
+        back, flat to 1e-5 at a quarter of it. Values go on odd about their ends."""
         rate = (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-300)
         if not 2.0 * band < rate or len(values) < 3:
             return values
@@ -230,13 +270,16 @@ class Motion:
 
     @property
     def model_links(self) -> Array:
-        """(n, 10) standard parameters of the current model's links; ValueError without one."""
+        """(n, 10) standard parameters of the current model's links; ValueError without
+        one."""
         return self._model.links
 
     @property
     def _model(self) -> CurrentModel:
         if self.current is None:
-            raise ValueError("this effect needs Motion.current, the current model's links")
+            raise ValueError(
+                "this effect needs Motion.current, the current model's links"
+            )
         return self.current
 
     @cached_property
@@ -257,13 +300,16 @@ def _time_derivative(values: Array, t: Array) -> Array:
 
 
 def smooth_sign(
-    velocity: Array, width: float = SIGN_WIDTH, rate: Array | None = None, within: Sampling | None = None
+    velocity: Array,
+    width: float = SIGN_WIDTH,
+    rate: Array | None = None,
+    within: Sampling | None = None,
 ) -> Array:
     """tanh(dq / width): the sign of a velocity whose value near zero is noise [-].
 
-    rate (N,) : of the velocity; within : the samples of the log that each of these stands for, over
-    which the mean is taken. A sign read at every fourth sample turns round up to two samples too early
-    or too late, and a low-pass does not mend that.
+    rate (N,) : of the velocity; within : the samples of the log that each of these
+    stands for, over which the mean is taken. A sign read at every fourth sample turns
+    round up to two samples too early or too late, and a low-pass does not mend that.
     """
     if rate is None or within is None or within.count < 2:
         # tanh to 2e-16, by the exponential, which NumPy works out ten times as fast.

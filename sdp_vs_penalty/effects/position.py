@@ -15,8 +15,8 @@ from sdp_vs_penalty.robot.robot import Robot
 class JointSpring(JointEffect):
     equation = "k_s q"
     explanation = (
-        "A torque that grows with the joint's position: cables and hoses that are wound up, a balance "
-        "spring. Its rest position appears as part of the offset."
+        "A torque that grows with the joint's position: cables and hoses that are wound"
+        " up, a balance spring. Its rest position appears as part of the offset."
     )
     reference = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
     signless = True
@@ -27,14 +27,16 @@ class JointSpring(JointEffect):
         return motion.q[:, joint]
 
 
-#: Metres of travel where a robot states none; waves per metre times 2 pi of a screw of 5 mm; and how
-#: many orders are tried at most.
+#: Metres of travel where a robot states none; waves per metre times 2 pi of a screw of
+#: 5 mm; and how many orders are tried at most.
 _TRAVEL, _FINEST, _MOST = 0.5, 2.0 * np.pi / 0.005, 200
 
 
-def _orders(robot: Robot, joint: int, turns: Sequence[float], finest: float) -> list[float]:
-    """Waves per turn; on a prismatic joint neighbours half a wave apart over the travel; without one,
-    that of a common axis."""
+def _orders(
+    robot: Robot, joint: int, turns: Sequence[float], finest: float
+) -> list[float]:
+    """Waves per turn; on a prismatic joint neighbours half a wave apart over the
+    travel; without one, that of a common axis."""
     own = robot.joints[joint]
     if own.kind != "prismatic":
         return list(turns)
@@ -47,18 +49,21 @@ def _orders(robot: Robot, joint: int, turns: Sequence[float], finest: float) -> 
 class TorqueRipple(JointEffect):
     equation = "a_r cos(k q) + b_r sin(k q)"
     explanation = (
-        "A torque that repeats k times per turn (k times 2 pi metres on a prismatic joint): motor "
-        "poles, gear teeth, an eccentric gear or a strain wave generator, which turns twice its "
-        "ratio."
+        "A torque that repeats k times per turn (k times 2 pi metres on a prismatic"
+        " joint): motor poles, gear teeth, an eccentric gear or a strain wave"
+        " generator, which turns twice its ratio."
     )
-    reference = "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
+    reference = (
+        "Tuttle, Seering, IEEE Trans. Robotics and Automation 1996 (strain wave gears)"
+    )
     several = True
     shapes = {
         "k": Shape(
             2.0,
             ("1/turn", "rad/m"),
-            # Once a turn is geometry: a link's weight, a joint beside where it is believed. Higher
-            # orders are visible at full rate only (the order spectrum).
+            # Once a turn is geometry: a link's weight, a joint beside where it is
+            # believed. Higher orders are visible at full rate only (the order
+            # spectrum).
             grid=tuple(float(k) for k in range(2, 41)),
             bounds=(1.9, 1e4),
             # Waves: neighbours are a fixed distance apart, whatever their order.
@@ -70,7 +75,10 @@ class TorqueRipple(JointEffect):
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         k = f"{self.shape['k']:.6g}"
-        return [(f"{symbol}{joint + 1}_{k}", self.unit_on(joint)) for symbol in ("a_r", "b_r")]
+        return [
+            (f"{symbol}{joint + 1}_{k}", self.unit_on(joint))
+            for symbol in ("a_r", "b_r")
+        ]
 
     @property
     def waves(self) -> float | None:
@@ -78,7 +86,8 @@ class TorqueRipple(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """Waves per turn; on a prismatic joint screws of 1 to 100 mm, and what the travel may hold."""
+        """Waves per turn; on a prismatic joint screws of 1 to 100 mm, and what the
+        travel may hold."""
         return [{"k": k} for k in _orders(robot, joint, cls.shapes["k"].grid, _FINEST)]
 
     def column(self, motion: Motion, joint: int) -> Array:
@@ -93,12 +102,15 @@ _PHASES = 48
 class PositionDependentFriction(JointEffect):
     equation = "sign(dq) sum_i (a_i cos(i k q) + b_i sin(i k q)), i = 1 .. waves"
     explanation = (
-        "Dry friction that varies along the range: an eccentric or bent shaft, a cable bundle that is "
-        "pressed, a gear worn where it works most. Waves of k per turn, with twice k where waves = 2. "
-        "Beside coulomb_friction on the same joint the sum is kept from becoming negative, so that it "
-        "never feeds energy."
+        "Dry friction that varies along the range: an eccentric or bent shaft, a cable"
+        " bundle that is pressed, a gear worn where it works most. Waves of k per turn,"
+        " with twice k where waves = 2. Beside coulomb_friction on the same joint the"
+        " sum is kept from becoming negative, so that it never feeds energy."
     )
-    reference = "Popovic, Goldenberg, IEEE Trans. Robotics and Automation 1998 (spectral friction model)"
+    reference = (
+        "Popovic, Goldenberg, IEEE Trans. Robotics and Automation 1998 (spectral"
+        " friction model)"
+    )
     refines = ("coulomb_friction",)
     shapes = {
         "k": Shape(
@@ -113,17 +125,24 @@ class PositionDependentFriction(JointEffect):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        # Two waves are not looked for: along less than a whole one they fit anything that is seen.
+        # Two waves are not looked for: along less than a whole one they fit anything
+        # that is seen.
         shape = cls.shapes["k"]
         grid = _orders(robot, joint, shape.grid, (shape.bounds or (0.0, np.inf))[1])
         return [{"k": k, "waves": 1.0} for k in grid]
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         waves = range(1, int(self.shape["waves"]) + 1)
-        return [(f"{x}{joint + 1}_{i}", self.unit_on(joint)) for i in waves for x in ("a_p", "b_p")]
+        return [
+            (f"{x}{joint + 1}_{i}", self.unit_on(joint))
+            for i in waves
+            for x in ("a_p", "b_p")
+        ]
 
     def column(self, motion: Motion, joint: int) -> Array:
-        return motion.sign(joint)[:, None] * self._waves(self.shape["k"] * motion.q[:, joint])
+        return motion.sign(joint)[:, None] * self._waves(
+            self.shape["k"] * motion.q[:, joint]
+        )
 
     def _waves(self, phase: Array) -> Array:
         """(N, 2 waves) cos and sin of the phase and its multiples."""
@@ -133,11 +152,18 @@ class PositionDependentFriction(JointEffect):
     def constraints(
         self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
-        """Coulomb friction of the same joint, which it varies, stays above zero at every position."""
+        """Coulomb friction of the same joint, which it varies, stays above zero at
+        every position."""
         phases = np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
-        between = np.cos(np.pi * self.shape["waves"] / _PHASES)  # how low a wave is at the nearest phase
+        between = np.cos(
+            np.pi * self.shape["waves"] / _PHASES
+        )  # how low a wave is at the nearest phase
         coefficients = np.vstack([np.ones(_PHASES), self._waves(phases).T / between])
-        coulomb = {p.joint - 1: k for k, p in enumerate(parameters) if p.effect == "coulomb_friction"}
+        coulomb = {
+            p.joint - 1: k
+            for k, p in enumerate(parameters)
+            if p.effect == "coulomb_friction"
+        }
         k, own = len(coefficients) - 1, super().constraints(indices, parameters)
         return own + [
             build.linear(

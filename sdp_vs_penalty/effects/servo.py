@@ -1,8 +1,9 @@
-"""What the laws of servos share: their torque, moved to the load's side of tau = Y theta.
+"""What the laws of servos share: their torque, moved to the load's side of tau = Y
+theta.
 
-Where no torque is logged the drive's own law stands for it. With tau_drive = k (q_cmd - q) - d dq the
-equation of motion reads 0 = Y theta - k (q_cmd - q) + d dq: linear in the links, the friction and the
-gains together, up to one common factor.
+Where no torque is logged the drive's own law stands for it. With tau_drive = k (q_cmd -
+q) - d dq the equation of motion reads 0 = Y theta - k (q_cmd - q) + d dq: linear in the
+links, the friction and the gains together, up to one common factor.
 """
 
 from collections.abc import Iterable
@@ -12,12 +13,14 @@ import numpy as np
 from sdp_vs_penalty.effects.effect import Array, Block, JointEffect, Motion
 from sdp_vs_penalty.effects.shape import Shape
 
-#: The longest delay of a command [s]: a tenth of a second more makes any loop of use unstable.
+#: The longest delay of a command [s]: a tenth of a second more makes any loop of use
+#: unstable.
 LATEST = 0.1
 
 
 class Servo(JointEffect):
-    """A part of the drive's law: a torque of the drive counts negative here, as a load's would.
+    """A part of the drive's law: a torque of the drive counts negative here, as a
+    load's would.
 
     T : how much later than it is logged the command acts [s]; one for all joints.
     """
@@ -27,8 +30,13 @@ class Servo(JointEffect):
     signless = True
     lower = 0.0
     range = 1e8
-    sought = False  # it drives the joint, and is nothing that a search for a missing load may find
-    shapes = {"T": Shape(0.0, "s", grid=(0.0,), bounds=(0.0, LATEST), scale="linear", signed=True)}
+    # it drives the joint, and is nothing that a search for a missing load may find
+    sought = False
+    shapes = {
+        "T": Shape(
+            0.0, "s", grid=(0.0,), bounds=(0.0, LATEST), scale="linear", signed=True
+        )
+    }
 
 
 class ServoGain(Servo):
@@ -49,11 +57,13 @@ class ServoGain(Servo):
 class ServoPosition(Servo):
     equation = "-kp (q_cmd(t - T) - q) + kd dq(t - d)"
     explanation = (
-        "The drive pulls the joint towards its commanded position and damps it. A cascade kv (w e - dq) "
-        "is the same law, with kp = kv w and kd = kv. kd and viscous friction are seen as a sum only: "
-        "beside viscous_friction kd is what remains of it, and which of the two it is no motion tells. "
-        "A drive that differentiates its encoder feels an older velocity: kd dq(t - d) is kd dq less "
-        "kd d ddq, to first order, which no motion without torque tells from a link that is lighter."
+        "The drive pulls the joint towards its commanded position and damps it. A"
+        " cascade kv (w e - dq) is the same law, with kp = kv w and kd = kv. kd and"
+        " viscous friction are seen as a sum only: beside viscous_friction kd is what"
+        " remains of it, and which of the two it is no motion tells. A drive that"
+        " differentiates its encoder feels an older velocity: kd dq(t - d) is kd dq"
+        " less kd d ddq, to first order, which no motion without torque tells from a"
+        " link that is lighter."
     )
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
     sized_by = slice(0, 1)
@@ -63,19 +73,25 @@ class ServoPosition(Servo):
 
     def named(self, joint: int) -> Iterable[tuple[str, str]]:
         own, per = self.unit_on(joint), self.robot.position_units[joint]
-        return [(f"kp{joint + 1}", f"{own}/{per}"), (f"kd{joint + 1}", f"{own}*s/{per}")]
+        return [
+            (f"kp{joint + 1}", f"{own}/{per}"),
+            (f"kd{joint + 1}", f"{own}*s/{per}"),
+        ]
 
     def blocks(self, motion: Motion) -> list[Block]:
         error = motion.told.position(motion.t - self.shape["T"]) - motion.q
         rate = motion.dq - self.shape["d"] * motion.ddq
-        return self.apart([np.column_stack([-error[:, j], rate[:, j]]) for j in self.joints])
+        return self.apart(
+            [np.column_stack([-error[:, j], rate[:, j]]) for j in self.joints]
+        )
 
 
 class ServoIntegral(ServoGain):
     equation = "-ki integral (q_cmd(t - T) - q) dt"
     explanation = (
-        "The drive adds up its position error and pulls until none is left. Nobody logs where the "
-        "integral began: a torque_offset beside it holds that as well, and is no sensor's zero any more."
+        "The drive adds up its position error and pulls until none is left. Nobody logs"
+        " where the integral began: a torque_offset beside it holds that as well, and"
+        " is no sensor's zero any more."
     )
     reference = "Astrom, Murray, Feedback Systems 2008, ch. 10"
     symbol = "ki"
@@ -88,12 +104,16 @@ class ServoIntegral(ServoGain):
 class ServoVelocityLoop(ServoGain):
     equation = "kh q"
     explanation = (
-        "A cascade: the position loop asks for the velocity w e, and the velocity loop answers with "
-        "kv (w e - dq) + kh integral (w e - dq) dt. The first term is servo_position; of the second the "
-        "integral of e is servo_integral (ki = kh w), and that of dq is this: a pull to where the "
-        "joint began, which no motion tells from a joint_spring. In a cascade ki / kh = kp / kd."
+        "A cascade: the position loop asks for the velocity w e, and the velocity loop"
+        " answers with kv (w e - dq) + kh integral (w e - dq) dt. The first term is"
+        " servo_position; of the second the integral of e is servo_integral (ki = kh"
+        " w), and that of dq is this: a pull to where the joint began, which no motion"
+        " tells from a joint_spring. In a cascade ki / kh = kp / kd."
     )
-    reference = "Janot, Gautier, Brunot, Control Engineering Practice 2019 (EMPS); Corke, sec. 9.1.7"
+    reference = (
+        "Janot, Gautier, Brunot, Control Engineering Practice 2019 (EMPS); Corke, sec."
+        " 9.1.7"
+    )
     needs_command = False
     symbol = "kh"
     units = ("N*m/rad", "N/m")
@@ -105,9 +125,9 @@ class ServoVelocityLoop(ServoGain):
 class ServoFeedforward(ServoGain):
     equation = "-kc dq_cmd(t - T)"
     explanation = (
-        "The drive adds a torque in proportion to the commanded velocity; where it damps the error's "
-        "rate, kc = kd. A late command looks like a negative one: kp e(t - T) is kp e - kp T dq_cmd, to "
-        "first order in T."
+        "The drive adds a torque in proportion to the commanded velocity; where it"
+        " damps the error's rate, kc = kd. A late command looks like a negative one: kp"
+        " e(t - T) is kp e - kp T dq_cmd, to first order in T."
     )
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.3"
     symbol = "kc"

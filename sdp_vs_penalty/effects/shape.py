@@ -14,7 +14,8 @@ VELOCITY = ("rad/s", "m/s")
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape constant of an effect; its name is the key under which the effect declares it.
+    """One shape constant of an effect; its name is the key under which the effect
+    declares it.
 
     default : its value where none is given. unit : "-" for a number; a pair for a revolute and a
         prismatic joint. choices : the only values that it may have, if they are few; words : what they
@@ -41,18 +42,21 @@ class Shape:
     role: Literal["searched", "estimated", "clock"] = "searched"
 
     def on(self, kind: str) -> Shape:
-        """The same with grid and bounds for a joint of this kind ("revolute", "prismatic")."""
+        """The same with grid and bounds for a joint of this kind ("revolute",
+        "prismatic")."""
         if kind != "prismatic" or self.metres == 1.0:
             return self
         # As many digits as a written effect has.
         grid, bounds = (
-            tuple(float(f"{self.metres * x:.6g}") for x in xs) for xs in (self.grid, self.bounds or ())
+            tuple(float(f"{self.metres * x:.6g}") for x in xs)
+            for xs in (self.grid, self.bounds or ())
         )
         ends = (bounds[0], bounds[1]) if bounds else None
         return replace(self, grid=grid, bounds=ends, metres=1.0)
 
     def complaint(self, value: float) -> str | None:
-        """What is wrong with a value, or None: the end of a sentence that begins with its name."""
+        """What is wrong with a value, or None: the end of a sentence that begins with
+        its name."""
         if not np.isfinite(value):
             return "must be finite"
         if self.choices and value not in self.choices:
@@ -65,9 +69,12 @@ class Shape:
         return None
 
     def parsed(self, text: str) -> float:
-        """The value that a text means: one of the words, or a number. ValueError where it is neither."""
+        """The value that a text means: one of the words, or a number. ValueError where
+        it is neither."""
         word = text.strip()
-        return self.choices[self.words.index(word)] if word in self.words else float(word)
+        return (
+            self.choices[self.words.index(word)] if word in self.words else float(word)
+        )
 
     def written(self, value: float) -> str:
         """The value as :meth:`parsed` reads it."""
@@ -75,7 +82,9 @@ class Shape:
 
     def unit_on(self, kind: str) -> str:
         """The unit on a joint of this kind ("revolute", "prismatic")."""
-        return self.unit if isinstance(self.unit, str) else self.unit[kind == "prismatic"]
+        return (
+            self.unit if isinstance(self.unit, str) else self.unit[kind == "prismatic"]
+        )
 
     def said(self, value: float, kind: str) -> str:
         """The value with its unit, as a sentence says it.

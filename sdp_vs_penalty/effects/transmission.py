@@ -5,7 +5,12 @@ from itertools import product
 
 import numpy as np
 
-from sdp_vs_penalty.effects.bristles import Bristles, PreslidingHysteresis, Remembering, dahl
+from sdp_vs_penalty.effects.bristles import (
+    Bristles,
+    PreslidingHysteresis,
+    Remembering,
+    dahl,
+)
 from sdp_vs_penalty.effects.effect import (
     Array,
     Block,
@@ -23,30 +28,40 @@ from sdp_vs_penalty.robot.robot import Robot
 
 class JointCoupling(JointEffect):
     equation = (
-        "f_c times dq_i | sign(dq_i) | sign(dq_j + dq_i) | sign(dq_j - dq_i), for form = 1 | 2 | 3 | 4"
+        "f_c times dq_i | sign(dq_i) | sign(dq_j + dq_i) | sign(dq_j - dq_i), for form"
+        " = 1 | 2 | 3 | 4"
     )
     explanation = (
-        "The motion of joint i causes a torque on joint j, like friction in wrists whose motors sit "
-        "one link further back and drive through each other's gears. i counts from 1; 0 means the "
-        "previous joint (the next one for joint 1)."
+        "The motion of joint i causes a torque on joint j, like friction in wrists"
+        " whose motors sit one link further back and drive through each other's gears."
+        " i counts from 1; 0 means the previous joint (the next one for joint 1)."
     )
-    reference = "Janot, Vandanjon, Gautier, IEEE TCST 2014 (Staubli TX40: joints 5 and 6)"
+    reference = (
+        "Janot, Vandanjon, Gautier, IEEE TCST 2014 (Staubli TX40: joints 5 and 6)"
+    )
     symbol = "f_c"
     several = True
-    shapes = {"i": Shape(0.0, signed=True), "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
+    shapes = {
+        "i": Shape(0.0, signed=True),
+        "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0)),
+    }
 
-    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
+    def __init__(
+        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
+    ) -> None:
         super().__init__(robot, joints, **shape)
         i = self.shape["i"]
         if i != int(i) or not 0 <= i <= robot.n:
             raise InputError(
-                f"effect {self.name}: i is a joint from 1 to {robot.n}, not {i:g}", "name another joint"
+                f"effect {self.name}: i is a joint from 1 to {robot.n}, not {i:g}",
+                "name another joint",
             )
         if joints is None:
             self.joints = tuple(j for j in self.joints if j + 1 != i and robot.n > 1)
         elif any(j + 1 == i for j in self.joints) or robot.n < 2:
             raise InputError(
-                f"effect {self.name}: a joint cannot be coupled to itself", "name another joint as i"
+                f"effect {self.name}: a joint cannot be coupled to itself",
+                "name another joint as i",
             )
 
     def partner(self, joint: int) -> int:
@@ -62,7 +77,9 @@ class JointCoupling(JointEffect):
         return [{"i": float(i + 1), "form": form} for i in neighbours for form in forms]
 
     def parameter_name(self, joint: int) -> str:
-        return f"{self.symbol}{joint + 1}_{self.partner(joint) + 1}_{self.shape['form']:g}"
+        return (
+            f"{self.symbol}{joint + 1}_{self.partner(joint) + 1}_{self.shape['form']:g}"
+        )
 
     def unit_on(self, joint: int) -> str:
         torque = super().unit_on(joint)
@@ -77,32 +94,43 @@ class JointCoupling(JointEffect):
         if form == 2:
             return motion.sign(partner)
         other = 1.0 if form == 3 else -1.0
-        velocity, rate = (x[:, joint] + other * x[:, partner] for x in (motion.dq, motion.ddq))
+        velocity, rate = (
+            x[:, joint] + other * x[:, partner] for x in (motion.dq, motion.ddq)
+        )
         return smooth_sign(velocity, motion.width(joint), rate, motion.within)
 
 
-#: What turns with an axis: friction by four laws, and inertia. Their numbers are those of saved models.
+#: What turns with an axis: friction by four laws, and inertia. Their numbers are those
+#: of saved models.
 LAWS = ("viscous", "coulomb", "hysteresis", "stribeck", "inertia")
 #: Of these the ones without a threshold.
 _LINEAR = ("viscous", "inertia")
 #: Ratios of the second joint to the first, and of the second and third to the first.
 _PAIRS = (1.0, -1.0, 2.0, -2.0, 0.5, -0.5)
-_TRIPLES = tuple((a, b) for size in (1.0, 0.5) for a, b in product((size, -size), repeat=2))
+_TRIPLES = tuple(
+    (a, b) for size in (1.0, 0.5) for a, b in product((size, -size), repeat=2)
+)
 
 
 class TransmissionFriction(Remembering):
     equation = (
-        "c^T f(s), s = c q, f = f_t times ds | sign(ds) | z | sign(ds) exp(-(ds / vs)^2) | dds, for "
-        "law = viscous | coulomb | hysteresis | stribeck | inertia; dz/ds = (1 - z sign(ds)) / d"
+        "c^T f(s), s = c q, f = f_t times ds | sign(ds) | z | sign(ds) exp(-(ds /"
+        " vs)^2) | dds, for law = viscous | coulomb | hysteresis | stribeck | inertia;"
+        " dz/ds = (1 - z sign(ds)) / d"
     )
     explanation = (
-        "A motor that drives through the gears of others (wrists, differentials, parallelograms) turns "
-        "with a combination s = c q of joints. Its friction and its rotor's inertia act on s, and "
-        "return to the joints by the same ratios (c^T f, so that power is kept): friction never feeds "
-        "energy. c5, c6 are the ratios of joints 5 and 6; without joints, the last two. Viscous "
-        "friction and inertia tell no ratio beside the joints' own: it is written as known, or as 1."
+        "A motor that drives through the gears of others (wrists, differentials,"
+        " parallelograms) turns with a combination s = c q of joints. Its friction and"
+        " its rotor's inertia act on s, and return to the joints by the same ratios"
+        " (c^T f, so that power is kept): friction never feeds energy. c5, c6 are the"
+        " ratios of joints 5 and 6; without joints, the last two. Viscous friction and"
+        " inertia tell no ratio beside the joints' own: it is written as known, or"
+        " as 1."
     )
-    reference = "Janot, Vandanjon, Gautier, IEEE TCST 2014 (TX40); Wang et al., RA-L 2019 (dVRK)"
+    reference = (
+        "Janot, Vandanjon, Gautier, IEEE TCST 2014 (TX40); Wang et al., RA-L 2019"
+        " (dVRK)"
+    )
     symbol = "f_t"
     several = True
     joins = True
@@ -111,26 +139,42 @@ class TransmissionFriction(Remembering):
         "d": PreslidingHysteresis.shapes["d"],
         "vs": StribeckFriction.shapes["vs"],
     }
-    #: A law's own constant: travel, velocity; and where a search over combinations begins to refine it.
+    #: A law's own constant: travel, velocity; and where a search over combinations
+    #: begins to refine it.
     _OWN = {"hysteresis": ("d", (0.002, 0.01)), "stribeck": ("vs", (0.06, 0.25))}
 
-    def __init__(self, robot: Robot, joints: Sequence[int] | None = None, **shape: float) -> None:
-        acting = range(max(0, robot.n - 2), robot.n) if joints is None else sorted(set(joints))
+    def __init__(
+        self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
+    ) -> None:
+        acting = (
+            range(max(0, robot.n - 2), robot.n)
+            if joints is None
+            else sorted(set(joints))
+        )
         law = self.shapes["law"]
         chosen = shape.get("law", law.default)
-        own = self._OWN.get(law.written(chosen), ())[:1] if law.complaint(chosen) is None else ()
+        own = (
+            self._OWN.get(law.written(chosen), ())[:1]
+            if law.complaint(chosen) is None
+            else ()
+        )
         known = {"law": law, **{key: self.shapes[key] for key in own}}
         # Ratios turn each joint's position into the first one's unit.
         units = [robot.position_units[j] for j in acting if j < robot.n]
         per = ["-" if u == units[0] else f"{units[0]}/{u}" for u in units]
-        ratios = {f"c{j + 1}": Shape(1.0, u, signed=True) for j, u in zip(acting, per, strict=False)}
+        ratios = {
+            f"c{j + 1}": Shape(1.0, u, signed=True)
+            for j, u in zip(acting, per, strict=False)
+        }
         self.shapes = ratios | known
         super().__init__(robot, joints, **shape)
         self.joints = tuple(acting)
         self.has_memory = self.law == "hysteresis"
         for j in self.joints:
             if self.shape[f"c{j + 1}"] == 0.0:
-                raise InputError(f"effect {self.name}: c{j + 1} is 0", f"leave joint {j + 1} out")
+                raise InputError(
+                    f"effect {self.name}: c{j + 1} is 0", f"leave joint {j + 1} out"
+                )
 
     @property
     def law(self) -> str:
@@ -150,8 +194,13 @@ class TransmissionFriction(Remembering):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         first = self.joints[0]
-        position, torque = self.robot.position_units[first], self.robot.torque_units[first]
-        per = {"viscous": f"*s/{position}", "inertia": f"*s^2/{position}"}.get(self.law, "")
+        position, torque = (
+            self.robot.position_units[first],
+            self.robot.torque_units[first],
+        )
+        per = {"viscous": f"*s/{position}", "inertia": f"*s^2/{position}"}.get(
+            self.law, ""
+        )
         name = f"{self.symbol}_{self.law}({self.combination})"
         return (Parameter(name, torque + per, self.name, first + 1, 0.0),)
 
@@ -167,12 +216,19 @@ class TransmissionFriction(Remembering):
 
     @property
     def bristles(self) -> Bristles:
-        rows = self.ratios[None] if self.law == "hysteresis" else np.zeros((0, self.robot.n))
+        rows = (
+            self.ratios[None]
+            if self.law == "hysteresis"
+            else np.zeros((0, self.robot.n))
+        )
         return Bristles(rows, np.full(len(rows), self.shape.get("d", 1.0)), dahl)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         force = self._force(motion, z)
-        return [Block(j, np.array([0]), (self.ratios[j] * force)[:, None]) for j in self.joints]
+        return [
+            Block(j, np.array([0]), (self.ratios[j] * force)[:, None])
+            for j in self.joints
+        ]
 
     def _force(self, motion: Motion, z: Array) -> Array:
         """f(s) (N,) over its parameter."""
@@ -199,11 +255,14 @@ class TransmissionFriction(Remembering):
     def candidates(
         cls, robot: Robot, joint: int | None, start: float = 0.0, **given: float
     ) -> list[Effect]:
-        """Every law on every combination that begins with this joint, or on the ``given`` one."""
+        """Every law on every combination that begins with this joint, or on the
+        ``given`` one."""
         ratios = {key: value for key, value in given.items() if key[:1] == "c"}
         found = [ratios] if ratios else combinations(robot, joint or 0)
         laws = [
-            law for law in cls.starts(robot, joint or 0) if given.get("law", law["law"]) == law["law"]
+            law
+            for law in cls.starts(robot, joint or 0)
+            if given.get("law", law["law"]) == law["law"]
         ]
         shapes = [{**law, **given} for law in laws]
         shapes = [shape for k, shape in enumerate(shapes) if shape not in shapes[:k]]
@@ -224,9 +283,10 @@ def _worth_a_guess(
 ) -> bool:
     """Whether a law is tried on a combination that nobody knows of.
 
-    On three joints plain laws only: finer ones fit by chance among so many. Of what is linear in
-    velocity or acceleration (f c c^T) the joints' own friction and rotors absorb all but the cross
-    terms, whose signs tell no ratio: it is tried with ratios of one, or the known ones.
+    On three joints plain laws only: finer ones fit by chance among so many. Of what is
+    linear in velocity or acceleration (f c c^T) the joints' own friction and rotors
+    absorb all but the cross terms, whose signs tell no ratio: it is tried with ratios
+    of one, or the known ones.
     """
     if len(ratios) > 2 and not set(shape) <= {"law", *given}:
         return False
@@ -243,7 +303,9 @@ def combinations(robot: Robot, first: int) -> list[dict[str, float]]:
     for more in (*((a,) for a in _PAIRS), *_TRIPLES):
         joints = range(first, first + 1 + len(more))
         if joints.stop <= robot.n and len({kinds[j] for j in joints}) == 1:
-            out.append({f"c{j + 1}": c for j, c in zip(joints, (1.0, *more), strict=True)})
+            out.append(
+                {f"c{j + 1}": c for j, c in zip(joints, (1.0, *more), strict=True)}
+            )
     return [ratios for k, ratios in enumerate(out) if ratios not in out[:k]]
 
 

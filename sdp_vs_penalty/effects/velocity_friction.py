@@ -1,4 +1,5 @@
-"""Friction of a joint that is a function of its velocity, and of the load that it carries."""
+"""Friction of a joint that is a function of its velocity, and of the load that it
+carries."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -11,7 +12,10 @@ from sdp_vs_penalty.robot.robot import Robot
 
 class ViscousFriction(JointEffect):
     equation = "f_v dq"
-    explanation = "Lubricant shear and damping: a torque against the motion that grows with speed."
+    explanation = (
+        "Lubricant shear and damping: a torque against the motion that grows with"
+        " speed."
+    )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_v"
     units = ("N*m*s/rad", "N*s/m")
@@ -25,9 +29,10 @@ class ViscousFriction(JointEffect):
 class CoulombFriction(JointEffect):
     equation = "f_c tanh(dq / v_s)"
     explanation = (
-        "Dry contact: a torque of fixed size against the direction of motion. It turns round over v_s, "
-        "which is estimated joint by joint where it is not given. Together with "
-        "torque_offset it also covers a Coulomb friction that differs by direction."
+        "Dry contact: a torque of fixed size against the direction of motion. It turns"
+        " round over v_s, which is estimated joint by joint where it is not given."
+        " Together with torque_offset it also covers a Coulomb friction that differs by"
+        " direction."
     )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_c"
@@ -36,8 +41,20 @@ class CoulombFriction(JointEffect):
         "v_s": Shape(
             SIGN_WIDTH,
             VELOCITY,
-            # Wider transitions are another law (a sigmoid, a hysteresis): they have to earn their name.
-            grid=(0.00002, 0.0001, 0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
+            # Wider transitions are another law (a sigmoid, a hysteresis): they have to
+            # earn their name.
+            grid=(
+                0.00002,
+                0.0001,
+                0.00025,
+                0.0005,
+                0.001,
+                0.002,
+                0.004,
+                0.008,
+                0.016,
+                0.032,
+            ),
             bounds=(0.00002, 0.032),
             metres=0.1,
             role="estimated",
@@ -51,8 +68,8 @@ class CoulombFriction(JointEffect):
 class AsymmetricViscousFriction(JointEffect):
     equation = "f_va |dq|"
     explanation = (
-        "Viscous friction with different slopes in the two directions: f_v + f_va forwards, f_v - "
-        "f_va backwards. Typical of seals and preloaded gears."
+        "Viscous friction with different slopes in the two directions: f_v + f_va"
+        " forwards, f_v - f_va backwards. Typical of seals and preloaded gears."
     )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_va"
@@ -66,13 +83,15 @@ class AsymmetricViscousFriction(JointEffect):
 class AsymmetricCoulombFriction(JointEffect):
     equation = "f_ca |tanh(dq / v_s)|"
     explanation = (
-        "Dry friction of different size in the two directions: f_c + f_ca forwards, f_c - f_ca "
-        "backwards. Where it turns round at once that is Coulomb friction and an offset; over a wide "
-        "velocity v_s both vanish together near standstill, where an offset does not."
+        "Dry friction of different size in the two directions: f_c + f_ca forwards, f_c"
+        " - f_ca backwards. Where it turns round at once that is Coulomb friction and"
+        " an offset; over a wide velocity v_s both vanish together near standstill,"
+        " where an offset does not."
     )
     reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, sec. 2"
     symbol = "f_ca"
-    #: Beside an offset it shows only where friction turns round, which is what laws with a memory bend.
+    #: Beside an offset it shows only where friction turns round, which is what laws
+    #: with a memory bend.
     refines = ("coulomb_friction", "presliding_hysteresis", "stiction")
 
     def column(self, motion: Motion, joint: int) -> Array:
@@ -82,14 +101,16 @@ class AsymmetricCoulombFriction(JointEffect):
 class PowerLawFriction(JointEffect):
     equation = "f_p sign(dq) |dq|^alpha"
     explanation = (
-        "Friction that is not linear in speed: alpha < 1 where the lubricant thins with shear and "
-        "warms, alpha > 1 where it is churned (2: like drag)."
+        "Friction that is not linear in speed: alpha < 1 where the lubricant thins with"
+        " shear and warms, alpha > 1 where it is churned (2: like drag)."
     )
     reference = "Waiboer, Aarts, Jonker, ECCOMAS Multibody Dynamics 2005"
     symbol = "f_p"
     units = ("N*m*(s/rad)^alpha", "N*(s/m)^alpha")
     refines = ("viscous_friction", "coulomb_friction")
-    shapes = {"alpha": Shape(2.0, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0), bounds=(0.15, 4.0))}
+    shapes = {
+        "alpha": Shape(2.0, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0), bounds=(0.15, 4.0))
+    }
 
     def column(self, motion: Motion, joint: int) -> Array:
         dq = motion.dq[:, joint]
@@ -104,76 +125,94 @@ _RISES: Mapping[str, Callable[[Array], Array]] = {
 }
 
 
-#: How much wider than the sign itself turns round a rise has to be: the difference of two that are
-#: alike is nothing, and its size eight times that of the friction
-#: (off by 22 deviations; by 1 with 2 or 4).
+#: How much wider than the sign itself turns round a rise has to be: the difference of
+#: two that are alike is nothing, and its size eight times that of the friction (off by
+#: 22 deviations; by 1 with 2 or 4).
 _WIDER = 2.0
 
 
 class SigmoidFriction(JointEffect):
     equation = (
-        "f_sg (s(dq / v0) - sign(dq)), s(x) = tanh x | 2/pi atan x | x / sqrt(1 + x^2), for law = tanh "
-        "| atan | algebraic"
+        "f_sg (s(dq / v0) - sign(dq)), s(x) = tanh x | 2/pi atan x | x / sqrt(1 + x^2),"
+        " for law = tanh | atan | algebraic"
     )
     explanation = (
-        "A part f_sg of the Coulomb friction rises over a velocity range v0 instead of jumping: the "
-        "sigmoid form phi_1 / (1 + exp(-phi_2 (dq + phi_3))) of the paper's Table I, whose phi_3 is "
-        "an offset, or one with a longer tail. Near standstill there is less friction than Coulomb's "
-        "law says."
+        "A part f_sg of the Coulomb friction rises over a velocity range v0 instead of"
+        " jumping: the sigmoid form phi_1 / (1 + exp(-phi_2 (dq + phi_3))) of the"
+        " paper's Table I, whose phi_3 is an offset, or one with a longer tail. Near"
+        " standstill there is less friction than Coulomb's law says."
     )
-    reference = "Gaz et al., RA-L 2019, eq. 9 and Table I; Pennestri et al., Nonlinear Dynamics 2016"
+    reference = (
+        "Gaz et al., RA-L 2019, eq. 9 and Table I; Pennestri et al., Nonlinear Dynamics"
+        " 2016"
+    )
     symbol = "f_sg"
     lower = 0.0
     refines = ("coulomb_friction",)
     shapes = {
-        "v0": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0)),
-        "law": Shape(1.0, grid=(1.0, 2.0, 3.0), choices=(1.0, 2.0, 3.0), words=tuple(_RISES)),
+        "v0": Shape(
+            0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0)
+        ),
+        "law": Shape(
+            1.0, grid=(1.0, 2.0, 3.0), choices=(1.0, 2.0, 3.0), words=tuple(_RISES)
+        ),
     }
 
     def column(self, motion: Motion, joint: int) -> Array:
-        rises, v0 = _RISES[self.shapes["law"].written(self.shape["law"])], self.shape["v0"]
+        rises, v0 = (
+            _RISES[self.shapes["law"].written(self.shape["law"])],
+            self.shape["v0"],
+        )
         rise = rises(motion.dq[:, joint] / v0) - motion.sign(joint)
         return rise if v0 >= _WIDER * motion.width(joint) else np.zeros_like(rise)
 
 
 class StribeckFriction(JointEffect):
-    equation = "f_st sign(dq) times exp(-x) | 1 / (1 + x), x = (|dq| / vs)^delta, for law = dip | tail"
+    equation = (
+        "f_st sign(dq) times exp(-x) | 1 / (1 + x), x = (|dq| / vs)^delta, for law ="
+        " dip | tail"
+    )
     explanation = (
-        "At low speed the surfaces touch; as speed rises a lubricant film lifts them apart and the "
-        "friction falls by f_st towards its Coulomb level, within about the Stribeck velocity vs, or "
-        "with a long tail."
+        "At low speed the surfaces touch; as speed rises a lubricant film lifts them"
+        " apart and the friction falls by f_st towards its Coulomb level, within about"
+        " the Stribeck velocity vs, or with a long tail."
     )
     reference = (
-        "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, eq. 7; tail: Hess, Soom, ASME J. "
-        "Tribology 1990"
+        "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, eq. 7; tail:"
+        " Hess, Soom, ASME J. Tribology 1990"
     )
     symbol = "f_st"
     lower = 0.0
     refines = ("coulomb_friction",)
     shapes = {
-        "vs": Shape(0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)),
+        "vs": Shape(
+            0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)
+        ),
         "delta": Shape(2.0, grid=(1.0, 2.0)),
         "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("dip", "tail")),
     }
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """Every law but the longest tail, which never ends: of what is left of it at all speeds another
-        friction would be as large as it likes."""
+        """Every law but the longest tail, which never ends: of what is left of it at
+        all speeds another friction would be as large as it likes."""
         every = super().starts(robot, joint)
         return [own for own in every if (own["law"], own["delta"]) != (2.0, 1.0)]
 
     def column(self, motion: Motion, joint: int) -> Array:
         x = (np.abs(motion.dq[:, joint]) / self.shape["vs"]) ** self.shape["delta"]
-        return motion.sign(joint) * (np.exp(-x) if self.shape["law"] == 1.0 else 1.0 / (1.0 + x))
+        return motion.sign(joint) * (
+            np.exp(-x) if self.shape["law"] == 1.0 else 1.0 / (1.0 + x)
+        )
 
 
 class LoadDependentFriction(JointEffect):
     equation = "f_l |tau_l| sign(dq), tau_l the links' torque"
     explanation = (
-        "Gear teeth and bearings are pressed harder by the torque that they transmit and rub more: f_l "
-        "is the share of it that is lost, one minus the gear's efficiency. It is the links' torque: "
-        "motor friction and rotor do not pass through the gear."
+        "Gear teeth and bearings are pressed harder by the torque that they transmit"
+        " and rub more: f_l is the share of it that is lost, one minus the gear's"
+        " efficiency. It is the links' torque: motor friction and rotor do not pass"
+        " through the gear."
     )
     reference = "Hamon, Gautier, Garrec, IROS 2010; Wahrburg et al., ICRA 2018"
     symbol = "f_l"

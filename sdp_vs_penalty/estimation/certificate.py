@@ -11,17 +11,19 @@ from sdp_vs_penalty.robot.constraint import BarycentricBound
 
 @dataclass(frozen=True, repr=False)
 class Certificate(Shown, Plain):
-    """violations : worst violation of each family, in its own units (kg, kg m, kg m^2, ...).
+    """violations : worst violation of each family, in its own units (kg, kg m, kg m^2,
+    ...).
 
-    loss : the sum of squared (weighted) torque errors of the estimate; upper : the objective of the
-    nearest feasible point towards the interior; lower : a lower bound on the optimum of the convex
-    problem; gap : (upper - lower) / max(loss, 1e-12 |tau|^2); positive_mass_matrices : share of 10 000
-    random poses at which M(q) is positive definite; at_every_pose : the links' pseudo-inertias imply it.
-    largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius of gyration to
-    the largest half axis of its body, at most 1 for what fits; density : least and largest mean density
-    of the links whose geometry has a volume [kg/m^3]. None where it does not apply. held : effects that
-    were not optimised: violations are of the whole model, upper, lower and gap of the other effects
-    alone.
+    loss : the sum of squared (weighted) torque errors of the estimate; upper : the
+    objective of the nearest feasible point towards the interior; lower : a lower bound
+    on the optimum of the convex problem; gap : (upper - lower) / max(loss, 1e-12
+    |tau|^2); positive_mass_matrices : share of 10 000 random poses at which M(q) is
+    positive definite; at_every_pose : the links' pseudo-inertias imply it.
+    largest_gyration : of a link [m]; body_share : the largest ratio of a link's radius
+    of gyration to the largest half axis of its body, at most 1 for what fits; density :
+    least and largest mean density of the links whose geometry has a volume [kg/m^3].
+    None where it does not apply. held : effects that were not optimised: violations are
+    of the whole model, upper, lower and gap of the other effects alone.
     """
 
     violations: dict[str, float]
@@ -48,18 +50,26 @@ class Certificate(Shown, Plain):
         if self.gap is None or self.gap <= FAR_GAP:
             return ""
         return (
-            f"The optimum was not found: the certified lower bound is {self.gap:.2g} of the loss below "
-            "this objective; do not use these parameters."
+            f"The optimum was not found: the certified lower bound is {self.gap:.2g} of"
+            " the loss below this objective; do not use these parameters."
         )
 
     def __str__(self) -> str:
         """Everything in words, a line each."""
-        families = ", ".join(f"{family} {value:.2g}" for family, value in self.violations.items())
+        families = ", ".join(
+            f"{family} {value:.2g}" for family, value in self.violations.items()
+        )
         worst, loss, *rest = self.summary()
         both = ("objective", self.upper), ("certified lower bound", self.lower)
-        lines = [worst, ("violation by family", families or "there are no constraints"), loss]
+        lines = [
+            worst,
+            ("violation by family", families or "there are no constraints"),
+            loss,
+        ]
         lines += [*((name, f"{x:.9g}") for name, x in both if x is not None), *rest]
-        return "\n".join(["certificate", *(f"  {name:22} {text}" for name, text in lines)])
+        return "\n".join(
+            ["certificate", *(f"  {name:22} {text}" for name, text in lines)]
+        )
 
     def _summary(self) -> Summary:
         return "Certificate", self.summary()[:4]
@@ -74,7 +84,9 @@ class Certificate(Shown, Plain):
         bound = "no lower bound: this method is not convex, or has no constraints"
         if self.gap is not None:
             # Once each: a joint may have its effect with a shape constant of its own.
-            names = ", ".join(dict.fromkeys(re.split("[:@]", text)[0] for text in self.held))
+            names = ", ".join(
+                dict.fromkeys(re.split("[:@]", text)[0] for text in self.held)
+            )
             held = f", with {names} held fixed" if self.held else ""
             bound = f"{self.gap:.1e} of the loss (certified lower bound){held}"
         out = [
@@ -83,16 +95,27 @@ class Certificate(Shown, Plain):
             ("optimality gap", bound),
         ]
         if self.smallest_thickness is not None:
-            out.append(("smallest thickness", f"{1e3 * self.smallest_thickness:.1f} mm"))
+            out.append(
+                ("smallest thickness", f"{1e3 * self.smallest_thickness:.1f} mm")
+            )
         if self.largest_gyration is not None and self.body_share is not None:
-            fits = "at most" if self.body_share <= 1.0 else "beyond what any mass inside can have:"
-            text = f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a link's body)"
+            fits = (
+                "at most"
+                if self.body_share <= 1.0
+                else "beyond what any mass inside can have:"
+            )
+            text = (
+                f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a"
+                " link's body)"
+            )
             out.append(("largest radius of gyration", text))
         if self.density is not None:
             span = " to ".join(dict.fromkeys(f"{x:.3g}" for x in self.density))
             out.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
         if self.positive_mass_matrices is not None:
-            text = f"at {100.0 * self.positive_mass_matrices:.4g} % of 10 000 random poses"
+            text = (
+                f"at {100.0 * self.positive_mass_matrices:.4g} % of 10 000 random poses"
+            )
             if self.at_every_pose:
                 text = "at every pose (follows from the links)"
             out.append(("M(q) positive definite", text))

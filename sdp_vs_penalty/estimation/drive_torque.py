@@ -1,12 +1,14 @@
-"""A log without torque, as one with: the torque that the identified law of its servos makes of it.
+"""A log without torque, as one with: the torque that the identified law of its servos
+makes of it.
 
-The drives leave the model, which keeps links and friction; the damping kd, which holds viscous friction
-too, is the drives'. An error that drives and plant share is not seen.
+The drives leave the model, which keeps links and friction; the damping kd, which holds
+viscous friction too, is the drives'. An error that drives and plant share is not seen.
 
-Instruments are the motion that a model makes of the command alone. In a closed loop the noise of
-positions is in both sides of tau = Y theta; columns computed on the simulated motion share the signal
-and not the noise: two-stage least squares with them are consistent, and convex under the same
-constraints (Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 2014).
+Instruments are the motion that a model makes of the command alone. In a closed loop the
+noise of positions is in both sides of tau = Y theta; columns computed on the simulated
+motion share the signal and not the noise: two-stage least squares with them are
+consistent, and convex under the same constraints (Janot, Vandanjon, Gautier, IEEE
+Trans. Control Systems Technology 2014).
 """
 
 from collections.abc import Iterator
@@ -29,8 +31,11 @@ from sdp_vs_penalty.signals.runs import Stretch, interpolated, stretches
 _STEP = 8e-3
 
 
-def with_simulated_motion(measurements: Measurements, model: Model, theta: Array) -> Measurements:
-    """The same runs with the positions "qsim" that the model's servo loop makes of their commands."""
+def with_simulated_motion(
+    measurements: Measurements, model: Model, theta: Array
+) -> Measurements:
+    """The same runs with the positions "qsim" that the model's servo loop makes of
+    their commands."""
     loop, runs = ServoLoop(model, theta), []
     for run in measurements.runs():
         q, path = run.q.copy(), np.zeros_like(run.q)
@@ -52,9 +57,11 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     count = max(1, int(np.ceil(part.dt / _STEP - 1e-9)))
     skip = max(1, int(_STEP / part.dt + 1e-9))
     h = part.dt * skip / count
-    total = -(-(part.count - 1) // skip) * count + 1  # instants from the start to beyond the end
-    # Windows of half a second side by side, each of which runs as long again from a measured position
-    # before it counts, until the noise of that is forgotten.
+    total = (
+        -(-(part.count - 1) // skip) * count + 1
+    )  # instants from the start to beyond the end
+    # Windows of half a second side by side, each of which runs as long again from a
+    # measured position before it counts, until the noise of that is forgotten.
     long = early = max(1, round(0.5 / h))
     first = np.arange(0, total, long)
     start = np.maximum(first - early, 0)
@@ -80,37 +87,57 @@ def sampled_command(part: Stretch) -> Command:
     return Command(clock, q, dq, np.zeros_like(q), total)
 
 
-def driven(estimate: Estimate, measurements: Measurements) -> tuple[Estimate, Measurements]:
-    """The plant, and the log with the drives' torque; both as they are where torque was logged.
+def driven(
+    estimate: Estimate, measurements: Measurements
+) -> tuple[Estimate, Measurements]:
+    """The plant, and the log with the drives' torque; both as they are where torque was
+    logged.
 
     Raises InputError for a log without torque where the model knows no servo.
     """
     if measurements.torque_logged:
-        return (plant(estimate) if estimate.model.drives.any() else estimate), measurements
+        return (
+            plant(estimate) if estimate.model.drives.any() else estimate
+        ), measurements
     if not estimate.model.drives.any():
-        what = "this log holds no torque, and the model no servo that would stand for it"
+        what = (
+            "this log holds no torque, and the model no servo that would stand for it"
+        )
         remedy = "identify from a log with commands, or name one with torque"
         raise InputError(what, remedy, measurements.names[0])
-    return plant(estimate), with_drive_torque(estimate.model, estimate.theta, measurements)
+    return plant(estimate), with_drive_torque(
+        estimate.model, estimate.theta, measurements
+    )
 
 
-def with_drive_torque(model: Model, theta: Array, measurements: Measurements) -> Measurements:
-    """The log with the torque (N, n) that the servos of a model and its parameters theta (p,) make of
-    it [N m, N]."""
+def with_drive_torque(
+    model: Model, theta: Array, measurements: Measurements
+) -> Measurements:
+    """The log with the torque (N, n) that the servos of a model and its parameters
+    theta (p,) make of it [N m, N]."""
     loop, runs = ServoLoop(model, theta), []
     for run in measurements.runs():
         tau = np.array(run.tau)
         for part, inside in _parts(run):
             rate = np.gradient(part.q, part.t, axis=0)
-            states, told = (part.q, rate, np.gradient(rate, part.t, axis=0)), sampled_command(part)
-            tau[inside] += loop.drive(Motion(part.t, *states, command=told, sum=part.integrals[1]))
+            states, told = (
+                (part.q, rate, np.gradient(rate, part.t, axis=0)),
+                sampled_command(part),
+            )
+            tau[inside] += loop.drive(
+                Motion(part.t, *states, command=told, sum=part.integrals[1])
+            )
         runs.append(replace(run, tau=tau, torque_logged=True))
     return concatenate(runs)
 
 
 def plant(estimate: Estimate) -> Estimate:
     """The same without its drives."""
-    keep, known, reference = ~estimate.model.drives, estimate.uncertainty, estimate.model.reference
+    keep, known, reference = (
+        ~estimate.model.drives,
+        estimate.uncertainty,
+        estimate.model.reference,
+    )
     standard = tuple(known.standard[k] for k in np.flatnonzero(keep))
     spread, gains = known.spread[keep], known.gain_response[keep]
     own = replace(known, standard=standard, base=(), spread=spread, gain_response=gains)

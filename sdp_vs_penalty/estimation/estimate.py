@@ -1,4 +1,5 @@
-"""The result of an identification: parameters with a certificate, saved as one self-contained file."""
+"""The result of an identification: parameters with a certificate, saved as one
+self-contained file."""
 
 from __future__ import annotations
 
@@ -39,8 +40,9 @@ if TYPE_CHECKING:
     import pandas
 
 
-#: Of model.json; a file with a larger number was written by a newer version of this package. Format 1
-#: did not keep the bounds under which a model was identified, and nothing can bring them back.
+#: Of model.json; a file with a larger number was written by a newer version of this
+#: package. Format 1 did not keep the bounds under which a model was identified, and
+#: nothing can bring them back.
 FORMAT = 2
 
 
@@ -48,10 +50,11 @@ FORMAT = 2
 class Estimate(Shown):
     """theta (p,) of a model, with how it came about.
 
-    problem : the bounds and the prior that it was identified under, which travel with it; uncertainty :
-    what the runs that it came from say of the parameters; settings : those of the method;
-    preprocessing : the resolved filters; provenance : versions, data hash, seed;
-    training_motion : which motion it has been identified from, None where that is not recorded.
+    problem : the bounds and the prior that it was identified under, which travel with
+    it; uncertainty : what the runs that it came from say of the parameters; settings :
+    those of the method; preprocessing : the resolved filters; provenance : versions,
+    data hash, seed; training_motion : which motion it has been identified from, None
+    where that is not recorded.
     """
 
     problem: Problem
@@ -78,38 +81,56 @@ class Estimate(Shown):
 
     @property
     def covariance(self) -> Array:
-        """(p, p) of the parameters; NaN rows and columns for what the data do not determine."""
+        """(p, p) of the parameters; NaN rows and columns for what the data do not
+        determine."""
         return self.uncertainty.covariance
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """(p,) who decides each parameter: the "data", else its method's "prior" or the "bounds"."""
+        """(p,) who decides each parameter: the "data", else its method's "prior" or the
+        "bounds"."""
         rest = self.details.get("undetermined", {})
         return tuple(rest.get(p.name, "data") for p in self.model.parameters)
 
     @property
     def unweighed(self) -> str:
-        """A sentence about links whose mass the data do not determine, "" where they determine all."""
-        first, masses, sources = self.model.rigid_indices[::10], self.links[:, 0], self.sources
+        """A sentence about links whose mass the data do not determine, "" where they
+        determine all."""
+        first, masses, sources = (
+            self.model.rigid_indices[::10],
+            self.links[:, 0],
+            self.sources,
+        )
         links = [i for i, k in enumerate(first) if sources[k] not in ("data", "given")]
         if not links:
             return ""
         nominal = self.nominal[first]
         known = [i for i in links if nominal[i] > 0.0]
-        far = [i for i in known if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS]
-        numbers = "s" * (len(links) > 1) + " " + formatting.words([i + 1 for i in links])
+        far = [
+            i for i in known if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS
+        ]
+        numbers = (
+            "s" * (len(links) > 1) + " " + formatting.words([i + 1 for i in links])
+        )
         said = (
-            f"the data do not determine the mass of link{numbers}, only sums with others; the value "
-            f"comes from the {sources[first[links[0]]]}"
+            f"the data do not determine the mass of link{numbers}, only sums with"
+            f" others; the value comes from the {sources[first[links[0]]]}"
         )
         if np.any(self.problem.guessed_links[links]):
-            said += ", drawn to lengths, sizes and torque, not measured: no file states it"
+            said += (
+                ", drawn to lengths, sizes and torque, not measured: no file states it"
+            )
         each = [f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far]
-        return f"{said}; far from nominal: {formatting.words(each)}." if far else f"{said}."
+        return (
+            f"{said}; far from nominal: {formatting.words(each)}."
+            if far
+            else f"{said}."
+        )
 
     @property
     def verdict(self) -> Verdict | None:
-        """How good the model was when it was identified or extended; None if nobody asked."""
+        """How good the model was when it was identified or extended; None if nobody
+        asked."""
         said = self.provenance.get("verdict")
         return None if said is None else Verdict.from_dict(said)
 
@@ -117,17 +138,22 @@ class Estimate(Shown):
     def nominal(self) -> Array:
         """(p,) the nominal links' parameters, NaN for those of other effects."""
         known = np.full(len(self.theta), np.nan)
-        known[self.model.rigid_indices] = self.problem.nominal(self.model)[self.model.rigid_indices]
+        known[self.model.rigid_indices] = self.problem.nominal(self.model)[
+            self.model.rigid_indices
+        ]
         return known
 
     @property
     def identity(self) -> str:
-        """SHA-256 of what decides the model's torque: robot, effects, reference, gains, parameters."""
+        """SHA-256 of what decides the model's torque: robot, effects, reference, gains,
+        parameters."""
         gains = self.problem.gains
         body = {
             "robot": self.robot.to_dict(),
             "effects": [e.to_dict() for e in self.model.effects],
-            "reference": None if self.model.reference is None else self.model.reference.tolist(),
+            "reference": (
+                None if self.model.reference is None else self.model.reference.tolist()
+            ),
             "gains": None if gains is None else list(gains),
             "names": [p.name for p in self.model.parameters],
             "values": self.theta.tolist(),
@@ -151,66 +177,101 @@ class Estimate(Shown):
         """Modelled torque (N, n) of a motion."""
         return self.model.torque(self.theta, motion)
 
-    def predict(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, t: ArrayLike | None = None) -> Array:
-        """Torque (N, n) [N m or N] at states q, dq, ddq, each (N, n) [rad, rad/s, rad/s^2; m].
+    def predict(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, t: ArrayLike | None = None
+    ) -> Array:
+        """Torque (N, n) [N m or N] at states q, dq, ddq, each (N, n) [rad, rad/s,
+        rad/s^2; m].
 
-        t : (N,) instants [s], needed where an effect depends on time or on earlier motion.
-        Raises InputError for arrays of other shapes, and where t is needed.
+        t : (N,) instants [s], needed where an effect depends on time or on earlier
+        motion. Raises InputError for arrays of other shapes, and where t is needed.
         """
-        n, states = self.robot.n, [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)]
+        n, states = (
+            self.robot.n,
+            [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)],
+        )
         for name, x in zip(("q", "dq", "ddq"), states, strict=True):
             if x.shape != states[0].shape or x.shape[1:] != (n,):
                 what = f"predict({name}=...) has shape {np.shape(x)}"
                 raise InputError(what, f"give q, dq and ddq as (N, {n})")
         for e in self.model.effects if t is None else ():
             if e.has_memory or any(s.role == "clock" for s in e.shapes.values()):
-                raise InputError(f"predict(): {e.name} depends on time", "pass t, (N,) in seconds")
+                raise InputError(
+                    f"predict(): {e.name} depends on time", "pass t, (N,) in seconds"
+                )
         times = np.zeros(len(states[0])) if t is None else np.asarray(t, float)
         if times.shape != (len(states[0]),):
-            what = f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows"
+            what = (
+                f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows"
+            )
             raise InputError(what, "give one time a row")
         return self.torque(Motion(times, states[0], states[1], states[2]))
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw link masses and the other effects' parameters, with two standard deviations.
+        """Draw link masses and the other effects' parameters, with two standard
+        deviations.
 
         axes : one for each effect (default: a new figure); returns them.
         Raises InputError without matplotlib (extra [plot]).
         """
         table = self.to_frame()
         mass = table.index.str.fullmatch("m[0-9]+")
-        shown = table[(table["effect"] != "rigid_body") | mass].groupby("effect", sort=False)
+        shown = table[(table["effect"] != "rigid_body") | mass].groupby(
+            "effect", sort=False
+        )
         size = (3.0 * len(shown), 2.6)
-        panels = np.atleast_1d(formatting.axes(axes, 1, len(shown), figsize=size, layout="constrained"))
+        panels = np.atleast_1d(
+            formatting.axes(axes, 1, len(shown), figsize=size, layout="constrained")
+        )
         for panel, (effect, own) in zip(panels, shown, strict=False):
             panel.bar(
-                own.index, own["value"], yerr=2.0 * own["std"].astype(float).fillna(0.0), capsize=2
+                own.index,
+                own["value"],
+                yerr=2.0 * own["std"].astype(float).fillna(0.0),
+                capsize=2,
             )
             panel.set(title=effect, ylabel=f"[{own['unit'].iloc[0]}]")
             panel.tick_params(axis="x", labelrotation=90)
         return panels
 
     def _summary(self) -> Summary:
-        title = f"Estimate: {self.problem.name}, {self.method}, {len(self.theta)} parameters"
+        title = (
+            f"Estimate: {self.problem.name}, {self.method}, {len(self.theta)}"
+            " parameters"
+        )
         return title, [
             ("effects", ", ".join(dict.fromkeys(e.name for e in self.model.effects))),
-            ("data", f"{self.provenance['samples']} samples of {', '.join(self.provenance['runs'])}"),
+            (
+                "data",
+                (
+                    f"{self.provenance['samples']} samples of"
+                    f" {', '.join(self.provenance['runs'])}"
+                ),
+            ),
             *self.certificate.summary()[::2][:2],
-            ("from the data", f"{self.sources.count('data')} of {len(self.theta)} parameters"),
+            (
+                "from the data",
+                f"{self.sources.count('data')} of {len(self.theta)} parameters",
+            ),
             *([("masses", self.unweighed)] if self.unweighed else []),
         ]
 
     def _table(self) -> Table:
         rows: list[tuple[str, ...]] = []
         each = self.theta, self.uncertainty.std, self.nominal, self.sources
-        for p, value, spread, known, source in zip(self.model.parameters, *each, strict=True):
+        for p, value, spread, known, source in zip(
+            self.model.parameters, *each, strict=True
+        ):
             plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
             before = "" if np.isnan(known) else f"{known:.4g}"
-            rows.append((p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect))
+            rows.append(
+                (p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect)
+            )
         return ("parameter", "value", "nominal", "from", "unit", "effect"), rows
 
     def to_frame(self) -> pandas.DataFrame:
-        """The parameters as a table, indexed by name: value, std, 95 % interval, unit, effect, joint."""
+        """The parameters as a table, indexed by name: value, std, 95 % interval, unit,
+        effect, joint."""
         import pandas
 
         return pandas.DataFrame(self.to_dict()["parameters"]).set_index("name")
@@ -219,9 +280,15 @@ class Estimate(Shown):
         """What model.json holds."""
         each = self.theta, self.uncertainty.standard, self.nominal, self.sources
         parameters = [
-            {**interval.to_dict(), "value": float(value), "nominal": formatting.finite(nominal)}
+            {
+                **interval.to_dict(),
+                "value": float(value),
+                "nominal": formatting.finite(nominal),
+            }
             | {"source": source, "effect": p.effect, "joint": p.joint}
-            for p, value, interval, nominal, source in zip(self.model.parameters, *each, strict=True)
+            for p, value, interval, nominal, source in zip(
+                self.model.parameters, *each, strict=True
+            )
         ]
         seen = np.flatnonzero(~np.isnan(self.uncertainty.std))
         return {
@@ -233,7 +300,9 @@ class Estimate(Shown):
             "certificate": self.certificate.to_dict(),
             "robot": self.robot.to_dict(),
             "effects": [e.to_dict() for e in self.model.effects],
-            "reference": None if self.model.reference is None else self.model.reference.tolist(),
+            "reference": (
+                None if self.model.reference is None else self.model.reference.tolist()
+            ),
             "preprocessing": dataclasses.asdict(self.preprocessing),
             "covariance": {
                 "parameters": [self.model.parameters[k].name for k in seen],
@@ -242,16 +311,21 @@ class Estimate(Shown):
             "uncertainty": self.uncertainty.to_dict(),
             "details": self.details,
             "provenance": self.provenance,
-            "training_motion": None if self.training_motion is None else self.training_motion.to_dict(),
+            "training_motion": (
+                None if self.training_motion is None else self.training_motion.to_dict()
+            ),
         }
 
-    def require_joints(self, measurements: Measurements, what: str = "measurements") -> None:
+    def require_joints(
+        self, measurements: Measurements, what: str = "measurements"
+    ) -> None:
         """Raises InputError unless the measurements have as many joints as the robot."""
         if measurements.n != self.robot.n:
             raise other_robot(measurements.n, self.robot.n, what, "model")
 
     def save(self, path: str | Path) -> None:
-        """Write model.json, whole or not at all: a field, and of a list of records each, on a line."""
+        """Write model.json, whole or not at all: a field, and of a list of records
+        each, on a line."""
         fields = []
         for name, value in self.to_dict().items():
             text = json.dumps(value)
@@ -262,10 +336,11 @@ class Estimate(Shown):
 
 
 def load_estimate(path: str | Path) -> Estimate:
-    """Read the model.json at ``path``; the estimate predicts the same torques to the last bit.
+    """Read the model.json at ``path``; the estimate predicts the same torques to the
+    last bit.
 
-    Raises InputError for a file that is not one, is incomplete, or comes from a newer version, or from
-    an earlier one, which did not keep the problem.
+    Raises InputError for a file that is not one, is incomplete, or comes from a newer
+    version, or from an earlier one, which did not keep the problem.
     """
     return read_json(path, "model.json", "format", _from_dict)
 
@@ -273,18 +348,27 @@ def load_estimate(path: str | Path) -> Estimate:
 def _from_dict(data: dict[str, Any]) -> Estimate:
     if (found := data["format"]) != FORMAT:
         older = isinstance(found, int) and found < FORMAT
-        what = "an earlier version (format {}), which did not keep the bounds of the model's problem"
+        what = (
+            "an earlier version (format {}), which did not keep the bounds of the"
+            " model's problem"
+        )
         new = f"a newer version (format {{}}, this one reads up to {FORMAT})"
         remedy = "identify again" if older else "upgrade sdp-vs-penalty"
         raise InputError(f"written by {(what if older else new).format(found)}", remedy)
     robot = Robot.from_dict(data["robot"])
-    problem, reference = problem_from_dict(data["problem"], robot), data.get("reference")
+    problem, reference = (
+        problem_from_dict(data["problem"], robot),
+        data.get("reference"),
+    )
     effects = tuple(effect_from_dict(e, robot) for e in data["effects"])
     known = None if reference is None else np.array(reference, float)
     model = Model(robot, effects, known, problem.gains)
     if known is not None and len(known) != len(model.parameters):
         raise ValueError("reference and parameters differ in length")
-    named, names = {p["name"]: p for p in data["parameters"]}, [p.name for p in model.parameters]
+    named, names = (
+        {p["name"]: p for p in data["parameters"]},
+        [p.name for p in model.parameters],
+    )
     for missing in (name for name in names if name not in named):
         raise KeyError(f"parameters: {missing}")
     entries = [named[name] for name in names]
@@ -298,11 +382,15 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
             raise ValueError("training_motion is of another number of joints")
     uncertainty = Uncertainty.from_dict({**data["uncertainty"], "standard": entries})
     details = data["details"]
-    if not isinstance(details, dict) or not isinstance(details.get("undetermined", {}), dict):
+    if not isinstance(details, dict) or not isinstance(
+        details.get("undetermined", {}), dict
+    ):
         raise ValueError("details: undetermined names who decides which parameter")
     provenance = data["provenance"]
     if provenance.get("verdict") is not None:
-        Verdict.from_dict(provenance["verdict"])  # refused here, not by whoever asks for it
+        Verdict.from_dict(
+            provenance["verdict"]
+        )  # refused here, not by whoever asks for it
     if provenance.get("noise") is not None:
         floor = NoiseFloor.from_dict(provenance["noise"]).floor
         if floor is not None and floor.shape != (robot.n,):
@@ -322,15 +410,16 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     )
 
 
-#: One Estimate or the path of a model.json; a sequence of these; or a mapping from names to these.
+#: One Estimate or the path of a model.json; a sequence of these; or a mapping from
+#: names to these.
 Models: TypeAlias = Any
 
 
 def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estimate:
     """An Estimate as it is, or that of a model.json.
 
-    what : how messages call it, such as "diagnose(estimate=...)".
-    Raises InputError naming what was given where it is neither, or the file cannot be used.
+    what : how messages call it, such as "diagnose(estimate=...)". Raises InputError
+    naming what was given where it is neither, or the file cannot be used.
     """
     if isinstance(source, Estimate):
         return source
@@ -341,7 +430,8 @@ def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estima
 
 
 def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
-    """Models by name: that of the file, else of the method, numbered where there are several.
+    """Models by name: that of the file, else of the method, numbered where there are
+    several.
 
     Raises InputError for no model at all, and as :func:`as_estimate` does.
     """
@@ -360,20 +450,29 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
 
 #: Of a table of links, as command line, page and report show it.
 LINK_HEADS = (
-    "link", "mass [kg]", "nominal", "from", "centre of mass [m]", "gyration [m]", "nominal",
+    "link",
+    "mass [kg]",
+    "nominal",
+    "from",
+    "centre of mass [m]",
+    "gyration [m]",
+    "nominal",
     "thickness [mm]",
-)  # fmt: skip
+)
 
 
 def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Mass, centre of mass and radius of gyration of each link beside the nominal ones, as text."""
+    """Mass, centre of mass and radius of gyration of each link beside the nominal ones,
+    as text."""
     at = estimate.model.rigid_indices
     if not len(at):
         return []
     links, nominal = estimate.links, estimate.nominal[at].reshape(-1, 10)
     robot, thick = estimate.robot, inertia.thickness(links)
     gyration = inertia.gyration(links), inertia.gyration(nominal)
-    com = np.where(links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan)
+    com = np.where(
+        links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan
+    )
     return [
         (
             f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",

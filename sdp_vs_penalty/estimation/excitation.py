@@ -1,4 +1,5 @@
-"""Exciting trajectories: Fourier series whose regressor is as well conditioned as the limits allow.
+"""Exciting trajectories: Fourier series whose regressor is as well conditioned as the
+limits allow.
 
 For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b, q_0) of
 :class:`~sdp_vs_penalty.robot.trajectory.FourierTrajectory`,
@@ -6,11 +7,12 @@ For W(x), the stacked base regressor of a trajectory with coefficients x = (a, b
     minimise log(|W|_F |W^+|_F)   ("condition", a smooth upper bound of log cond W), or
              -log det W^T W / p   ("d-optimal": the volume of the confidence ellipsoid)
 
-subject to limits of position, velocity and acceleration at every instant (Swevers et al., T-RA 1997;
-Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step of the sequential linear
-programming (in a trust region, x in units of the limits) keeps. Collisions are not looked at: choose
-position limits within which the robot is free. :func:`payload_run` weighs a load: a short motion of the
-wrist, d-optimal for its ten parameters.
+subject to limits of position, velocity and acceleration at every instant (Swevers et
+al., T-RA 1997; Gautier, Khalil, IJRR 1992): linear inequalities in x, which every step
+of the sequential linear programming (in a trust region, x in units of the limits)
+keeps. Collisions are not looked at: choose position limits within which the robot is
+free. :func:`payload_run` weighs a load: a short motion of the wrist, d-optimal for its
+ten parameters.
 """
 
 from __future__ import annotations
@@ -39,7 +41,11 @@ from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.partial import deviations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
-from sdp_vs_penalty.robot.trajectory import FourierTrajectory, PointTrajectory, random_trajectory
+from sdp_vs_penalty.robot.trajectory import (
+    FourierTrajectory,
+    PointTrajectory,
+    random_trajectory,
+)
 
 #: Rate at which motions are looked at [Hz].
 RATE = 20.0
@@ -55,7 +61,9 @@ class Regressor:
 
     def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
         """(N, n, p) rows of each sample and joint."""
-        wide = np.stack(list(self.model.wide(Motion(t, q, dq, ddq))[..., self.columns]), axis=1)
+        wide = np.stack(
+            list(self.model.wide(Motion(t, q, dq, ddq))[..., self.columns]), axis=1
+        )
         return wide * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
 
     def along(self, trajectory: FourierTrajectory, rate: float = RATE) -> Array:
@@ -69,11 +77,14 @@ class Regressor:
 
     @classmethod
     def of(cls, problem: Problem, effects: str | None = None) -> Regressor:
-        """The columns of a problem's own base parameters; InputError for effects with a memory."""
+        """The columns of a problem's own base parameters; InputError for effects with a
+        memory."""
         model = problem.model(effects)
         for effect in model.effects:
             if effect.has_memory or depends(effect):
-                what = f"effect {effect.name}: its columns depend on more than the state"
+                what = (
+                    f"effect {effect.name}: its columns depend on more than the state"
+                )
                 raise InputError(what, "leave it out of the excitation.")
         return cls(model, np.array(base_rows(problem, model).leading))
 
@@ -83,7 +94,8 @@ OBJECTIVES = ("condition", "d-optimal")
 
 @dataclass(frozen=True)
 class Limits:
-    """(n,) lower and upper position [rad, m], velocity and acceleration limits; all in one clock [s].
+    """(n,) lower and upper position [rad, m], velocity and acceleration limits; all in
+    one clock [s].
 
     Raises InputError naming the joint for limits within which nothing can move.
     """
@@ -94,13 +106,18 @@ class Limits:
     acceleration: Array
 
     def __post_init__(self) -> None:
-        rows = np.column_stack([self.lower, self.upper, self.velocity, self.acceleration])
+        rows = np.column_stack(
+            [self.lower, self.upper, self.velocity, self.acceleration]
+        )
         for j, (low, high, v, a) in enumerate(rows.tolist(), start=1):
             if not -np.inf < low < high < np.inf:
                 what = f"joint {j}: no trajectory fits between {low:g} and {high:g}"
                 raise InputError(what, "give finite limits, the lower below the upper")
             if not (0.0 < v < np.inf and 0.0 < a < np.inf):
-                what = f"joint {j}: velocity limit {v:g} or acceleration limit {a:g} is not above 0"
+                what = (
+                    f"joint {j}: velocity limit {v:g} or acceleration limit {a:g} is"
+                    " not above 0"
+                )
                 raise InputError(what, "correct it")
 
     @property
@@ -117,26 +134,38 @@ class Limits:
     def of_robot(cls, robot: Robot) -> Limits:
         """The robot's own, with plain assumptions where it states none."""
         lower, upper, velocity = joint_limits(robot)
-        # Acceleration limit of a joint whose robot states none: reached from rest within so many
-        # seconds of its velocity limit.
+        # Acceleration limit of a joint whose robot states none: reached from rest
+        # within so many seconds of its velocity limit.
         return cls(lower, upper, velocity, velocity / 0.25)
 
     @classmethod
     def of_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
-        """What another trajectory needs: its extremes of position, velocity and acceleration."""
+        """What another trajectory needs: its extremes of position, velocity and
+        acceleration."""
         q, dq, ddq = trajectory.states(_instants(trajectory))
-        return cls(q.min(axis=0), q.max(axis=0), np.abs(dq).max(axis=0), np.abs(ddq).max(axis=0))
+        return cls(
+            q.min(axis=0),
+            q.max(axis=0),
+            np.abs(dq).max(axis=0),
+            np.abs(ddq).max(axis=0),
+        )
 
     def excess(self, trajectory: FourierTrajectory) -> float:
-        """Largest ratio of the motion to its limits at 1 kHz, about the middle: <= 1 where kept."""
+        """Largest ratio of the motion to its limits at 1 kHz, about the middle: <= 1
+        where kept."""
         q, dq, ddq = trajectory.states(_instants(trajectory))
-        ratios = ((q - self.middle) / self.half, dq / self.velocity, ddq / self.acceleration)
+        ratios = (
+            (q - self.middle) / self.half,
+            dq / self.velocity,
+            ddq / self.acceleration,
+        )
         return float(np.abs(ratios).max())
 
 
 @dataclass(frozen=True, repr=False)
 class Excitation(Shown):
-    """An optimised trajectory; condition : of its base regressor, history : after each iteration."""
+    """An optimised trajectory; condition : of its base regressor, history : after each
+    iteration."""
 
     trajectory: FourierTrajectory
     condition: float
@@ -145,7 +174,10 @@ class Excitation(Shown):
     def _summary(self) -> Summary:
         n = self.trajectory.a.shape[0]
         rows = [("length", f"{self.trajectory.duration:g} s"), ("joints", str(n))]
-        return f"Excitation: condition number {self.condition:.4g} of the base regressor", rows
+        return (
+            f"Excitation: condition number {self.condition:.4g} of the base regressor",
+            rows,
+        )
 
     def save(self, path: str | Path) -> None:
         """Write t, q, dq, ddq at 1 kHz as CSV, whole or not at all."""
@@ -167,21 +199,25 @@ def excite(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Excitation:
-    """A trajectory that excites the base parameters of a problem as evenly as the limits allow.
+    """A trajectory that excites the base parameters of a problem as evenly as the
+    limits allow.
 
     problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
-    limits : default the robot's own; start : where to begin (its frequency, duration and blend are
-    kept), default a random trajectory with this number of ``harmonics`` of ``frequency`` [rad/s],
-    ``duration`` and ``blend`` [s]; effects : whose columns count, default the problem's (base
-    parameters of the links, friction, ...); objective : "condition" or "d-optimal"; iterations : at
-    most; seed : of the random start; progress : called with the condition number so far.
-    Raises InputError for limits that admit no trajectory, or an objective that does not exist.
+    limits : default the robot's own; start : where to begin (its frequency, duration
+    and blend are kept), default a random trajectory with this number of ``harmonics``
+    of ``frequency`` [rad/s], ``duration`` and ``blend`` [s]; effects : whose columns
+    count, default the problem's (base parameters of the links, friction, ...);
+    objective : "condition" or "d-optimal"; iterations : at most; seed : of the random
+    start; progress : called with the condition number so far. Raises InputError for
+    limits that admit no trajectory, or an objective that does not exist.
     """
     problem = as_problem(problem, "excite(problem=...)")
     require_known("objective", objective, OBJECTIVES)
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
-        start = random_trajectory(problem.robot, seed, duration, harmonics, frequency, blend)
+        start = random_trajectory(
+            problem.robot, seed, duration, harmonics, frequency, blend
+        )
     regressor = Regressor.of(problem, effects)
     return optimised(regressor, bounds, start, objective, iterations, progress=progress)
 
@@ -197,7 +233,8 @@ def optimised(
 ) -> Excitation:
     """The best motion for a regressor that is found from a start, and within limits.
 
-    moving : the joints (from 0) whose motion is free, default all; the others move as in the start.
+    moving : the joints (from 0) whose motion is free, default all; the others move as
+    in the start.
     """
     start = shrunk(start, limits)
     search = _Search(regressor, limits, start, objective, moving)
@@ -215,13 +252,17 @@ def optimised(
         x = candidate
         value, slope = search.evaluated(x)
         history.append(regressor.condition(_with(start, x)))
-        progress(f"excitation: iteration {len(history) - 1}, condition number {history[-1]:.2f}")
+        progress(
+            f"excitation: iteration {len(history) - 1}, condition number"
+            f" {history[-1]:.2f}"
+        )
     best = shrunk(_with(start, x), limits)
     return Excitation(best, regressor.condition(best), tuple(history))
 
 
 def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
-    """The motion of x (n, 2 L + 1) = (a, b, q_0), of the same frequency, blend and duration."""
+    """The motion of x (n, 2 L + 1) = (a, b, q_0), of the same frequency, blend and
+    duration."""
     a, b = np.split(x[:, :-1], 2, axis=1)
     return replace(like, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
 
@@ -229,9 +270,9 @@ def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
 class _Search:
     """What the steps of a search have in common, over x (n, 2 L + 1).
 
-    t (K,) : where the regressor is sampled; maps (3, K, 2 L + 1) : of a joint's x to its states there;
-    rows (n, M, 2 L + 1), offset (n, M) : rows x + offset are states over their limits, the position
-    about the middle; unit (n, 2 L + 1) : sizes of x.
+    t (K,) : where the regressor is sampled; maps (3, K, 2 L + 1) : of a joint's x to
+    its states there; rows (n, M, 2 L + 1), offset (n, M) : rows x + offset are states
+    over their limits, the position about the middle; unit (n, 2 L + 1) : sizes of x.
     """
 
     def __init__(
@@ -244,21 +285,28 @@ class _Search:
     ) -> None:
         self.regressor, self.objective = regressor, objective
         self.joints = range(start.a.shape[0]) if moving is None else moving
-        # Instants at which the regressor is sampled, and twice as many at which limits are kept.
+        # Instants at which the regressor is sampled, and twice as many at which limits
+        # are kept.
         self.t = np.linspace(0.0, start.duration, 160)
         kept = _instants(start, 2 * len(self.t) - 1)
         units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
         width = 2 * start.a.shape[1] + 1
-        each = _with(start, np.eye(width))  # as if each coefficient moved a joint of its own
+        each = _with(
+            start, np.eye(width)
+        )  # as if each coefficient moved a joint of its own
         sizes = np.repeat(units, len(kept), axis=1)[:, :, None]
         self.rows = np.concatenate(each.states(kept)) / sizes
-        self.offset = np.outer(-limits.middle / limits.half, np.arange(3 * len(kept)) < len(kept))
-        # A joint's amplitudes of velocity are of the size of its limit, its centre of the range.
+        self.offset = np.outer(
+            -limits.middle / limits.half, np.arange(3 * len(kept)) < len(kept)
+        )
+        # A joint's amplitudes of velocity are of the size of its limit, its centre of
+        # the range.
         self.unit = np.column_stack([*[limits.velocity] * (width - 1), limits.half])
         self.maps = np.array(each.states(self.t))
 
     def at(self, x: Array) -> tuple[Array, float, Array]:
-        """States, the objective and its gradient with respect to W, in the shape of the regressor."""
+        """States, the objective and its gradient with respect to W, in the shape of the
+        regressor."""
         states = np.stack([linear @ x.T for linear in self.maps])
         whole = self.regressor.at(self.t, *states)
         value, outer = _objective(whole.reshape(-1, whole.shape[2]), self.objective)
@@ -271,7 +319,9 @@ class _Search:
         for (which, linear), j in product(enumerate(self.maps), self.joints):
             step = np.zeros_like(states)
             step[which, :, j] = DIFFERENCE
-            above, below = (self.regressor.at(self.t, *(states + s * step)) for s in (1.0, -1.0))
+            above, below = (
+                self.regressor.at(self.t, *(states + s * step)) for s in (1.0, -1.0)
+            )
             rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * DIFFERENCE)
             slope[j] += rate @ linear
         return value, slope
@@ -281,7 +331,8 @@ class _Search:
         out = x.copy()
         for j in self.joints:
             rows, offset, unit = self.rows[j], self.offset[j], self.unit[j]
-            # A share is kept for what happens between the instants; what the start uses, it may.
+            # A share is kept for what happens between the instants; what the start
+            # uses, it may.
             room = np.maximum(0.998, np.abs(rows @ x[j] + offset))
             scaled, now = rows * unit, x[j] / unit
             found = optimize.linprog(
@@ -303,11 +354,15 @@ def _objective(w: Array, objective: str) -> tuple[float, Array]:
     if objective == "d-optimal":
         return -float(np.linalg.slogdet(gram)[1]) / p, -2.0 / p * (w @ inverse)
     outer, inner = float(np.trace(gram)), float(np.trace(inverse))
-    return 0.5 * float(np.log(outer * inner)), w / outer - w @ (inverse @ inverse) / inner
+    return (
+        0.5 * float(np.log(outer * inner)),
+        w / outer - w @ (inverse @ inverse) / inner,
+    )
 
 
 def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
-    """The trajectory, or its largest part about the middle of the range that keeps the limits."""
+    """The trajectory, or its largest part about the middle of the range that keeps the
+    limits."""
     excess = limits.excess(trajectory)
     if excess <= 1.0:
         return trajectory
@@ -316,7 +371,9 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
     return replace(trajectory, a=trajectory.a * share, b=trajectory.b * share, q_0=q_0)
 
 
-def save_trajectory(trajectory: FourierTrajectory | PointTrajectory, path: str | Path) -> None:
+def save_trajectory(
+    trajectory: FourierTrajectory | PointTrajectory, path: str | Path
+) -> None:
     """Write t, q1..qn, dq1..dqn, ddq1..ddqn at 1 kHz: what a robot's controller plays."""
     t = np.arange(int(np.floor(trajectory.duration * 1e3 + 1e-9)) + 1) / 1e3
     n = trajectory.states(t[:1])[0].shape[1]
@@ -327,14 +384,18 @@ def save_trajectory(trajectory: FourierTrajectory | PointTrajectory, path: str |
 
 
 def _instants(trajectory: FourierTrajectory, count: int = 0) -> Array:
-    """So many evenly, or 1 kHz, and those where the acceleration jumps or peaks in the blends."""
+    """So many evenly, or 1 kHz, and those where the acceleration jumps or peaks in the
+    blends."""
     blend, end = trajectory.blend, trajectory.duration - trajectory.blend
-    whole = np.linspace(0.0, trajectory.duration, count or round(1000.0 * trajectory.duration) + 1)
+    whole = np.linspace(
+        0.0, trajectory.duration, count or round(1000.0 * trajectory.duration) + 1
+    )
     return np.union1d(whole, [0.5 * blend, blend, end, end + 0.5 * blend])
 
 
 def independent_rate(estimate: Estimate) -> float:
-    """How many independent rows a second has [Hz], below the cut-off of a model's torque."""
+    """How many independent rows a second has [Hz], below the cut-off of a model's
+    torque."""
     # Two independent samples a period of the cut-off; 8 Hz where a model states none.
     return 2.0 * (estimate.preprocessing.torque_cutoff or 8.0)
 
@@ -346,9 +407,9 @@ def noise_of_model(estimate: Estimate) -> Array:
 
 @dataclass(frozen=True)
 class PayloadRun:
-    """trajectory : found; deviation (10,) : standard deviations of mass [kg], first moments [kg m] and
-    inertia about the flange [kg m^2] after one such motion; started (10,) : those of the random motion
-    that the search began with."""
+    """trajectory : found; deviation (10,) : standard deviations of mass [kg], first
+    moments [kg m] and inertia about the flange [kg m^2] after one such motion; started
+    (10,) : those of the random motion that the search began with."""
 
     trajectory: FourierTrajectory
     deviation: Array
@@ -365,23 +426,30 @@ def payload_run(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> PayloadRun:
-    """A motion of ``joints`` (from 0; default the last three) that determines a load at the flange, the
-    others in the middle of their ranges; noise and cut-off are those of the model's data.
+    """A motion of ``joints`` (from 0; default the last three) that determines a load at
+    the flange, the others in the middle of their ranges; noise and cut-off are those of
+    the model's data.
 
     Raises InputError for a joint that does not exist.
     """
     robot = estimate.robot
-    moving = list(range(max(robot.n - 3, 0), robot.n)) if joints is None else list(joints)
+    moving = (
+        list(range(max(robot.n - 3, 0), robot.n)) if joints is None else list(joints)
+    )
     if not moving or not all(0 <= j < robot.n for j in moving):
         named = ", ".join(str(j + 1) for j in moving) or "none"
         raise InputError(f"joints that move: {named}", f"name some of 1 to {robot.n}")
     limits = Limits.of_robot(robot)
     # Periods of the motion's own length, blended over an eighth of it.
-    start = random_trajectory(robot, seed, duration, harmonics, 2 * np.pi / duration, 0.125 * duration)
+    start = random_trajectory(
+        robot, seed, duration, harmonics, 2 * np.pi / duration, 0.125 * duration
+    )
     still = np.setdiff1d(np.arange(robot.n), moving)
     start.a[still], start.b[still], start.q_0[still] = 0.0, 0.0, limits.middle[still]
     scale, rate = 1.0 / noise_of_model(estimate), independent_rate(estimate)
     regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), scale)
-    found = optimised(regressor, limits, start, "d-optimal", iterations, moving, progress)
+    found = optimised(
+        regressor, limits, start, "d-optimal", iterations, moving, progress
+    )
     each = (deviations(regressor.along(x, rate)) for x in (found.trajectory, start))
     return PayloadRun(found.trajectory, *each)

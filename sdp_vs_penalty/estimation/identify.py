@@ -1,11 +1,12 @@
-"""The verbs ``identify``, from a problem and measurements to a certified estimate, and ``verify``, what
-a proof proves, and whether it is of this model and these data.
+"""The verbs ``identify``, from a problem and measurements to a certified estimate, and
+``verify``, what a proof proves, and whether it is of this model and these data.
 
-Who determines a parameter (:func:`record`): of a linear function a^T theta the data alone know the
-variance a^T H^-1 a, H = R^T R in units of the residual variance (infinite where no torque shows it), the
-prior alone a^T H_prior^-1 a. H_prior is one independent measurement a link: 1/2 P0^-1 (x) P0^-1, the
-curvature of the entropic pull at the nominal robot P0, and of the joints' own parameters one over their
-scale squared. It is from the data where their variance is the smaller one.
+Who determines a parameter (:func:`record`): of a linear function a^T theta the data
+alone know the variance a^T H^-1 a, H = R^T R in units of the residual variance
+(infinite where no torque shows it), the prior alone a^T H_prior^-1 a. H_prior is one
+independent measurement a link: 1/2 P0^-1 (x) P0^-1, the curvature of the entropic pull
+at the nominal robot P0, and of the joints' own parameters one over their scale squared.
+It is from the data where their variance is the smaller one.
 """
 
 import platform
@@ -79,17 +80,25 @@ DATA = "data"
 
 
 def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[str, Any]:
-    """For the details of an estimate: the parameters that the data leave open, and all base parameters
-    with name, value, nominal value and who determines them.
+    """For the details of an estimate: the parameters that the data leave open, and all
+    base parameters with name, value, nominal value and who determines them.
 
     rest : what decides where the data do not (:attr:`Estimator.rest`).
     """
     every = np.vstack([np.eye(len(theta)), base.rows])
     names = [*(p.name for p in task.model.parameters), *base.names]
     told = from_data(task, every).tolist()
-    given, (values, before) = task.model.known, ((every @ x).tolist() for x in (theta, task.nominal))
+    given, (values, before) = (
+        task.model.known,
+        ((every @ x).tolist() for x in (theta, task.nominal)),
+    )
     found = [
-        {"name": k, "value": x, "nominal": y, "source": "given" if k in given else DATA if own else rest}
+        {
+            "name": k,
+            "value": x,
+            "nominal": y,
+            "source": "given" if k in given else DATA if own else rest,
+        }
         for k, own, x, y in zip(names, told, values, before, strict=True)
     ]
     own = found[: len(theta)]
@@ -100,17 +109,22 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
 
 
 def from_data(task: Task, rows: Array) -> NDArray[np.bool_]:
-    """(b,) whether the data tell linear functions, rows (b, p), of theta better than the prior does."""
+    """(b,) whether the data tell linear functions, rows (b, p), of theta better than
+    the prior does."""
     variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
     scale = task.bound if task.joint_scale is None else task.joint_scale
     # Upper triangular, half^T half the prior's information.
     half = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
-    for indices, p0 in zip(task.links, inertia.pseudo_inertia(task.prior_links), strict=True):
+    for indices, p0 in zip(
+        task.links, inertia.pseudo_inertia(task.prior_links), strict=True
+    ):
         root = np.linalg.inv(np.linalg.cholesky(p0))
         whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
         # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
         curvature = 0.5 * LmiSdp.entropy * variance * (whitened @ whitened.T)
-        size = np.sqrt(np.diagonal(curvature))  # balanced first: masses and moments differ by 1e6
+        size = np.sqrt(
+            np.diagonal(curvature)
+        )  # balanced first: masses and moments differ by 1e6
         upper = scipy.linalg.cholesky(curvature / np.outer(size, size)) * size
         half[np.ix_(indices, indices)] = upper
     # In coordinates z = half theta the prior is the identity: H becomes A^T A.
@@ -124,9 +138,16 @@ def from_data(task: Task, rows: Array) -> NDArray[np.bool_]:
     return np.asarray(data < prior)
 
 
-def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE) -> Estimate:
+def build_estimate(
+    posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE
+) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
-    problem, task, measurements, runs = posed.problem, posed.task, posed.measurements, posed.runs
+    problem, task, measurements, runs = (
+        posed.problem,
+        posed.task,
+        posed.measurements,
+        posed.runs,
+    )
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
@@ -135,11 +156,21 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
         data = in_columns(runs, wide, workers)
     kept, errors = certificate.worst == 0.0, posed.gain_errors
     uncertainty = of_regression(
-        task, posed.regression, base, theta, wide=data, constrained=kept, gain_errors=errors
+        task,
+        posed.regression,
+        base,
+        theta,
+        wide=data,
+        constrained=kept,
+        gain_errors=errors,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
     settings = {**asdict(estimator), "weighting": posed.weighting}  # type: ignore[call-overload]
-    details = {**fit.details, "on_bounds": bounds, **record(task, theta, base, estimator.rest)}
+    details = {
+        **fit.details,
+        "on_bounds": bounds,
+        **record(task, theta, base, estimator.rest),
+    }
     provenance = {
         "seed": task.seed,
         "data_hash": measurements.data_hash,
@@ -163,16 +194,23 @@ def build_estimate(posed: Posed, estimator: Estimator, fit: Fit, workers: Worker
 
 
 def proved(
-    task: Task, fit: Fit, theta: Array, method: str, made_of: Mapping[str, str] | None = None
+    task: Task,
+    fit: Fit,
+    theta: Array,
+    method: str,
+    made_of: Mapping[str, str] | None = None,
 ) -> Proof:
-    """The proof that the objective of a certified theta is within its interval of the optimum; made_of :
-    the hashes of model and data that it names.
+    """The proof that the objective of a certified theta is within its interval of the
+    optimum; made_of : the hashes of model and data that it names.
 
-    Raises InputError where the method is not convex, or has no constraints: nothing bounds it.
+    Raises InputError where the method is not convex, or has no constraints: nothing
+    bounds it.
     """
     if fit.multipliers is None:
         what = f"method {method} has no lower bound to prove"
-        raise InputError(what, "choose one that solves the SDP, such as lmi-sdp, or penalty")
+        raise InputError(
+            what, "choose one that solves the SDP, such as lmi-sdp, or penalty"
+        )
     known = replace(fit, theta=theta, bound=task.bound)
     return optimum_proof(known, [p.name for p in task.model.parameters], made_of)
 
@@ -182,34 +220,42 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
     found = []
     for c in constraints.convex:
         if c.family in ("mass", "bounding ellipsoid", "body", "range"):
-            size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
+            size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(
+                theta[c.indices]
+            )
             if np.any(c.value(theta) <= 1e-6 * size):
                 found.append(f"{c.family} of {c.name}")
     return found
 
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
-    """The estimate, moved into the feasible set where the method promises that, and its certificate."""
+    """The estimate, moved into the feasible set where the method promises that, and its
+    certificate."""
     theta = fit.theta
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
-    # The loss is the same, but a link's known parameter may have been moved by constraints and priors.
+    # The loss is the same, but a link's known parameter may have been moved by
+    # constraints and priors.
     theta = task.model.with_known(theta)
     found: tuple[Any, ...] = ()
     if fit.multipliers is not None and fit.interior is not None:
         same = np.array_equal(theta, fit.theta) and fit.bound is not None
         own = fit if same else replace(fit, theta=theta, bound=task.bound)
         found = own.upper, own.lower, own.gap
-    return theta, Certificate(violations(fit.constraints, theta), task.data.loss(theta), *found)
+    return theta, Certificate(
+        violations(fit.constraints, theta), task.data.loss(theta), *found
+    )
 
 
-def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certificate) -> Certificate:
-    """The certificate of a whole model of which only the last effects were optimised: every constraint
-    of the problem is judged at the whole theta, what only the method demanded (a thickness) stays as
-    judged.
+def certify_beside(
+    estimate: Estimate, model: Model, theta: Array, part: Certificate
+) -> Certificate:
+    """The certificate of a whole model of which only the last effects were optimised:
+    every constraint of the problem is judged at the whole theta, what only the method
+    demanded (a thickness) stays as judged.
 
-    model, theta : the whole, beginning with the estimate's own; part : the certificate of the new
-    effects alone, whose objective and gap remain.
+    model, theta : the whole, beginning with the estimate's own; part : the certificate
+    of the new effects alone, whose objective and gap remain.
     """
     own = violations(estimate.problem.constraints(model), theta)
     return replace(
@@ -221,14 +267,21 @@ def certify_beside(estimate: Estimate, model: Model, theta: Array, part: Certifi
 
 
 def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
-    """What a certificate says of the links (n, 10) themselves; empty for a model without them."""
+    """What a certificate says of the links (n, 10) themselves; empty for a model
+    without them."""
     if not len(links):
         return {}
-    gyration, bodies, follows = inertia.gyration(links), problem.link_bodies, consistent(links)
+    gyration, bodies, follows = (
+        inertia.gyration(links),
+        problem.link_bodies,
+        consistent(links),
+    )
     pairs = zip(links[:, 0].tolist(), bodies, strict=True)
     densities = [mass / body.volume for mass, body in pairs if body.volume is not None]
     return {
-        "positive_mass_matrices": 1.0 if follows else positive_mass_matrices(problem.robot, links),
+        "positive_mass_matrices": (
+            1.0 if follows else positive_mass_matrices(problem.robot, links)
+        ),
         "at_every_pose": follows,
         "smallest_thickness": float(inertia.thickness(links).min()),
         "largest_gyration": float(gyration.max()),
@@ -238,23 +291,29 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
 
 
 def consistent(links: Array) -> bool:
-    """Whether every pseudo-inertia is positive definite, beyond rounding, and with it every M(q) = sum
-    J_i^T I_i J_i, since whatever moves a joint moves a link (Traversaro et al., IROS 2016)."""
+    """Whether every pseudo-inertia is positive definite, beyond rounding, and with it
+    every M(q) = sum J_i^T I_i J_i, since whatever moves a joint moves a link
+    (Traversaro et al., IROS 2016)."""
     eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 
 
 def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000) -> float:
-    """Share of random poses at which the joint-space inertia matrix M(q) is positive definite."""
+    """Share of random poses at which the joint-space inertia matrix M(q) is positive
+    definite."""
     matrices = robot.mass_matrices(links, robot.random_configurations(poses, 0))
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 
 def versions() -> dict[str, str]:
     """Versions of everything that may have taken part in a figure: of what is imported."""
-    others = {"pin": "pinocchio"} | {name: name for name in ("numpy", "scipy", "clarabel", "cvxpy")}
+    others = {"pin": "pinocchio"} | {
+        name: name for name in ("numpy", "scipy", "clarabel", "cvxpy")
+    }
     found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
-    return found | {k: sys.modules[m].__version__ for k, m in others.items() if m in sys.modules}
+    return found | {
+        k: sys.modules[m].__version__ for k, m in others.items() if m in sys.modules
+    }
 
 
 def identify(
@@ -274,7 +333,8 @@ def identify(
     instruments: str | None = None,
     workers: Workers = ALONE,
 ) -> Estimate:
-    """Identify a robot's dynamic parameters from measurements, or from a black box's answers.
+    """Identify a robot's dynamic parameters from measurements, or from a black box's
+    answers.
 
     problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
     measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
@@ -303,15 +363,27 @@ def identify(
     applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
     Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
     """
-    problem, refined = as_problem(problem, "identify(problem=...)"), method == OUTPUT_ERROR
+    problem, refined = (
+        as_problem(problem, "identify(problem=...)"),
+        method == OUTPUT_ERROR,
+    )
     estimator = make_estimator(DEFAULT_METHOD if refined else method)
     data = readable(problem, measurements, "identify(measurements=...)")
     black_box = isinstance(data, BlackBox)
-    needs = f"method {estimator.name} needs a black box's .npz of q, gravity and mass_matrix"
+    needs = (
+        f"method {estimator.name} needs a black box's .npz of q, gravity and"
+        " mass_matrix"
+    )
     for wrong, what in (
         (estimator.needs_black_box and not black_box, needs),
-        (refined and proof, "proof: a simulation's error is not convex: leave it out, or take lmi-sdp"),
-        (black_box and proof, "proof: a black box's answers are fitted without constraints"),
+        (
+            refined and proof,
+            "proof: a simulation's error is not convex: leave it out, or take lmi-sdp",
+        ),
+        (
+            black_box and proof,
+            "proof: a black box's answers are fitted without constraints",
+        ),
         (black_box and refined, f"method {OUTPUT_ERROR} needs measured runs"),
     ):
         if wrong:
@@ -320,7 +392,9 @@ def identify(
         if refined:
             logged(data).require_torque(f"method {OUTPUT_ERROR}")
         data = behind_filters(problem, data, preprocessing)
-    options = PoseOptions(effects, preprocessing, weighting, gain_uncertainty, known_loads, seed)
+    options = PoseOptions(
+        effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
+    )
     options = replace(options, known=known or {}, instruments=instruments)
     posed = pose(problem, data, options, progress, workers)
     posed.task.progress(f"estimating by {estimator.name}")
@@ -338,15 +412,18 @@ def identify(
     if proof is not None:
         progress("proving the optimum")
         made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}
-        write_proof(proved(posed.task, fit, estimate.theta, estimate.method, made_of), proof)
+        write_proof(
+            proved(posed.task, fit, estimate.theta, estimate.method, made_of), proof
+        )
     return estimate
 
 
 def verify_proof_file(
     path: str | Path, model: Estimate | None = None, data: Source | None = None
 ) -> tuple[bool, str]:
-    """Whether the proof in a file holds (:mod:`~sdp_vs_penalty.solvers.verify_proof`) and is about the
-    model and the measurements, where they are given; and the sentences that say what is proved.
+    """Whether the proof in a file holds (:mod:`~sdp_vs_penalty.solvers.verify_proof`)
+    and is about the model and the measurements, where they are given; and the sentences
+    that say what is proved.
 
     Raises InputError for a file that cannot be read, and measurements without a model.
     """
@@ -360,35 +437,59 @@ def verify_proof_file(
         raise
     except Exception as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
-    said = [f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"]
+    said = [
+        f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"
+    ]
     if found is not None:
         low, high = (float(x) for x in found)
         said = [
-            f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in exact arithmetic"
+            f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in"
+            " exact arithmetic"
         ]
-        said += ["proved is this of the numbers in the file; that the model describes the robot is not"]
+        said += [
+            "proved is this of the numbers in the file; that the model describes the"
+            " robot is not"
+        ]
     if model is None:
-        return True, "; ".join([*said, "name --model and --data to see what the numbers are made of"])
+        return True, "; ".join(
+            [*said, "name --model and --data to see what the numbers are made of"]
+        )
     fault = ""
     if proof["model"] != model.identity or "theta" not in proof:
         fault = "it is of another model"
     elif proof["parameters"] != [p.name for p in model.model.parameters]:
         fault = "its parameters, or their order, are not the model's"
-    elif [Fraction(x) for x in proof["theta"]] != [Fraction(repr(x)) for x in model.theta.tolist()]:
+    elif [Fraction(x) for x in proof["theta"]] != [
+        Fraction(repr(x)) for x in model.theta.tolist()
+    ]:
         fault = "its theta is not the model's"
     if fault:
         return False, f"refused: {path}: {fault}"
     said.append("it is of this model")
     if data is not None:
-        runs = as_measurements(data, model.robot.n, model.robot.joint_names, "verify(data=...)")
+        runs = as_measurements(
+            data, model.robot.n, model.robot.joint_names, "verify(data=...)"
+        )
         if proof["data"] != runs.data_hash:
-            return False, f"refused: {path}: it is of other measurements (or of another --window)"
+            return (
+                False,
+                (
+                    f"refused: {path}: it is of other measurements (or of another"
+                    " --window)"
+                ),
+            )
         own = _reposed(model, runs)
         if own is not None and (fault := difference(proof, own)):
-            return False, f"refused: {path}: these measurements make another problem: {fault}"
+            return (
+                False,
+                f"refused: {path}: these measurements make another problem: {fault}",
+            )
         how = "make its numbers, constraints and bounds (recomputed in floating point)"
         if own is None:
-            how = "are the ones it names (its numbers, constraints and bounds were not recomputed)"
+            how = (
+                "are the ones it names (its numbers, constraints and bounds were not"
+                " recomputed)"
+            )
         said.append(f"these measurements {how}")
     return True, "; ".join(said)
 
@@ -396,16 +497,24 @@ def verify_proof_file(
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:
     """The problem that the data make, posed as the model says.
 
-    None for a method that poses none. The scale that known loads gave a log without torque is the
-    model's: their runs are not given here.
+    None for a method that poses none. The scale that known loads gave a log without
+    torque is the model's: their runs are not given here.
     """
     estimator, recipe = model.estimator, model.details.get("recipe")
     if not isinstance(estimator, LmiSdp) or (recipe is None and not data.torque_logged):
         return None
-    settings: dict[str, Any] = {"preprocessing": model.preprocessing, "weighting": model.weighting}
+    settings: dict[str, Any] = {
+        "preprocessing": model.preprocessing,
+        "weighting": model.weighting,
+    }
     options = PoseOptions(model.model.effects, **settings)
     if recipe is not None:
         options = PoseOptions.following(recipe, model.robot, **settings)
     task = pose(model.problem, data, options).task
     objective, constraints = estimator.posed(task)
-    return stated(objective, constraints.convex, task.bound, [p.name for p in task.model.parameters])
+    return stated(
+        objective,
+        constraints.convex,
+        task.bound,
+        [p.name for p in task.model.parameters],
+    )

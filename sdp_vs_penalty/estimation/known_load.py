@@ -1,20 +1,22 @@
-"""Gains, of torque channels or of servos, from what is known: a load that was weighed, or a parameter.
+"""Gains, of torque channels or of servos, from what is known: a load that was weighed,
+or a parameter.
 
-Torque from motor currents is true up to a gain a joint, and every inertial parameter scales with it.
-Between joints the gains follow from the links that they share; the one common scale needs something
-known: the mass of a load in further runs (Gautier, Briot, ASME J. Dynamic Systems 2014). With channel j
-reading g_j times the true torque,
+Torque from motor currents is true up to a gain a joint, and every inertial parameter
+scales with it. Between joints the gains follow from the links that they share; the one
+common scale needs something known: the mass of a load in further runs (Gautier, Briot,
+ASME J. Dynamic Systems 2014). With channel j reading g_j times the true torque,
 
     tau_j = g_j Y_j theta                                 without the load,
     tau_j = g_j (Y_j theta + Y_L,j (m, psi))              with it, m known, psi its nine others,
 
-is solved for theta, psi and ln g by Gauss-Newton on the compressed runs, with weak priors: gains are
-within ``GAIN_PRIOR`` of one, and the load lies within ``LOAD_REACH`` of the last link's frame.
+is solved for theta, psi and ln g by Gauss-Newton on the compressed runs, with weak
+priors: gains are within ``GAIN_PRIOR`` of one, and the load lies within ``LOAD_REACH``
+of the last link's frame.
 
-A log without torque shows its gains' ratios, not their scale. Least squares of 0 = L theta - kp e shrink
-everything; divided by the gain, e = L theta / kp, they do not: :func:`balanced` solves that for all
-joints together, the start of the convex problem that is posed
-(:mod:`~sdp_vs_penalty.regression.instruments`).
+A log without torque shows its gains' ratios, not their scale. Least squares of 0 = L
+theta - kp e shrink everything; divided by the gain, e = L theta / kp, they do not:
+:func:`balanced` solves that for all joints together, the start of the convex problem
+that is posed (:mod:`~sdp_vs_penalty.regression.instruments`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,7 +38,12 @@ from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
 from sdp_vs_penalty.estimation.uncertainty import Sandwich, stretched
 from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.partial import least_squares, partialled, smallest, visible
+from sdp_vs_penalty.regression.partial import (
+    least_squares,
+    partialled,
+    smallest,
+    visible,
+)
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
 from sdp_vs_penalty.robot.robot import Robot
@@ -44,41 +51,64 @@ from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
-def _loaded(loads: Sequence[tuple[Source, float]], robot: Robot) -> Iterator[tuple[Measurements, float]]:
-    """The runs with a load, read, each with its mass [kg]; InputError for a mass that is none."""
+def _loaded(
+    loads: Sequence[tuple[Source, float]], robot: Robot
+) -> Iterator[tuple[Measurements, float]]:
+    """The runs with a load, read, each with its mass [kg]; InputError for a mass that
+    is none."""
     for source, mass in loads:
         if not 0.0 < mass < np.inf:
-            raise InputError(f"a known load of {mass:g} kg", "give the mass that was on the last link")
-        runs = as_measurements(source, robot.n, robot.joint_names, "identify(known_loads=...)")
+            raise InputError(
+                f"a known load of {mass:g} kg",
+                "give the mass that was on the last link",
+            )
+        runs = as_measurements(
+            source, robot.n, robot.joint_names, "identify(known_loads=...)"
+        )
         yield runs, float(mass)
 
 
 def gains_from_loads(
-    model: Model, runs: FilteredRuns, loads: Sequence[tuple[Source, float]], prior: float
+    model: Model,
+    runs: FilteredRuns,
+    loads: Sequence[tuple[Source, float]],
+    prior: float,
 ) -> tuple[Array, Array]:
-    """The gains (n,) that make the loads weigh what they weigh, what each torque channel reads over the
-    true torque; a factor (n, r) of the covariance of their relative errors.
+    """The gains (n,) that make the loads weigh what they weigh, what each torque
+    channel reads over the true torque; a factor (n, r) of the covariance of their
+    relative errors.
 
-    model : of the robot without load; loads : further runs, each with the mass [kg] of a body on the
-    last link; prior : standard deviation of the gains' relative errors before the
-    loads are known, 0 for the usual one. Raises InputError for a mass that is none.
+    model : of the robot without load; loads : further runs, each with the mass [kg] of
+    a body on the last link; prior : standard deviation of the gains' relative errors
+    before the loads are known, 0 for the usual one. Raises InputError for a mass that
+    is none.
     """
     payload = Payload(model.robot)
     bare = replace(model.reference_free, gains=None)
     with_load = replace(bare, effects=(*bare.effects, payload))
     loaded = _loaded(loads, model.robot)
     parts = [(compress(runs, bare), 0.0)]
-    parts += [(compress(FilteredRuns.of(x, runs.settings), with_load), mass) for x, mass in loaded]
+    parts += [
+        (compress(FilteredRuns.of(x, runs.settings), with_load), mass)
+        for x, mass in loaded
+    ]
     p, n = len(bare.parameters), model.robot.n
     load = [
-        mass * reach for _, mass in parts[1:] for reach in (*[c.LOAD_REACH] * 3, *[c.LOAD_REACH**2] * 6)
+        mass * reach
+        for _, mass in parts[1:]
+        for reach in (*[c.LOAD_REACH] * 3, *[c.LOAD_REACH**2] * 6)
     ]
-    scale = np.concatenate([np.full(p, np.inf), load, np.full(n, prior or c.GAIN_PRIOR)])
+    scale = np.concatenate(
+        [np.full(p, np.inf), load, np.full(n, prior or c.GAIN_PRIOR)]
+    )
     log_gain, weights, x = np.zeros(n), np.ones(n), np.zeros(len(scale))
     for step in range(50):
         linear = _linearised(parts, p, x, log_gain)
         data = linear.least_squares(weights)
-        strength = max(white_variance(data, linear.oversampling), 1e-18 * data.tau_squared / data.rows)
+        strength = max(
+            white_variance(data, linear.oversampling),
+            1e-18 * data.tau_squared / data.rows,
+        )
         bounded = data.with_prior(scale, strength)
         x = smallest(bounded.R, bounded.rho)
         moved = x[-n:] - log_gain
@@ -95,9 +125,15 @@ def gains_from_loads(
 def _linearised(
     parts: Sequence[tuple[Regression, float]], p: int, x: Array, log_gain: Array
 ) -> Regression:
-    """Runs without and with loads [kg] about x and the gains, linear in x: theta (p,), nine parameters a
-    load, ln g (n,)."""
-    factors, blocks, run, size, n = list[Factor](), list[TimeBlock](), 0, len(x), len(log_gain)
+    """Runs without and with loads [kg] about x and the gains, linear in x: theta (p,),
+    nine parameters a load, ln g (n,)."""
+    factors, blocks, run, size, n = (
+        list[Factor](),
+        list[TimeBlock](),
+        0,
+        len(x),
+        len(log_gain),
+    )
     for k, (regression, mass) in enumerate(parts):
         first = len(blocks)
         blocks += [(of + run, start, stop) for of, start, stop in regression.blocks]
@@ -108,22 +144,28 @@ def _linearised(
             weighs, indices = columns[:, known].sum(axis=1) * mass, f.indices[~known]
             indices = np.where(indices > p, indices - 1 + 9 * (k - 1), indices)
             slope = columns[:, ~known] @ x[indices] + weighs
-            rows = np.zeros((len(columns), size + 1))  # the same columns for each run of a joint
+            rows = np.zeros(
+                (len(columns), size + 1)
+            )  # the same columns for each run of a joint
             rows[:, indices], rows[:, size - n + f.joint] = columns[:, ~known], slope
             rows[:, -1] = f.triangle[:, -1] - weighs + slope * log_gain[f.joint]
-            factors.append(Factor(f.joint, f.block + first, np.arange(size), rows, f.rows))
+            factors.append(
+                Factor(f.joint, f.block + first, np.arange(size), rows, f.rows)
+            )
     unknowns = tuple(Parameter(f"x{k}", "-", "known_load", 0) for k in range(size))
-    return Regression(unknowns, n, tuple(blocks), tuple(factors), parts[0][0].oversampling)
+    return Regression(
+        unknowns, n, tuple(blocks), tuple(factors), parts[0][0].oversampling
+    )
 
 
 def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
-    """theta (p,) that minimises sum_j |e_j - L_j psi / kp_j|^2 / s_j^2, up to a factor: that which makes
-    the links weigh what the problem says.
+    """theta (p,) that minimises sum_j |e_j - L_j psi / kp_j|^2 / s_j^2, up to a factor:
+    that which makes the links weigh what the problem says.
 
-    e_j is joint j's error, L_j all other columns, s_j what L_j leaves of e_j with coefficients of its
-    own. Solved in ln kp, psi eliminated (variable projection; Golub, Pereyra, SIAM J. Numer. Anal.
-    1973): it converged from any start in all cases tried. Raises InputError where no joint follows its
-    command.
+    e_j is joint j's error, L_j all other columns, s_j what L_j leaves of e_j with
+    coefficients of its own. Solved in ln kp, psi eliminated (variable projection;
+    Golub, Pereyra, SIAM J. Numer. Anal. 1973): it converged from any start in all cases
+    tried. Raises InputError where no joint follows its command.
     """
     p, gains = regression.p, np.array(model.error_gains)
     links, nominal = model.rigid_indices, problem.nominal(model)
@@ -132,14 +174,27 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
     for f, at in zip(regression.per_joint, gains, strict=True):
         wide = np.zeros((len(f.triangle), p))
         wide[:, f.indices] = f.triangle[:, :-1]
-        left, whole = np.linalg.norm(partialled(wide[:, rest], wide[:, at])), np.linalg.norm(wide[:, at])
+        left, whole = (
+            np.linalg.norm(partialled(wide[:, rest], wide[:, at])),
+            np.linalg.norm(wide[:, at]),
+        )
         s = max(float(left), 1e-9 * float(whole)) / np.sqrt(max(f.rows, 1))
         if s == 0.0:
-            what = f"joint {f.joint + 1} does not move, or follows its command without error"
+            what = (
+                f"joint {f.joint + 1} does not move, or follows its command without"
+                " error"
+            )
             raise InputError(what, "check the columns qcmd1..qcmdn")
         white.append(wide / s)
-    rows, owner = np.vstack(white), np.repeat(np.arange(len(gains)), [len(x) for x in white])
-    e, L, L_links = -rows[np.arange(len(rows)), gains[owner]], rows[:, rest], rows[:, links]
+    rows, owner = (
+        np.vstack(white),
+        np.repeat(np.arange(len(gains)), [len(x) for x in white]),
+    )
+    e, L, L_links = (
+        -rows[np.arange(len(rows)), gains[owner]],
+        rows[:, rest],
+        rows[:, links],
+    )
     pulls = [np.linalg.norm(own[:, links] @ nominal[links]) for own in white]
     pushes = [np.linalg.norm(own[:, at]) for own, at in zip(white, gains, strict=True)]
     start = np.maximum(np.divide(pulls, pushes), 1e-6)
@@ -154,7 +209,12 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
 
     far = np.full(len(gains), np.log(Servo.range))
     best, _, _ = least_squares(
-        lambda x: fitted(x)[1:], 0.0 * far, (-far, far), xtol=1e-8, ftol=1e-8, steps=100 * len(gains)
+        lambda x: fitted(x)[1:],
+        0.0 * far,
+        (-far, far),
+        xtol=1e-8,
+        ftol=1e-8,
+        steps=100 * len(gains),
     )
     theta = np.empty(p)
     theta[gains], theta[rest] = start * np.exp(best), fitted(best)[0]
@@ -164,23 +224,36 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
     return theta * (size if size > 0.0 else 1.0)
 
 
-_SCALES = "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6), or a load"
+_SCALES = (
+    "give a gain (kp2=600), a parameter that motion shows alone (m1 of a slide, mx6),"
+    " or a load"
+)
 
 
 def with_scale(
-    model: Model, runs: FilteredRuns, known: Mapping[str, float], loads: Sequence[tuple[Source, float]]
+    model: Model,
+    runs: FilteredRuns,
+    known: Mapping[str, float],
+    loads: Sequence[tuple[Source, float]],
 ) -> tuple[Model, dict[str, Any]]:
-    """A model of a log without torque in true units, and plain JSON: the parameters that are given then,
-    the scale in words, and its relative standard deviation.
+    """A model of a log without torque in true units, and plain JSON: the parameters
+    that are given then, the scale in words, and its relative standard deviation.
 
-    model : up to a factor, its strongest gain given; known : parameters by name, or constants of motors,
-    kt1 [N m/A] and ku1 [N m/V]; loads : further runs, each with the mass [kg] on the last link.
-    Raises InputError for what sets no scale.
+    model : up to a factor, its strongest gain given; known : parameters by name, or
+    constants of motors, kt1 [N m/A] and ku1 [N m/V]; loads : further runs, each with
+    the mass [kg] on the last link. Raises InputError for what sets no scale.
     """
-    theta, factor, error, given = model.reference, 1.0, 0.0, dict(known) or dict(model.known)
+    theta, factor, error, given = (
+        model.reference,
+        1.0,
+        0.0,
+        dict(known) or dict(model.known),
+    )
     assert theta is not None
     columns, n = {"kt": "current", "ku": "voltage"}, model.robot.n
-    names = {f"{key}{j + 1}": (name, j) for key, name in columns.items() for j in range(n)}
+    names = {
+        f"{key}{j + 1}": (name, j) for key, name in columns.items() for j in range(n)
+    }
     if motors := {names[name]: value for name, value in known.items() if name in names}:
         factor = _factor_of_motors(model, theta, runs, motors)
     elif known:
@@ -192,7 +265,10 @@ def with_scale(
     said = [f"a load of {mass:g} kg" for _, mass in loads]
     said += [f"{name} = {x:g}" for name, x in known.items()]
     gain = ", ".join(f"{name} = {x:.4g}" for name, x in model.known.items())
-    none = f"unknown: all torques, masses and gains share one factor ({gain} if links weigh as stated)"
+    none = (
+        f"unknown: all torques, masses and gains share one factor ({gain} if links"
+        " weigh as stated)"
+    )
     details = {"known": given, "scale": ", ".join(said) or none, "scale_error": error}
     return replace(model, known=given, reference=factor * theta), details
 
@@ -200,7 +276,8 @@ def with_scale(
 def _factor_of_known(
     model: Model, regression: Regression, theta: Array, known: Mapping[str, float]
 ) -> float:
-    """The factor on theta (p,) with which the first of the known parameters has its value."""
+    """The factor on theta (p,) with which the first of the known parameters has its
+    value."""
     names, free = [p.name for p in model.parameters], ~model.drives
     told, share = regression.keeping(free).least_squares(), np.ones(len(names))
     share[free] = told.own_torque / or_one(told.column_norms)
@@ -209,8 +286,15 @@ def _factor_of_known(
         if name.startswith("total"):
             wrong = "the first link's mass makes no torque, so a total is no scale"
         elif name in names:
-            seen = share[names.index(name)] > c.SCALE_TOLD and theta[names.index(name)] != 0.0
-            wrong = "" if seen else "motion shows it only in sums with others, so it sets no scale"
+            seen = (
+                share[names.index(name)] > c.SCALE_TOLD
+                and theta[names.index(name)] != 0.0
+            )
+            wrong = (
+                ""
+                if seen
+                else "motion shows it only in sums with others, so it sets no scale"
+            )
         if wrong:
             raise InputError(f"--known {name}: {wrong}", _SCALES)
     name, value = next(iter(known.items()))
@@ -218,19 +302,28 @@ def _factor_of_known(
 
 
 def _factor_of_motors(
-    model: Model, theta: Array, runs: FilteredRuns, motors: Mapping[tuple[str, int], float]
+    model: Model,
+    theta: Array,
+    runs: FilteredRuns,
+    motors: Mapping[tuple[str, int], float],
 ) -> float:
-    """The factor on theta (p,) with which the drives' torque is the constants times what was logged.
+    """The factor on theta (p,) with which the drives' torque is the constants times
+    what was logged.
 
-    Least squares, both filtered, beside a constant (an integral may begin anywhere in each run) and the
-    velocity: kd holds viscous friction, which is no torque of the drive.
+    Least squares, both filtered, beside a constant (an integral may begin anywhere in
+    each run) and the velocity: kd holds viscous friction, which is no torque of the
+    drive.
     """
     data, bare, shares = runs.measurements, replace(model, known={}), []
 
     def filtered(whole: Measurements, joint: int) -> Array:
         out = []
-        for rows in (FilteredRun(run, runs.settings).all_rows(bare) for run in whole.runs()):
-            others = np.stack([np.ones(len(rows.torque)), rows.motion.dq[:, joint]], axis=1)
+        for rows in (
+            FilteredRun(run, runs.settings).all_rows(bare) for run in whole.runs()
+        ):
+            others = np.stack(
+                [np.ones(len(rows.torque)), rows.motion.dq[:, joint]], axis=1
+            )
             out.append(partialled(others, rows.torque[:, joint]))
         return np.concatenate(out)
 
@@ -239,7 +332,10 @@ def _factor_of_motors(
         if column not in data.groups:
             what = f"a motor's constant needs the column {column}{j + 1}"
             raise InputError(what, "log it", data.names[0])
-        x, y = filtered(replace(made, tau=constant * data.groups[column]), j), filtered(made, j)
+        x, y = (
+            filtered(replace(made, tau=constant * data.groups[column]), j),
+            filtered(made, j),
+        )
         across = float(x @ y)
         if across < c.MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
             what = f"{column}{j + 1} is not what this servo makes of its error"
@@ -249,9 +345,13 @@ def _factor_of_motors(
 
 
 def _factor_of_loads(
-    model: Model, theta: Array, loads: Sequence[tuple[Source, float]], settings: Preprocessing
+    model: Model,
+    theta: Array,
+    loads: Sequence[tuple[Source, float]],
+    settings: Preprocessing,
 ) -> tuple[float, float]:
-    """The same of loads [kg], and its relative standard deviation; what is left is load and offsets."""
+    """The same of loads [kg], and its relative standard deviation; what is left is load
+    and offsets."""
     robot = model.robot
     own = (Payload(robot), effect_types()["torque_offset"](robot))
     wide = Model(robot, (*model.effects, *own), gains=model.gains, changes=True)
@@ -267,4 +367,6 @@ def _factor_of_loads(
         variance = left.oversampling * data.loss(x) / max(data.rows, 1)
         found.append(mass / x[0])
         information.append(x[0] ** 2 * data.own_torque[0] ** 2 / or_least(variance))
-    return float(np.average(found, weights=information)), float(np.sum(information) ** -0.5)
+    return float(np.average(found, weights=information)), float(
+        np.sum(information) ** -0.5
+    )

@@ -1,11 +1,12 @@
-"""Output error: parameters with which the model, run forward, stays with the measured motion.
+"""Output error: parameters with which the model, run forward, stays with the measured
+motion.
 
     minimise sum_k |q_sim(t_k; theta) - q(t_k)|^2 / s^2   subject to every constraint of the problem
 
-Started at another method's estimate; in each Gauss-Newton step the linearised simulation takes the place
-of the torques in that method's convex problem: every iterate is consistent, the last one certified (of
-the linearised problem). Where the simulation cannot stay with the motion (an arm under gravity), it is
-restarted in windows.
+Started at another method's estimate; in each Gauss-Newton step the linearised
+simulation takes the place of the torques in that method's convex problem: every iterate
+is consistent, the last one certified (of the linearised problem). Where the simulation
+cannot stay with the motion (an arm under gravity), it is restarted in windows.
 """
 
 from collections.abc import Sequence
@@ -30,8 +31,8 @@ from sdp_vs_penalty.signals.runs import stretches
 
 @dataclass(frozen=True)
 class Course:
-    """A stretch of a run: states, an instant a row; torque (N, n) [N m, N]; which joints move (N, n);
-    where there is one, the command."""
+    """A stretch of a run: states, an instant a row; torque (N, n) [N m, N]; which
+    joints move (N, n); where there is one, the command."""
 
     name: str
     states: State
@@ -45,16 +46,23 @@ class Course:
         return float(self.states.t[1] - self.states.t[0])
 
 
-def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: float) -> list[Course]:
-    """The stretches of a run that last ``shortest`` [s] or more behind the state filter, a row a step of
-    the simulation: a sample, or as many as STEP holds, whose torques are averaged (triangular weights).
+def courses_of(
+    run: Measurements, estimate: Estimate, plant: Plant, shortest: float
+) -> list[Course]:
+    """The stretches of a run that last ``shortest`` [s] or more behind the state
+    filter, a row a step of the simulation: a sample, or as many as STEP holds, whose
+    torques are averaged (triangular weights).
 
-    Raises InputError where there is none, or an effect needs temperatures that were not logged.
+    Raises InputError where there is none, or an effect needs temperatures that were not
+    logged.
     """
     filters = RunFilter(run, estimate.preprocessing.resolve(run)).every_sample
     half, out = filters.state.half, []
     stride = max(1, int(STEP / filters.dt + 1e-9))
-    every, weights = slice(None, None, stride), np.convolve(np.ones(stride), np.ones(stride)) / stride**2
+    every, weights = (
+        slice(None, None, stride),
+        np.convolve(np.ones(stride), np.ones(stride)) / stride**2,
+    )
     for part in stretches(run):
         first, last = half, part.count - half - 1
         if (last - first) * filters.dt <= shortest:
@@ -78,17 +86,20 @@ def courses_of(run: Measurements, estimate: Estimate, plant: Plant, shortest: fl
 
 OUTPUT_ERROR = "output-error"
 DESCRIPTION = (
-    "started at the default method: the model, run forward by the measured torque, stays with the "
-    "motion; each Gauss-Newton step under all constraints (one or two joints: hours for seven)"
+    "started at the default method: the model, run forward by the measured torque,"
+    " stays with the motion; each Gauss-Newton step under all constraints (one or two"
+    " joints: hours for seven)"
 )
-#: Longest step of the simulation [s], and the windows that are tried [s], the longest first: one is used
-#: if the starting model stays within this share of the motion's size.
+#: Longest step of the simulation [s], and the windows that are tried [s], the longest
+#: first: one is used if the starting model stays within this share of the motion's
+#: size.
 STEP, _WINDOWS, _STAYS = 2.5e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
 
 
 @dataclass(frozen=True)
 class _Window:
-    """From ``start`` in steps of h [s]: torque (K, n) in their middle, measured q (K, n) after."""
+    """From ``start`` in steps of h [s]: torque (K, n) in their middle, measured q (K,
+    n) after."""
 
     start: State
     h: float
@@ -97,35 +108,53 @@ class _Window:
 
 
 def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, Fit]:
-    """The fit with the least error of a simulation, found from ``start``, and what it solves.
+    """The fit with the least error of a simulation, found from ``start``, and what it
+    solves.
 
-    posed : the problem that ``start`` solves; estimator : whose constraints and prior hold.
-    Raises InputError for a model that cannot accelerate.
+    posed : the problem that ``start`` solves; estimator : whose constraints and prior
+    hold. Raises InputError for a model that cannot accelerate.
     """
     model, task, measurements = start.model, posed.task, posed.measurements
     assert isinstance(measurements, Measurements)
     plant = Plant(model, start.theta)
     if not plant.can_move or not np.all(np.isfinite(start.theta)):
-        raise InputError("M(q) is not positive definite: the model cannot be simulated", "add bounds")
-    courses = [c for run in measurements.runs() for c in courses_of(run, start, plant, _WINDOWS[-1])]
+        raise InputError(
+            "M(q) is not positive definite: the model cannot be simulated", "add bounds"
+        )
+    courses = [
+        c
+        for run in measurements.runs()
+        for c in courses_of(run, start, plant, _WINDOWS[-1])
+    ]
     size = np.concatenate([c.states.q for c in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
 
-    directions = visible(task.data.R)[1] * np.sqrt(task.data.loss(task.ols) / task.data.rows)
+    directions = visible(task.data.R)[1] * np.sqrt(
+        task.data.loss(task.ols) / task.data.rows
+    )
     theta, error = start.theta, _errors(plant, windows, size)[0]
     units = np.resize(size, error.shape)  # of the errors [rad, m]
     begin, step = _rms(error * units), 0.1  # of a slope, in standard deviations
     for k in range(12):
-        task.progress(f"output error, step {k + 1}: {1e3 * _rms(error * units):.4g} thousandths")
-        # The simulation's errors as least squares in theta, in units of the torque's variance.
-        found = _errors(Plant(model, np.vstack([theta, theta + step * directions.T])), windows, size)
+        task.progress(
+            f"output error, step {k + 1}: {1e3 * _rms(error * units):.4g} thousandths"
+        )
+        # The simulation's errors as least squares in theta, in units of the torque's
+        # variance.
+        found = _errors(
+            Plant(model, np.vstack([theta, theta + step * directions.T])), windows, size
+        )
         slopes = (found[1:] - found[0]).T / step
         rows = slopes @ np.linalg.pinv(directions)  # d theta = directions x
-        scale = np.sqrt(task.data.loss(task.ols) / task.data.rows / np.mean(found[0] ** 2))
+        scale = np.sqrt(
+            task.data.loss(task.ols) / task.data.rows / np.mean(found[0] ** 2)
+        )
         both = scale * np.column_stack([rows, rows @ theta - found[0]])
         linearised = replace(task, data=LeastSquares.stacked([both], len(both)))
         fit = estimator.fit(linearised)
-        tried = np.array([theta + share * (fit.theta - theta) for share in (1.0, 0.5, 0.25, 0.1)])
+        tried = np.array(
+            [theta + share * (fit.theta - theta) for share in (1.0, 0.5, 0.25, 0.1)]
+        )
         errors = _errors(Plant(model, tried), windows, size)
         best = int(np.argmin([_rms(e) for e in errors]))
         if not 1.0 - _rms(errors[best]) / _rms(error) > 1e-3:
@@ -136,15 +165,23 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
     return replace(posed, task=linearised), fit
 
 
-def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[_Window], float]:
-    """The courses in the longest windows in which the plant stays with the motion, and how long [s]."""
+def _chosen(
+    plant: Plant, courses: Sequence[Course], size: Array
+) -> tuple[list[_Window], float]:
+    """The courses in the longest windows in which the plant stays with the motion, and
+    how long [s]."""
     for seconds in _WINDOWS:
         windows = list[_Window]()
         for c in courses:
             steps, torque = len(c.torque) - 1, 0.5 * (c.torque[:-1] + c.torque[1:])
-            count = int(min(steps, max(1, round(seconds / c.dt) if seconds < np.inf else steps)))
+            count = int(
+                min(steps, max(1, round(seconds / c.dt) if seconds < np.inf else steps))
+            )
             for k in range(0, steps - count + 1, count):
-                start, q = c.states.rows(np.array([k])), c.states.q[k + 1 : k + 1 + count]
+                start, q = (
+                    c.states.rows(np.array([k])),
+                    c.states.q[k + 1 : k + 1 + count],
+                )
                 windows.append(_Window(start, c.dt, torque[k : k + count], q))
         if windows and _rms(_errors(plant, windows, size)[0]) <= _STAYS:
             break
@@ -152,7 +189,8 @@ def _chosen(plant: Plant, courses: Sequence[Course], size: Array) -> tuple[list[
 
 
 def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
-    """(P, R) position errors over the motion's size, one row for each of the plant's P parameters."""
+    """(P, R) position errors over the motion's size, one row for each of the plant's P
+    parameters."""
     count, most = len(plant.theta), max(len(w.torque) for w in windows)
     each = Plant(plant.model, np.repeat(plant.theta, len(windows), axis=0))
     starts = [np.concatenate(x) for x in zip(*(w.start for w in windows), strict=True)]
@@ -163,8 +201,14 @@ def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
             torque = np.array([w.torque[min(k, len(w.torque) - 1)] for w in windows])
             state = advance(each, state, np.tile(torque, (count, 1)), windows[0].h)
             q = state.q.reshape(count, len(windows), -1)
-            real = np.array([w.q[k] if k < len(w.q) else q[0, m] for m, w in enumerate(windows)])
-            out.append(np.where([k < len(w.q) for w in windows], 1.0, 0.0)[:, None] * (q - real) / size)
+            real = np.array(
+                [w.q[k] if k < len(w.q) else q[0, m] for m, w in enumerate(windows)]
+            )
+            out.append(
+                np.where([k < len(w.q) for w in windows], 1.0, 0.0)[:, None]
+                * (q - real)
+                / size
+            )
     errors = np.swapaxes(np.array(out), 0, 1).reshape(count, -1)
     return np.clip(np.nan_to_num(errors, nan=1e3), -1e3, 1e3)
 

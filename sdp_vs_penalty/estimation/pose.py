@@ -1,4 +1,5 @@
-"""From data to an optimisation problem: the one place where measurements become what is minimised.
+"""From data to an optimisation problem: the one place where measurements become what is
+minimised.
 
 ``identify``, ``export-sdp``, proofs, the page and the shootout's instances all ask :func:`pose`, so that
 what one of them proves is what another solves. Gravity, bounds and filters belong to the
@@ -31,7 +32,11 @@ from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task, no_pr
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.black_box import BlackBox, compress_black_box, load_answers
+from sdp_vs_penalty.regression.black_box import (
+    BlackBox,
+    compress_black_box,
+    load_answers,
+)
 from sdp_vs_penalty.regression.instruments import commanded_motion
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
 from sdp_vs_penalty.robot.arrays import Array
@@ -43,11 +48,12 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 @dataclass(frozen=True)
 class PoseOptions:
-    """What a user may choose of the posing, as :func:`~sdp_vs_penalty.estimation.identify.identify`
-    takes it: effects, filters (None: the problem's), weighting of the joints ("noise" or "none"), the
-    gains' relative standard deviation (or factor), runs with a known load [kg], the seed, parameters
-    that set the scale of a log without torque, and instruments ("command", "none"; None: the former
-    where no torque was logged)."""
+    """What a user may choose of the posing, as
+    :func:`~sdp_vs_penalty.estimation.identify.identify` takes it: effects, filters
+    (None: the problem's), weighting of the joints ("noise" or "none"), the gains'
+    relative standard deviation (or factor), runs with a known load [kg], the seed,
+    parameters that set the scale of a log without torque, and instruments ("command",
+    "none"; None: the former where no torque was logged)."""
 
     effects: str | Sequence[str] | Sequence[Effect] | None = None
     preprocessing: Preprocessing | None = None
@@ -59,33 +65,52 @@ class PoseOptions:
     instruments: str | None = None
 
     def recipe(self) -> dict[str, Any]:
-        """Plain JSON of what :meth:`following` takes; only those shape constants that were given."""
+        """Plain JSON of what :meth:`following` takes; only those shape constants that
+        were given."""
         effects: list[dict[str, Any]] | None = None
         if self.effects is not None:
             asked = [e for e in self.effects if isinstance(e, Effect)]
-            effects = [e.to_dict() | {"shape": {k: e.shape[k] for k in e.given}} for e in asked]
-        return {"effects": effects, "known": dict(self.known), "instruments": self.instruments}
+            effects = [
+                e.to_dict() | {"shape": {k: e.shape[k] for k in e.given}} for e in asked
+            ]
+        return {
+            "effects": effects,
+            "known": dict(self.known),
+            "instruments": self.instruments,
+        }
 
     @classmethod
-    def following(cls, recipe: Mapping[str, Any], robot: Robot, **others: Any) -> PoseOptions:
+    def following(
+        cls, recipe: Mapping[str, Any], robot: Robot, **others: Any
+    ) -> PoseOptions:
         """The options of a :meth:`recipe`; InputError for one that is none."""
         try:
-            given, known = recipe["effects"], {k: float(x) for k, x in recipe["known"].items()}
-            effects = None if given is None else [effect_from_dict(e, robot) for e in given]
-            return cls(effects, known=known, instruments=recipe["instruments"], **others)
+            given, known = (
+                recipe["effects"],
+                {k: float(x) for k, x in recipe["known"].items()},
+            )
+            effects = (
+                None if given is None else [effect_from_dict(e, robot) for e in given]
+            )
+            return cls(
+                effects, known=known, instruments=recipe["instruments"], **others
+            )
         except (KeyError, TypeError, ValueError, AttributeError):
-            raise InputError("the model's details.recipe is damaged", "identify it again") from None
+            raise InputError(
+                "the model's details.recipe is damaged", "identify it again"
+            ) from None
 
 
 @dataclass(frozen=True)
 class Posed:
     """An optimisation problem, and what made it.
 
-    problem : with the gains that known loads determined; measurements, runs : the log, and behind its
-    filters, as the columns of task.model are made of it (None: a black box, which needs none);
-    regression : it in these columns; task : what every estimator minimises; gain_errors (n, e) : factor
-    of the covariance of the gains' relative errors; details : shapes and gains, plain JSON, and where
-    the rows are made with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
+    problem : with the gains that known loads determined; measurements, runs : the log,
+    and behind its filters, as the columns of task.model are made of it (None: a black
+    box, which needs none); regression : it in these columns; task : what every
+    estimator minimises; gain_errors (n, e) : factor of the covariance of the gains'
+    relative errors; details : shapes and gains, plain JSON, and where the rows are made
+    with a servo's law, "recipe" (:meth:`PoseOptions.recipe`), from which the same
     problem follows, with the scale that known loads gave a log without torque.
     """
 
@@ -108,15 +133,21 @@ def pose(
 ) -> Posed:
     """The optimisation problem of identifying ``problem`` from ``measurements``.
 
-    Open shape constants are estimated first, then gains from known loads, then the current model that
-    some effects refer to; rows in these columns are compressed, and weighted by joint. A black box has
-    no friction, filters or noise: one effect, equal weights. Raises InputError for unusable input.
+    Open shape constants are estimated first, then gains from known loads, then the
+    current model that some effects refer to; rows in these columns are compressed, and
+    weighted by joint. A black box has no friction, filters or noise: one effect, equal
+    weights. Raises InputError for unusable input.
     """
-    problem, options = as_problem(problem, "pose(problem=...)"), options or PoseOptions()
+    problem, options = (
+        as_problem(problem, "pose(problem=...)"),
+        options or PoseOptions(),
+    )
     data = readable(problem, measurements, "pose(measurements=...)")
     require_known("instruments", options.instruments or "none", ("command", "none"))
     if isinstance(data, BlackBox):
-        model = problem.model("rigid_body" if options.effects is None else options.effects)
+        model = problem.model(
+            "rigid_body" if options.effects is None else options.effects
+        )
         progress("compressing the black box's answers")
         regression = compress_black_box(data, model)
         task = make_task(problem, model, regression, "none", options.seed, progress)
@@ -148,35 +179,51 @@ def pose(
             std = gain * np.linalg.norm(errors, axis=1)
             details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
     else:
-        log, wanted, asked = runs, options.instruments != "none", options.effects is not None
+        log, wanted, asked = (
+            runs,
+            options.instruments != "none",
+            options.effects is not None,
+        )
         servos = problem, model.effects, log, options.weighting, progress
         model, runs, servo = servo_log(*servos, instruments=wanted, chosen=asked)
         model, scale = with_scale(model, log, options.known, options.known_loads)
         # Loads are other runs: what they made of the scale is told instead.
-        scaled = replace(options, known=scale["known"]) if options.known_loads else options
+        scaled = (
+            replace(options, known=scale["known"]) if options.known_loads else options
+        )
         details = {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
-        errors = np.column_stack([errors, np.full(problem.robot.n, scale["scale_error"])])
+        errors = np.column_stack(
+            [errors, np.full(problem.robot.n, scale["scale_error"])]
+        )
 
     compressed = partial(in_columns, runs, workers=workers)
     model = with_reference(problem, model, compressed, options.weighting, progress)
     progress("compressing the measurements")
     regression = compressed(model)
-    task = make_task(problem, model, regression, options.weighting, options.seed, progress)
+    task = make_task(
+        problem, model, regression, options.weighting, options.seed, progress
+    )
     made = problem, runs.measurements, runs, regression, task
     return Posed(*made, options.weighting, errors, details)
 
 
-def in_columns(runs: FilteredRuns, model: Model, workers: Workers = ALONE) -> Regression:
-    """Measurements in the columns of a model. Without torque the model's own errors are what is left,
-    and periods repeat them: blocks are stretches of the motion then, in all its periods."""
+def in_columns(
+    runs: FilteredRuns, model: Model, workers: Workers = ALONE
+) -> Regression:
+    """Measurements in the columns of a model. Without torque the model's own errors are
+    what is left, and periods repeat them: blocks are stretches of the motion then, in
+    all its periods."""
     if runs.measurements.torque_logged:
         return compress(runs, model, workers=workers)
-    return compress_cells(runs, model, phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS))
+    return compress_cells(
+        runs, model, phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS)
+    )
 
 
 def independent_gains(uncertainty: float | Array, joints: int) -> Array:
-    """(n, n) factor of the covariance of gains known to ``uncertainty``, independent of each other; a
-    factor (n, e) as it is. Raises InputError for a standard deviation that is none.
+    """(n, n) factor of the covariance of gains known to ``uncertainty``, independent of
+    each other; a factor (n, e) as it is. Raises InputError for a standard deviation
+    that is none.
     """
     if isinstance(uncertainty, np.ndarray):
         return uncertainty
@@ -194,11 +241,13 @@ def logged(data: Measurements | FilteredRuns) -> Measurements:
 def readable(
     problem: Problem, measurements: Source | FilteredRuns | BlackBox, what: str
 ) -> Measurements | FilteredRuns | BlackBox:
-    """What was given as measurements, read; InputError where it cannot be this robot's. What lies behind
-    filters has been read."""
+    """What was given as measurements, read; InputError where it cannot be this robot's.
+    What lies behind filters has been read."""
     n, names = problem.robot.n, problem.robot.joint_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
-        measurements = load_answers(measurements, n) or as_measurements(measurements, n, names, what)
+        measurements = load_answers(measurements, n) or as_measurements(
+            measurements, n, names, what
+        )
     data = measurements if isinstance(measurements, BlackBox) else logged(measurements)
     if data.n != n:
         raise other_robot(data.n, n, f"measurements for {problem.name}")
@@ -208,13 +257,17 @@ def readable(
 
 
 def behind_filters(
-    problem: Problem, data: Measurements | FilteredRuns, settings: Preprocessing | None = None
+    problem: Problem,
+    data: Measurements | FilteredRuns,
+    settings: Preprocessing | None = None,
 ) -> FilteredRuns:
     """The log behind its filters; settings : default the problem's."""
     if isinstance(data, FilteredRuns):
         return data
     settings = settings or problem.preprocessing
-    return FilteredRuns.of(data, settings if data.torque_logged else servo_filters(settings, data))
+    return FilteredRuns.of(
+        data, settings if data.torque_logged else servo_filters(settings, data)
+    )
 
 
 def with_reference(
@@ -224,9 +277,9 @@ def with_reference(
     weighting: str = "noise",
     progress: Progress = no_progress,
 ) -> Model:
-    """The model with the current model that its torque-dependent effects refer to, itself where there
-    are none: least squares without those effects, then with them. compressed : the training data in the
-    columns of a model."""
+    """The model with the current model that its torque-dependent effects refer to,
+    itself where there are none: least squares without those effects, then with them.
+    compressed : the training data in the columns of a model."""
     if not model.needs_reference:
         return model
     part = into = model.reference_free

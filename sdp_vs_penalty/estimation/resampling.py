@@ -1,18 +1,20 @@
-"""How well a method's models predict motion that they have not seen, and how far they would move.
+"""How well a method's models predict motion that they have not seen, and how far they
+would move.
 
 In :func:`cross_validate` each fold leaves out one stretch of every motion's clock
-(:mod:`~sdp_vs_penalty.signals.phases`), all its repetitions and a guard of the filters' reach around it,
-identifies from the rest, shape constants included, as ``identify`` does, and is judged on what it left
-out. Every row is judged once.
+(:mod:`~sdp_vs_penalty.signals.phases`), all its repetitions and a guard of the filters'
+reach around it, identifies from the rest, shape constants included, as ``identify``
+does, and is judged on what it left out. Every row is judged once.
 
 :func:`bootstrap` is the block bootstrap of the certified estimate: how far parameters that are held by
 physics and priors move when other stretches of the same motion had been measured.
 
-Intervals of :mod:`uncertainty` are of least squares, cut where constraints begin. Here blocks of time
-are drawn anew (Kuensch, Annals of Statistics 1989) and each draw is solved and certified as the estimate
-itself is. In the coordinates in which all rows together have the identity for their products, G_b are
-those of block b, and a draw that holds it w_b times has the factor chol(sum_b w_b G_b) R: no row is
-looked at again, and no digit is lost, since the sum of all G_b is at most one.
+Intervals of :mod:`uncertainty` are of least squares, cut where constraints begin. Here
+blocks of time are drawn anew (Kuensch, Annals of Statistics 1989) and each draw is
+solved and certified as the estimate itself is. In the coordinates in which all rows
+together have the identity for their products, G_b are those of block b, and a draw that
+holds it w_b times has the factor chol(sum_b w_b G_b) R: no row is looked at again, and
+no digit is lost, since the sum of all G_b is at most one.
 """
 
 from __future__ import annotations
@@ -35,14 +37,24 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose, with_reference
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
-from sdp_vs_penalty.estimators.estimator import Estimator, Progress, Task, make_task, no_progress
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Progress,
+    Task,
+    make_task,
+    no_progress,
+)
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.partial import visible
-from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress_cells
+from sdp_vs_penalty.regression.regression import (
+    LeastSquares,
+    Regression,
+    compress_cells,
+)
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
@@ -58,8 +70,9 @@ if TYPE_CHECKING:
 class Fold:
     """One fold: identified from all but a stretch, judged on it.
 
-    start, stop [s] : the stretch, on the clock of the first motion; theta (p,); losses, rows (n,) : sums
-    of squared torque errors of each joint on it, and how many; torque_squared (n,) : the same of torque.
+    start, stop [s] : the stretch, on the clock of the first motion; theta (p,); losses,
+    rows (n,) : sums of squared torque errors of each joint on it, and how many;
+    torque_squared (n,) : the same of torque.
     """
 
     start: float
@@ -84,8 +97,9 @@ class Fold:
 class CrossValidation(Shown):
     """Errors of a method on motion that its models have not seen, fold by fold.
 
-    folds : those with rows to judge; periodic : whether a motion repeats; guard [s] : what training
-    keeps off the judged stretch; band_hz : below which all errors are meant.
+    folds : those with rows to judge; periodic : whether a motion repeats; guard [s] :
+    what training keeps off the judged stretch; band_hz : below which all errors are
+    meant.
     """
 
     problem: str
@@ -99,8 +113,12 @@ class CrossValidation(Shown):
     @property
     def _whole(self) -> Fold:
         """All folds as one."""
-        sums = np.sum([[f.losses, f.rows, f.torque_squared] for f in self.folds], axis=0)
-        return Fold(self.folds[0].start, self.folds[-1].stop, self.folds[0].theta, *sums)
+        sums = np.sum(
+            [[f.losses, f.rows, f.torque_squared] for f in self.folds], axis=0
+        )
+        return Fold(
+            self.folds[0].start, self.folds[-1].stop, self.folds[0].theta, *sums
+        )
 
     @property
     def rmse(self) -> Array:
@@ -122,14 +140,19 @@ class CrossValidation(Shown):
         """The errors in one sentence."""
         worst = self.folds[self.worst - 1]
         return (
-            f"{self.method} predicts unseen motion to {self.relative_error_percent:.3g} % (relative "
-            f"error); worst fold {self.worst}: {worst.relative_error_percent:.3g} %."
+            f"{self.method} predicts unseen motion to {self.relative_error_percent:.3g}"
+            f" % (relative error); worst fold {self.worst}:"
+            f" {worst.relative_error_percent:.3g} %."
         )
 
     @property
     def how(self) -> str:
         """How the runs were split, in one sentence."""
-        kind = "phase blocks: a motion's repetitions share a fold" if self.periodic else "blocks of time"
+        kind = (
+            "phase blocks: a motion's repetitions share a fold"
+            if self.periodic
+            else "blocks of time"
+        )
         kept = f"training keeps {self.guard:.3g} s off the judged fold."
         return f"{len(self.folds)} folds by {kind}; {kept}"
 
@@ -149,14 +172,36 @@ class CrossValidation(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        names = ("problem", "method", "periodic", "guard", "band_hz", "relative_error_percent")
+        names = (
+            "problem",
+            "method",
+            "periodic",
+            "guard",
+            "band_hz",
+            "relative_error_percent",
+        )
         folds = [
-            {"number": k, "start": f.start, "stop": f.stop, "rows": int(f.rows.max(initial=0))}
-            | {"relative_error_percent": f.relative_error_percent, "rmse": f.rmse.tolist()}
+            {
+                "number": k,
+                "start": f.start,
+                "stop": f.stop,
+                "rows": int(f.rows.max(initial=0)),
+            }
+            | {
+                "relative_error_percent": f.relative_error_percent,
+                "rmse": f.rmse.tolist(),
+            }
             for k, f in enumerate(self.folds, start=1)
         ]
-        own = {name: getattr(self, name) for name in names} | {"effects": list(self.effects)}
-        return {**own, "rmse": self.rmse.tolist(), "worst_fold": self.worst, "folds": folds}
+        own = {name: getattr(self, name) for name in names} | {
+            "effects": list(self.effects)
+        }
+        return {
+            **own,
+            "rmse": self.rmse.tolist(),
+            "worst_fold": self.worst,
+            "folds": folds,
+        }
 
 
 def cross_validate(
@@ -173,26 +218,35 @@ def cross_validate(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> CrossValidation:
-    """Judge a method on motion that its models have not seen, by phase-block cross-validation.
+    """Judge a method on motion that its models have not seen, by phase-block
+    cross-validation.
 
-    problem, measurements, method, effects, preprocessing, weighting, seed, known : as :func:`identify`
-    takes them; folds : into how many stretches the clock of every motion is cut; progress : hears what
-    is at work; workers : who does it, a fold each.
-    Without torque the servos' law, its delay and shape constants are found once, in all rows, and folds
-    judge the parameters: by what the links' and friction's torque differs from the drives'.
-    Raises InputError for input that cannot be used, or too short for so many folds.
+    problem, measurements, method, effects, preprocessing, weighting, seed, known : as
+    :func:`identify` takes them; folds : into how many stretches the clock of every
+    motion is cut; progress : hears what is at work; workers : who does it, a fold each.
+    Without torque the servos' law, its delay and shape constants are found once, in all
+    rows, and folds judge the parameters: by what the links' and friction's torque
+    differs from the drives'. Raises InputError for input that cannot be used, or too
+    short for so many folds.
     """
     estimator = make_estimator(method)
     if estimator.needs_black_box:
-        raise InputError(f"method {estimator.name} needs a black box's answers", "choose another method")
-    options = PoseOptions(effects, preprocessing, weighting, seed=seed, known=known or {})
+        raise InputError(
+            f"method {estimator.name} needs a black box's answers",
+            "choose another method",
+        )
+    options = PoseOptions(
+        effects, preprocessing, weighting, seed=seed, known=known or {}
+    )
     split = Split(problem, measurements, options, folds, progress)
     workers = replace(workers, progress=progress)
-    return split.result(estimator, list(workers.map(partial(split.judged, estimator), split.numbers)))
+    return split.result(
+        estimator, list(workers.map(partial(split.judged, estimator), split.numbers))
+    )
 
 
-#: What one fold is identified from and judged on, before a method is known: where it starts and stops
-#: [s], the task, rows to judge on.
+#: What one fold is identified from and judged on, before a method is known: where it
+#: starts and stops [s], the task, rows to judge on.
 FoldData = tuple[float, float, Task, Regression]
 
 
@@ -201,16 +255,20 @@ def judged(fold: FoldData, estimator: Estimator) -> Fold:
     start, stop, task, test = fold
     # Without what another method has left in the task.
     theta = task.model.with_known(estimator.fit(replace(task)).theta)
-    squares = test.joint_losses(theta * task.model.drives)  # servos stand for what was not logged
-    return Fold(start, stop, theta, test.joint_losses(theta), test.joint_rows(), squares)
+    squares = test.joint_losses(
+        theta * task.model.drives
+    )  # servos stand for what was not logged
+    return Fold(
+        start, stop, theta, test.joint_losses(theta), test.joint_rows(), squares
+    )
 
 
 class Split:
-    """The data of :func:`cross_validate`, whatever the method: what each fold needs, wherever it is
-    worked on. Raises InputError as that does.
+    """The data of :func:`cross_validate`, whatever the method: what each fold needs,
+    wherever it is worked on. Raises InputError as that does.
 
-    common : all rows, in the model's columns; raw : where servos stand for a torque, the same without
-    instruments, by which folds are judged.
+    common : all rows, in the model's columns; raw : where servos stand for a torque,
+    the same without instruments, by which folds are judged.
     """
 
     def __init__(
@@ -224,28 +282,43 @@ class Split:
         self.problem = problem = as_problem(problem, "cross_validate(problem=...)")
         self.weighting, self.seed = options.weighting, options.seed
         names = problem.robot.joint_names
-        data = as_measurements(measurements, problem.robot.n, names, "cross_validate(measurements=...)")
+        data = as_measurements(
+            measurements, problem.robot.n, names, "cross_validate(measurements=...)"
+        )
         if folds < 2:
-            raise InputError(f"cross_validate(folds={folds}) is no number of folds", "give 2 or more")
+            raise InputError(
+                f"cross_validate(folds={folds}) is no number of folds", "give 2 or more"
+            )
         check_plausible(problem.robot, data)
         self.raw: Regression | None = None
         if data.torque_logged:
-            self.runs = FilteredRuns.of(data, options.preprocessing or problem.preprocessing)
+            self.runs = FilteredRuns.of(
+                data, options.preprocessing or problem.preprocessing
+            )
             self.model = problem.model(options.effects).without_drives
             self.phases = phase_folds(data, self.runs.settings, folds)
-            self.common = compress_cells(self.runs, self.model.reference_free, self.phases)
+            self.common = compress_cells(
+                self.runs, self.model.reference_free, self.phases
+            )
         else:
             posed = pose(problem, data, options, progress)
             assert posed.runs is not None
-            self.runs, self.model = FilteredRuns.of(data, posed.runs.settings), posed.task.model
+            self.runs, self.model = (
+                FilteredRuns.of(data, posed.runs.settings),
+                posed.task.model,
+            )
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(posed.runs, self.model, self.phases)
-            self.raw = compress_cells(self.runs, replace(self.model, reference=None), self.phases)
-        trained = all(self.common.select(self.phases.training(k)).factors for k in range(folds))
+            self.raw = compress_cells(
+                self.runs, replace(self.model, reference=None), self.phases
+            )
+        trained = all(
+            self.common.select(self.phases.training(k)).factors for k in range(folds)
+        )
         if not (trained and self.numbers):
             raise InputError(
-                f"{formatting.count(folds, 'fold')} with {self.phases.guard:.3g} s kept clear on either "
-                "side leave nothing to train on or to judge",
+                f"{formatting.count(folds, 'fold')} with {self.phases.guard:.3g} s kept"
+                " clear on either side leave nothing to train on or to judge",
                 "choose fewer folds, or record longer",
                 data.names[0],
             )
@@ -272,15 +345,20 @@ class Split:
 
     def result(self, estimator: Estimator, judged: Sequence[Fold]) -> CrossValidation:
         """What folds add up to."""
-        names = self.problem.name, estimator.name, tuple(e.text for e in self.model.effects)
+        names = (
+            self.problem.name,
+            estimator.name,
+            tuple(e.text for e in self.model.effects),
+        )
         periodic = any(clock.periodic for clock in self.phases.clocks)
         band = self.runs.settings.torque_cutoff
         assert band is not None
         return CrossValidation(*names, tuple(judged), periodic, self.phases.guard, band)
 
     def _trained(self, fold: int) -> Model:
-        """The model with what :func:`identify` takes from the data beside its parameters, from the
-        fold's training rows alone: shape constants, the current model. Itself where that is nothing.
+        """The model with what :func:`identify` takes from the data beside its
+        parameters, from the fold's training rows alone: shape constants, the current
+        model. Itself where that is nothing.
         """
         cells, model = self.phases.training(fold), self.model
 
@@ -305,37 +383,56 @@ def bootstrap(
     effects: str | Sequence[str] | Sequence[Effect] | None = None,
     seed: int = 0,
 ) -> pandas.DataFrame:
-    """Certified estimates from ``draws`` resamples of the blocks of time, a twentieth of a run each: a
-    row a draw, of each parameter a column [SI], and "gap", the certified one relative to the loss.
+    """Certified estimates from ``draws`` resamples of the blocks of time, a twentieth
+    of a run each: a row a draw, of each parameter a column [SI], and "gap", the
+    certified one relative to the loss.
 
-    problem, measurements, method, effects : as :func:`~sdp_vs_penalty.estimation.identify.identify`
-    takes them; shape constants and the joints' weights stay those of all measurements. Raises
-    InputError as it does, and for a method that is no torque SDP.
+    problem, measurements, method, effects : as
+    :func:`~sdp_vs_penalty.estimation.identify.identify` takes them; shape constants and
+    the joints' weights stay those of all measurements. Raises InputError as it does,
+    and for a method that is no torque SDP.
     """
     import pandas
 
     estimator = make_estimator(method)
     if not isinstance(estimator, LmiSdp):
-        raise InputError(f"method {estimator.name} is not drawn anew", "choose lmi-sdp, or one named so")
+        raise InputError(
+            f"method {estimator.name} is not drawn anew",
+            "choose lmi-sdp, or one named so",
+        )
     posed = pose(problem, measurements, PoseOptions(effects, seed=seed))
     task, regression = posed.task, posed.regression
     objective, constraints = estimator.posed(task)
-    data, sdp = objective.least_squares, PosedSdp(task, objective, constraints, estimator.solver)
+    data, sdp = (
+        objective.least_squares,
+        PosedSdp(task, objective, constraints, estimator.solver),
+    )
     first = sdp.fit(objective, estimator.accuracy)
     p, count = len(task.bound), len(regression.blocks)
-    whole = np.vstack([np.column_stack([data.R, data.rho]), np.append(np.zeros(p), data.residual_norm)])
+    whole = np.vstack(
+        [
+            np.column_stack([data.R, data.rho]),
+            np.append(np.zeros(p), data.residual_norm),
+        ]
+    )
     U, V = visible(whole)
     grams, into = np.zeros((count, V.shape[1], V.shape[1])), U.T @ whole
     for joint, indices, blocks, rows in regression.by_joint():
         seen = task.weights[joint] * rows @ V[np.append(indices, p)]
         grams[blocks] += seen.swapaxes(1, 2) @ seen
     # A direction that no drawn block shows keeps what rounding is worth.
-    priors = np.eye(V.shape[1]) * (1.0 + len(V) * np.finfo(float).eps) - grams.sum(axis=0)
+    priors = np.eye(V.shape[1]) * (1.0 + len(V) * np.finfo(float).eps) - grams.sum(
+        axis=0
+    )
     found, rng = np.empty((draws, p + 1)), np.random.default_rng(seed)
     for row in found:
         times = rng.multinomial(count, np.full(count, 1.0 / count))
         rows = np.linalg.cholesky(priors + np.tensordot(times, grams, 1)).T @ into
-        drawn = LeastSquares(rows[:, :p], rows[:, p], 0.0, float(rows[:, p] @ rows[:, p]), data.rows)
+        drawn = LeastSquares(
+            rows[:, :p], rows[:, p], 0.0, float(rows[:, p] @ rows[:, p]), data.rows
+        )
         fit = sdp.fit(Objective(drawn, objective.entropy), 0.5 * TIGHT, near=first)
         row[:] = np.append(task.model.with_known(fit.theta), fit.gap)
-    return pandas.DataFrame(found, columns=[*(q.name for q in task.model.parameters), "gap"])
+    return pandas.DataFrame(
+        found, columns=[*(q.name for q in task.model.parameters), "gap"]
+    )

@@ -1,18 +1,20 @@
-"""The run that would tell two hypotheses about a robot: on which they differ most (T-optimality).
+"""The run that would tell two hypotheses about a robot: on which they differ most
+(T-optimality).
 
-With X the model's columns, A and B those of the two effects, all white, the torque of A by theta differs
-from everything that the model with B can make by
+With X the model's columns, A and B those of the two effects, all white, the torque of A
+by theta differs from everything that the model with B can make by
 
     delta^2 = theta' A' (1 - P_[X B]) A theta                     (Atkinson, Fedorov, Biometrika 1975)
 
-and the wrong model is taken for the right one with probability Phi(-delta / 2), but for what their
-parameters cost; delta^2 grows with the run. theta has the size that a user names, in the direction of
-A's parameters that B can make best; the smaller of A against B and B against A counts. Of one effect
-alone the other hypothesis is that it is not there.
+and the wrong model is taken for the right one with probability Phi(-delta / 2), but for
+what their parameters cost; delta^2 grows with the run. theta has the size that a user
+names, in the direction of A's parameters that B can make best; the smaller of A against
+B and B against A counts. Of one effect alone the other hypothesis is that it is not
+there.
 
-Motions go from point to point within the limits of position, velocity, acceleration, jerk and torque,
-without touching the arm itself: random ones, the best of which is changed at random as long as that
-helps (a (1 + 1) evolution strategy: Rechenberg 1973).
+Motions go from point to point within the limits of position, velocity, acceleration,
+jerk and torque, without touching the arm itself: random ones, the best of which is
+changed at random as long as that helps (a (1 + 1) evolution strategy: Rechenberg 1973).
 """
 
 from collections.abc import Callable
@@ -26,14 +28,25 @@ from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.excitation import RATE, Limits, independent_rate, noise_of_model, shrunk
+from sdp_vs_penalty.estimation.excitation import (
+    RATE,
+    Limits,
+    independent_rate,
+    noise_of_model,
+    shrunk,
+)
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.regression.partial import partialled
 from sdp_vs_penalty.regression.regression import triangular
 from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
-from sdp_vs_penalty.robot.trajectory import PointTrajectory, random_trajectory, shortest_moves
+from sdp_vs_penalty.robot.trajectory import (
+    PointTrajectory,
+    random_trajectory,
+    shortest_moves,
+)
 
-#: Random motions to begin with; how slow a move may be over the fastest, and how long a pause [s].
+#: Random motions to begin with; how slow a move may be over the fastest, and how long a
+#: pause [s].
 _DRAWN, _SLOWEST, _PAUSE = 30, 10.0, 0.8
 #: Shares of the limits that a motion uses.
 _SHARE = 0.95
@@ -43,10 +56,11 @@ States = Callable[[Array], tuple[Array, Array, Array]]
 
 @dataclass(frozen=True)
 class Separation:
-    """trajectory : the best motion found; delta2, default_delta2 : squared distance of the hypotheses on
-    it and on the default excitation of the same length; right, default_right : probability of the right
-    decision then; seconds, default_seconds : of each motion, repeated, that are needed for LEVEL;
-    sizes : of the effects, as they were taken; collisions : whether the arm's shapes are known."""
+    """trajectory : the best motion found; delta2, default_delta2 : squared distance of
+    the hypotheses on it and on the default excitation of the same length; right,
+    default_right : probability of the right decision then; seconds, default_seconds :
+    of each motion, repeated, that are needed for LEVEL; sizes : of the effects, as they
+    were taken; collisions : whether the arm's shapes are known."""
 
     trajectory: PointTrajectory
     delta2: float
@@ -62,36 +76,50 @@ class Separation:
 class Hypotheses:
     """Two effects beside a model, or one and none, and how large the noise is.
 
-    Of effects as they are written, each of ``level`` times the noise of its joint (root mean square) on
-    the default excitation. Raises InputError for more than two effects, or one that the model has.
+    Of effects as they are written, each of ``level`` times the noise of its joint (root
+    mean square) on the default excitation. Raises InputError for more than two effects,
+    or one that the model has.
     """
 
     def __init__(self, estimate: Estimate, texts: str, level: float) -> None:
-        self.estimate, self.effects = estimate, tuple(parse_effects(texts, estimate.robot))
+        self.estimate, self.effects = (
+            estimate,
+            tuple(parse_effects(texts, estimate.robot)),
+        )
         self.noise, self.row_rate = noise_of_model(estimate), independent_rate(estimate)
         if not 1 <= len(self.effects) <= 2:
             what = f"--separate {texts!r} names {len(self.effects)} effects"
-            raise InputError(what, 'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one')
+            raise InputError(
+                what, 'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one'
+            )
         own = {p.name for p in estimate.model.parameters}
         for effect in self.effects:
             if twice := own & {p.name for p in effect.parameters}:
                 what = f"the model has {effect.name} already ({min(twice)})"
                 raise InputError(what, "separate effects that it lacks")
         motion = self.motion(default_excitation(estimate, 20.0, 0), 20.0)
-        # Mean squares of unit parameters over the noise, of the joint that each effect moves most.
-        squares = ((self._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max() for e in self.effects)
+        # Mean squares of unit parameters over the noise, of the joint that each effect
+        # moves most.
+        squares = (
+            (self._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max()
+            for e in self.effects
+        )
         self.scale = tuple(level / float(or_one(np.sqrt(x))) for x in squares)
 
     def motion(self, states: States, duration: float) -> Motion:
         """A motion with the model's torque and links, sampled."""
         t = np.arange(0.0, duration, 1.0 / RATE)
-        return self.estimate.model.seen_along(self.estimate.theta, Motion(t, *states(t)))
+        return self.estimate.model.seen_along(
+            self.estimate.theta, Motion(t, *states(t))
+        )
 
     def _white(self, effect: Effect, motion: Motion) -> Array:
         """(n, N, k)."""
         out = np.zeros((self.estimate.robot.n, len(motion.t), len(effect.parameters)))
         for block in effect.blocks(motion):
-            out[block.joint][:, block.parameters] += block.columns / self.noise[block.joint]
+            out[block.joint][:, block.parameters] += (
+                block.columns / self.noise[block.joint]
+            )
         return out
 
     def distance(self, motion: Motion) -> float:
@@ -102,11 +130,16 @@ class Hypotheses:
             self._white(effect, motion).reshape(len(X), -1) * scale
             for effect, scale in zip(self.effects, self.scale, strict=True)
         ]
-        pairs = [(parts[0], parts[1]), (parts[1], parts[0])] if parts[1:] else [(parts[0], X[:, :0])]
+        pairs = (
+            [(parts[0], parts[1]), (parts[1], parts[0])]
+            if parts[1:]
+            else [(parts[0], X[:, :0])]
+        )
         return min(_apart(X, A, B) for A, B in pairs) * self.row_rate / RATE
 
     def right(self, delta2: float, seconds: float) -> float:
-        """Probability that the sum of squares decides rightly, whichever of the two is true."""
+        """Probability that the sum of squares decides rightly, whichever of the two is
+        true."""
         counts = [len(e.parameters) for e in self.effects] + [0]
         price = abs(counts[0] - counts[1]) * np.log(max(self.row_rate * seconds, 2.0))
         return float(special.ndtr((delta2 - price) / (2.0 * np.sqrt(or_least(delta2)))))
@@ -120,14 +153,21 @@ class Hypotheses:
         first, last = np.log([1e-3, 1e7])
         if short(last) < 0.0:
             return float("inf")
-        found = first if short(first) >= 0.0 else optimize.brentq(short, first, last, xtol=1e-4)
+        found = (
+            first
+            if short(first) >= 0.0
+            else optimize.brentq(short, first, last, xtol=1e-4)
+        )
         return float(np.exp(found))
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:
-    """delta^2 of A against everything that X and B make, in the direction of A that B makes best; A's
-    directions have unit parameters."""
-    few, k = triangular([np.hstack([X, B, A])]), A.shape[1]  # as many rows as columns tell as much
+    """delta^2 of A against everything that X and B make, in the direction of A that B
+    makes best; A's directions have unit parameters."""
+    few, k = (
+        triangular([np.hstack([X, B, A])]),
+        A.shape[1],
+    )  # as many rows as columns tell as much
     left = partialled(few[:, :-k], few[:, -k:])
     return float(max(np.linalg.eigvalsh(left.T @ left)[0], 0.0))
 
@@ -135,7 +175,9 @@ def _apart(X: Array, A: Array, B: Array) -> float:
 def default_excitation(estimate: Estimate, duration: float, seed: int) -> States:
     """What `excite` begins with: a random Fourier series within the limits."""
     robot = estimate.robot
-    return shrunk(random_trajectory(robot, seed, duration), Limits.of_robot(robot)).states
+    return shrunk(
+        random_trajectory(robot, seed, duration), Limits.of_robot(robot)
+    ).states
 
 
 def separate(
@@ -152,11 +194,12 @@ def separate(
 ) -> Separation:
     """The motion of ``duration`` [s] on which two effects differ most.
 
-    effects : two, as they are written, or one, to be told from nothing; level : root mean square of
-    each over the noise of its joint on the default excitation; iterations : changes that are tried;
-    limits : default the robot's own; free : whether the arm touches itself at none of poses (N, n)
-    (:func:`~sdp_vs_penalty.robot.geometry.self_collision`). Raises InputError for hypotheses that
-    cannot be separated.
+    effects : two, as they are written, or one, to be told from nothing; level : root
+    mean square of each over the noise of its joint on the default excitation;
+    iterations : changes that are tried; limits : default the robot's own; free :
+    whether the arm touches itself at none of poses (N, n)
+    (:func:`~sdp_vs_penalty.robot.geometry.self_collision`). Raises InputError for
+    hypotheses that cannot be separated.
     """
     told, rng = Hypotheses(estimate, effects, level), np.random.default_rng(seed)
     bounds = Limits.of_robot(estimate.robot) if limits is None else limits
@@ -164,7 +207,11 @@ def separate(
     # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
     limited = bounds.velocity, bounds.acceleration, bounds.acceleration / 0.1
     effort, looked = np.array([j.effort for j in estimate.robot.joints]), 0
-    best: tuple[float, PointTrajectory | None, _Plan] = -1.0, None, (low[None], low, low)
+    best: tuple[float, PointTrajectory | None, _Plan] = (
+        -1.0,
+        None,
+        (low[None], low, low),
+    )
 
     def improves(plan: _Plan) -> bool:
         """Whether a motion is allowed and better than the best."""
@@ -197,10 +244,15 @@ def separate(
     for k in range(iterations if best[0] >= 0.0 else 0):
         better = improves(_changed(rng, best[2], low, high, reach))
         reach = min(0.5, reach * 1.3) if better else max(0.02, reach * 0.93)
-        progress(f"separating: {k + 1} of {iterations} changes, delta {best[0] ** 0.5:.2f}")
+        progress(
+            f"separating: {k + 1} of {iterations} changes, delta {best[0] ** 0.5:.2f}"
+        )
     value, trajectory, _ = best
     if trajectory is None:
-        remedy = "widen the limits of position or torque, or lengthen the motion with --duration"
+        remedy = (
+            "widen the limits of position or torque, or lengthen the motion with"
+            " --duration"
+        )
         raise InputError("no motion from point to point keeps the limits", remedy)
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
     default = float(np.median([told.distance(told.motion(s, duration)) for s in usual]))
@@ -230,11 +282,19 @@ def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
     return points, slow, rng.uniform(0.0, _PAUSE, count) * rng.random()
 
 
-def _changed(rng: np.random.Generator, now: _Plan, low: Array, high: Array, reach: float) -> _Plan:
+def _changed(
+    rng: np.random.Generator, now: _Plan, low: Array, high: Array, reach: float
+) -> _Plan:
     points, slow, pauses = now
     share = rng.choice([0.1, 0.3, 1.0])
     step = reach * (high - low) * rng.normal(size=points.shape)
     points = np.clip(points + step * (rng.random(points.shape) < share), low, high)
     which = rng.random(len(slow)) < share
-    slow = np.clip(slow * np.exp(which * reach * 2.0 * rng.normal(size=len(slow))), 1.0, _SLOWEST)
-    return points, slow, np.clip(pauses + reach * _PAUSE * rng.normal(size=len(pauses)), 0.0, _PAUSE)
+    slow = np.clip(
+        slow * np.exp(which * reach * 2.0 * rng.normal(size=len(slow))), 1.0, _SLOWEST
+    )
+    return (
+        points,
+        slow,
+        np.clip(pauses + reach * _PAUSE * rng.normal(size=len(pauses)), 0.0, _PAUSE),
+    )

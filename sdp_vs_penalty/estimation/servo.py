@@ -1,14 +1,16 @@
 """A log without torque: what its servos' law, its gains and a known scale make of it.
 
-The laws are effects, linear in their gains: 0 = Y theta - kp e + kd dq ..., homogeneous, so that motion
-shows everything up to one factor, which a known parameter sets in the end (known_load.py). Before that
-come the law, the ratios of the gains, the delay, and the motion that the law makes of the
-command alone, attached as instruments (regression/instruments.py) to one convex problem.
+The laws are effects, linear in their gains: 0 = Y theta - kp e + kd dq ...,
+homogeneous, so that motion shows everything up to one factor, which a known parameter
+sets in the end (known_load.py). Before that come the law, the ratios of the gains, the
+delay, and the motion that the law makes of the command alone, attached as instruments
+(regression/instruments.py) to one convex problem.
 
-The law and the delay T of its command come from each joint's own equation, divided by its gain:
-e = q_cmd(t - T) - q = (load + damping + ...) / kp holds no scale, every coefficient is free, and what
-least squares leave is in rad. The terms of all laws, and the command's derivatives (Taylor's series in T
-about the last T), are compressed together: each law at each delay is a small problem.
+The law and the delay T of its command come from each joint's own equation, divided by
+its gain: e = q_cmd(t - T) - q = (load + damping + ...) / kp holds no scale, every
+coefficient is free, and what least squares leave is in rad. The terms of all laws, and
+the command's derivatives (Taylor's series in T about the last T), are compressed
+together: each law at each delay is a small problem.
 """
 
 from collections.abc import Sequence
@@ -54,8 +56,8 @@ LAWS = {
 
 
 class _Terms(Effect):
-    """Of each joint what the laws are made of: the command, its two derivatives and its integral at
-    t - T, and position, velocity and integral."""
+    """Of each joint what the laws are made of: the command, its two derivatives and its
+    integral at t - T, and position, velocity and integral."""
 
     name, count = "servo_terms", 7
     equation = explanation = reference = ""
@@ -66,21 +68,28 @@ class _Terms(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        names = [(f"term{m}_{j}", j + 1) for j in self.joints for m in range(self.count)]
+        names = [
+            (f"term{m}_{j}", j + 1) for j in self.joints for m in range(self.count)
+        ]
         return tuple(Parameter(name, "", self.name, joint) for name, joint in names)
 
     def blocks(self, motion: Motion) -> list[Block]:
         told, t = motion.told, motion.t - self.T
         rate = told.velocity(t)
-        terms = (told.position(t), rate, np.gradient(rate, motion.t, axis=0), told.integral(t))
+        terms = (
+            told.position(t),
+            rate,
+            np.gradient(rate, motion.t, axis=0),
+            told.integral(t),
+        )
         every = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
         own = np.arange(self.count)
         return [Block(j, own + self.count * j, every[:, j]) for j in self.joints]
 
 
 def _law(name: str, d: float) -> Array:
-    """(7, 1 + m) the error e, and the m terms that it is made of, in the columns of _Terms, of a command
-    that is d [s] later than those."""
+    """(7, 1 + m) the error e, and the m terms that it is made of, in the columns of
+    _Terms, of a command that is d [s] later than those."""
     h = 0.5 * d * d
     terms = [[1.0, -d, h, 0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]]
     own = {
@@ -91,20 +100,25 @@ def _law(name: str, d: float) -> Array:
     return np.array([*terms, *(own[e] for e in LAWS[name] if e in own)]).T
 
 
-#: One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold what training
-#: says, those trained on and those tested.
+#: One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold
+#: what training says, those trained on and those tested.
 _Joint = tuple[Array, list[tuple[Array, Array]]]
 
 
 def find_law(
-    load: Sequence[Effect], runs: FilteredRuns, names: Sequence[str], delay: float | None
+    load: Sequence[Effect],
+    runs: FilteredRuns,
+    names: Sequence[str],
+    delay: float | None,
 ) -> tuple[str, float, dict[str, float]]:
-    """A servo's law, its delay [s], and the held-out error of each law over that of the best.
+    """A servo's law, its delay [s], and the held-out error of each law over that of the
+    best.
 
-    Of the laws among ``names`` whose held-out error is within one standard error of the least, by
-    folds, or within what a law of friction gets wrong, the one with the fewest gains; friction may turn
-    over several velocities meanwhile. delay : where it is known [s]; else it is as small as none unless
-    without it much more is left of motion left out."""
+    Of the laws among ``names`` whose held-out error is within one standard error of the
+    least, by folds, or within what a law of friction gets wrong, the one with the
+    fewest gains; friction may turn over several velocities meanwhile. delay : where it
+    is known [s]; else it is as small as none unless without it much more is left of
+    motion left out."""
     wide: list[Effect] = []
     for e in load:
         free = "v_s" in e.shapes and "v_s" not in e.given
@@ -114,18 +128,28 @@ def find_law(
     about = delay or 0.0
     first = joints = _joints(wide, runs, about)
     while True:
-        late = {name: 0.0 if delay is not None else _later(joints, name, about) for name in names}
+        late = {
+            name: 0.0 if delay is not None else _later(joints, name, about)
+            for name in names
+        }
         scores = {name: _score(joints, name, late[name]) for name in names}
         best = min(scores, key=lambda name: float(scores[name].mean()))
         for name in names:
             more = scores[name] - scores[best]
-            if more.mean() <= max(2.0 * np.log(c.FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))):
+            if more.mean() <= max(
+                2.0 * np.log(c.FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))
+            ):
                 break
         found = about + late[name]
         if abs(late[name]) < 0.95 * c.DELAY_REACH or found > 0.95 * LATEST:
             without = float(np.mean(_score(first, name, 0.0) - scores[name]))
-            found = found if delay is not None or without > np.log(c.FEWER_GAINS) else 0.0
-            ratios = {k: float(np.exp(0.5 * np.mean(s - scores[best]))) for k, s in scores.items()}
+            found = (
+                found if delay is not None or without > np.log(c.FEWER_GAINS) else 0.0
+            )
+            ratios = {
+                k: float(np.exp(0.5 * np.mean(s - scores[best])))
+                for k, s in scores.items()
+            }
             return name, found, ratios
         about = found
         joints = _joints(wide, runs, about)
@@ -152,7 +176,8 @@ def _joints(load: Sequence[Effect], runs: FilteredRuns, T: float) -> list[_Joint
 
 
 def _beside(train: Array, test: Array) -> tuple[Array, Array]:
-    """(r, 7), (s, 7) terms beside the load of rows (r, k + 7), (s, k + 7), by the first ones' fit."""
+    """(r, 7), (s, 7) terms beside the load of rows (r, k + 7), (s, k + 7), by the first
+    ones' fit."""
     U, V = visible(train[:, : -_Terms.count])
     made = U.T @ train[:, -_Terms.count :]
     rest = np.asarray(np.linalg.qr(train[:, -_Terms.count :] - U @ made, mode="r"))
@@ -160,12 +185,17 @@ def _beside(train: Array, test: Array) -> tuple[Array, Array]:
 
 
 def _fitted(terms: Array, law: Array) -> Array:
-    """(7,) the error and what least squares make of it, in the columns of the terms (r, 7)."""
-    return np.asarray(law[:, 0] - law[:, 1:] @ np.linalg.lstsq(terms @ law[:, 1:], terms @ law[:, 0])[0])
+    """(7,) the error and what least squares make of it, in the columns of the terms (r,
+    7)."""
+    return np.asarray(
+        law[:, 0]
+        - law[:, 1:] @ np.linalg.lstsq(terms @ law[:, 1:], terms @ law[:, 0])[0]
+    )
 
 
 def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
-    """The delay [s] of a law beyond that of the terms with which least remains of all joints."""
+    """The delay [s] of a law beyond that of the terms with which least remains of all
+    joints."""
     from scipy.optimize import minimize_scalar
 
     def left(later: float) -> float:
@@ -180,14 +210,17 @@ def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
 def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     """(folds,) mean over the joints of ln of the squared held-out error."""
     law = _law(name, delay)
-    left = [[np.sum((test @ _fitted(train, law)) ** 2) for train, test in folds] for _, folds in joints]
+    left = [
+        [np.sum((test @ _fitted(train, law)) ** 2) for train, test in folds]
+        for _, folds in joints
+    ]
     return np.asarray(np.mean(np.log(or_least(left)), axis=0))
 
 
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
-    """Filters for a log without torque, resolved. Noise of positions is in every column there: the
-    states' cut-off begins where the command, free of noise, says how fast the motion is, and rises as
-    far as the positions show a sharper one."""
+    """Filters for a log without torque, resolved. Noise of positions is in every column
+    there: the states' cut-off begins where the command, free of noise, says how fast
+    the motion is, and rises as far as the positions show a sharper one."""
     least = None
     if settings.state_cutoff is None and "qcmd" in data.groups:
         told = [replace(run, q=run.commanded["qcmd"]) for run in data.runs()]
@@ -197,8 +230,8 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
 
 @dataclass(frozen=True)
 class _Loop:
-    """A log without torque and what its model is made of: the load's effects and the drives', and
-    whether their delay is open."""
+    """A log without torque and what its model is made of: the load's effects and the
+    drives', and whether their delay is open."""
 
     problem: Problem
     runs: FilteredRuns
@@ -208,12 +241,17 @@ class _Loop:
     open_delay: bool
 
     def balanced(self, delay: float) -> tuple[Model, Array]:
-        """The model whose commands act late by ``delay`` [s], up to a factor, in which links weigh as
-        stated, and what it fits best (p,), its reference; its strongest position gain is given."""
+        """The model whose commands act late by ``delay`` [s], up to a factor, in which
+        links weigh as stated, and what it fits best (p,), its reference; its strongest
+        position gain is given."""
         robot = self.problem.robot
         late = [e.with_shape(T=float(f"{delay:.6g}")) for e in self.drives]
-        began = {"servo_integral", "torque_offset"} & {e.name for e in (*self.load, *late)}
-        offset = [effect_types()["torque_offset"](robot)] * (began == {"servo_integral"})
+        began = {"servo_integral", "torque_offset"} & {
+            e.name for e in (*self.load, *late)
+        }
+        offset = [effect_types()["torque_offset"](robot)] * (
+            began == {"servo_integral"}
+        )
         model = Model(robot, (*self.load, *offset, *late), gains=self.problem.gains)
         theta = balanced(self.problem, model, compress(self.runs, model))
         strongest = max(model.error_gains, key=lambda k: float(theta[k]))
@@ -221,23 +259,30 @@ class _Loop:
         return replace(model, known=gain, reference=theta), theta
 
     def task(self, model: Model, rows: FilteredRuns) -> Task:
-        """The problem of a balanced model; rows : the log, with instruments where there are some."""
+        """The problem of a balanced model; rows : the log, with instruments where there
+        are some."""
         return make_task(self.problem, model, compress(rows, model), self.weighting)
 
     def with_better_delay(self, model: Model, rows: FilteredRuns) -> Model:
-        """A step of Gauss and Newton of the delay, in which joints share their links, if it is open."""
+        """A step of Gauss and Newton of the delay, in which joints share their links,
+        if it is open."""
         if not self.open_delay:
             return model
         assert model.reference is not None
-        wide = with_sensitivities(model, model.reference, lambda e: bool(e.position_gains))
+        wide = with_sensitivities(
+            model, model.reference, lambda e: bool(e.position_gains)
+        )
         (drive,) = (e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
         return self.balanced(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))[0]
 
     def simulated(self, model: Model, rows: FilteredRuns) -> tuple[FilteredRuns, Array]:
-        """The log with the motion that the model fitted to ``rows`` makes of the command, and how far
-        (n,) that is from the measured one, root mean square [rad, m]."""
-        theta = model.with_known(make_estimator(DEFAULT_METHOD).fit(self.task(model, rows)).theta)
+        """The log with the motion that the model fitted to ``rows`` makes of the
+        command, and how far (n,) that is from the measured one, root mean square [rad,
+        m]."""
+        theta = model.with_known(
+            make_estimator(DEFAULT_METHOD).fit(self.task(model, rows)).theta
+        )
         with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
             found = with_simulated_motion(self.runs.measurements, model, theta)
             apart = np.sqrt(np.mean((found.commanded["qsim"] - found.q) ** 2, axis=0))
@@ -254,38 +299,51 @@ def servo_log(
     instruments: bool,
     chosen: bool,
 ) -> tuple[Model, FilteredRuns, dict[str, Any]]:
-    """What stands for the torque in a log without one: the model with the law's effects, up to a factor
-    (known_load.py sets the scale), the measurements with the motion that the law makes of the command
-    (where instruments are wanted), and plain JSON.
+    """What stands for the torque in a log without one: the model with the law's
+    effects, up to a factor (known_load.py sets the scale), the measurements with the
+    motion that the law makes of the command (where instruments are wanted), and plain
+    JSON.
 
-    effects : the model's; where servo effects are among them, the law is given, with its delay where
-    that is; chosen : whether the effects were asked for: if not, rotors turn with the joints as well.
-    Raises InputError for a log without commands.
+    effects : the model's; where servo effects are among them, the law is given, with
+    its delay where that is; chosen : whether the effects were asked for: if not, rotors
+    turn with the joints as well. Raises InputError for a log without commands.
     """
     if "qcmd" not in runs.measurements.groups:
         what = "this log holds neither torque nor commands"
-        raise InputError(what, "log tau1..taun or qcmd1..qcmdn", runs.measurements.names[0])
+        raise InputError(
+            what, "log tau1..taun or qcmd1..qcmdn", runs.measurements.names[0]
+        )
     drives = [e for e in effects if e.forward == "drive"]
     load = [e for e in effects if e.forward != "drive"]
     if not drives:  # kd and viscous friction have one column: kd is their sum
         load = [e for e in load if e.name != "viscous_friction"]
-    if not chosen and "rotor_inertia" not in {e.name for e in load} and problem.robot.n > 1:
+    if (
+        not chosen
+        and "rotor_inertia" not in {e.name for e in load}
+        and problem.robot.n > 1
+    ):
         # A drive has a rotor. A single joint's cannot be told from what it moves.
         load.append(effect_types()["rotor_inertia"](problem.robot))
     given = next((e.shape["T"] for e in drives if "T" in e.given), None)
     names = tuple(LAWS)
     if drives:
         own = {e.name for e in drives}
-        names = tuple(name for name, law in LAWS.items() if set(law) == own) or names[-1:]
+        names = (
+            tuple(name for name, law in LAWS.items() if set(law) == own) or names[-1:]
+        )
     progress("choosing the servo law")
     law, delay, errors = find_law(load, runs, names, given)
     progress("balancing the gains")
     of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
-    loop = _Loop(problem, runs, weighting, tuple(load), of_law, given is None and delay > 0.0)
+    loop = _Loop(
+        problem, runs, weighting, tuple(load), of_law, given is None and delay > 0.0
+    )
     # The load's shape constants beside given gains: errors stand for a torque then.
     model, theta = loop.balanced(delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
-    shapes = estimate_shapes(replace(model, known=gains), runs, weighting, widest=c.TURNS[-1])
+    shapes = estimate_shapes(
+        replace(model, known=gains), runs, weighting, widest=c.TURNS[-1]
+    )
     loop = replace(loop, load=with_shapes(load, shapes))
     model, rows, apart = _refined(loop, loop.balanced(delay)[0], instruments, progress)
     details = {
@@ -301,9 +359,10 @@ def servo_log(
 def _refined(
     loop: _Loop, model: Model, instruments: bool, progress: Progress
 ) -> tuple[Model, FilteredRuns, Array]:
-    """The model after as many passes as bring its simulation much nearer to the measured motion, the log
-    with the instruments that it was fitted with, and how far (n,) they are from the motion; without
-    instruments after one step of the delay, and (0,)."""
+    """The model after as many passes as bring its simulation much nearer to the
+    measured motion, the log with the instruments that it was fitted with, and how far
+    (n,) they are from the motion; without instruments after one step of the delay, and
+    (0,)."""
     least, used, rows, motion = np.inf, loop.runs, loop.runs, np.zeros(0)
     if not instruments:
         return loop.with_better_delay(model, rows), rows, motion
@@ -324,17 +383,27 @@ def _refined(
 def loop_beside_torque(
     drives: Sequence[Effect], data: Measurements, settings: Preprocessing
 ) -> dict[str, Any]:
-    """What a servo's law makes of the torque that was logged: whether the loop is what its makers say.
+    """What a servo's law makes of the torque that was logged: whether the loop is what
+    its makers say.
 
-    drives : the law's effects. Least squares of the torque in their columns alone, joint by joint,
-    beside a constant (an integral may begin anywhere); a delay that is not given is the best one.
-    Returns plain JSON: gains with standard deviation and unit by name, the delay [s], and the share of
-    each joint's torque that the law makes. Raises InputError for a log without commands.
+    drives : the law's effects. Least squares of the torque in their columns alone,
+    joint by joint, beside a constant (an integral may begin anywhere); a delay that is
+    not given is the best one. Returns plain JSON: gains with standard deviation and
+    unit by name, the delay [s], and the share of each joint's torque that the law
+    makes. Raises InputError for a log without commands.
     """
     if "qcmd" not in data.groups:
-        raise InputError("a servo's law needs the command", "log qcmd1..qcmdn", data.names[0])
-    robot, turned = drives[0].robot, replace(data, tau=-data.tau)  # a drive's torque counts negative
-    offset, runs = effect_types()["torque_offset"](robot), FilteredRuns.of(turned, settings)
+        raise InputError(
+            "a servo's law needs the command", "log qcmd1..qcmdn", data.names[0]
+        )
+    robot, turned = (
+        drives[0].robot,
+        replace(data, tau=-data.tau),
+    )  # a drive's torque counts negative
+    offset, runs = (
+        effect_types()["torque_offset"](robot),
+        FilteredRuns.of(turned, settings),
+    )
 
     def fitted(delay: float) -> tuple[Model, Regression, Array]:
         model = Model(robot, (*(e.with_shape(T=delay) for e in drives), offset))
@@ -354,14 +423,22 @@ def loop_beside_torque(
         late = late if left(late) < left(0.0) else 0.0
     model, rows, theta = fitted(late)
     losses, whole = rows.joint_losses(theta), rows.least_squares()
-    alone = np.where(model.drives, 0.0, smallest(np.where(model.drives, 0.0, whole.R), whole.rho))
+    alone = np.where(
+        model.drives, 0.0, smallest(np.where(model.drives, 0.0, whole.R), whole.rho)
+    )
     noise = np.sqrt(rows.oversampling * losses / np.maximum(rows.joint_rows(), 1))
     std = deviations(whole.R)
     return {
         "delay": late,
         "gains": {
-            p.name: {"value": float(x), "std": float(s * noise[p.joint - 1]), "unit": p.unit}
-            for p, x, s, drive in zip(model.parameters, theta, std, model.drives, strict=True)
+            p.name: {
+                "value": float(x),
+                "std": float(s * noise[p.joint - 1]),
+                "unit": p.unit,
+            }
+            for p, x, s, drive in zip(
+                model.parameters, theta, std, model.drives, strict=True
+            )
             if drive
         },
         "share": (1.0 - losses / or_least(rows.joint_losses(alone))).tolist(),

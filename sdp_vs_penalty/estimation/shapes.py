@@ -1,18 +1,21 @@
-"""The open shape constants of a model, estimated from measurements by variable projection.
+"""The open shape constants of a model, estimated from measurements by variable
+projection.
 
-For every constant u (the velocity over which Coulomb friction turns round) the coefficients theta(u) are
-those of least squares; what is left, |Y(u) theta(u) - tau|^2, is a function of the constants alone
-(Golub, Pereyra, SIAM J. Numerical Analysis 1973), minimised with the Jacobian of Kaufman (BIT 1975).
-Columns are computed on a grid of u once, and are cubic splines of ln u between its values
-(:func:`estimate_shapes`); where data tell a constant more finely, on a grid that holds what was found.
+For every constant u (the velocity over which Coulomb friction turns round) the
+coefficients theta(u) are those of least squares; what is left, |Y(u) theta(u) - tau|^2,
+is a function of the constants alone (Golub, Pereyra, SIAM J. Numerical Analysis 1973),
+minimised with the Jacobian of Kaufman (BIT 1975). Columns are computed on a grid of u
+once, and are cubic splines of ln u between its values (:func:`estimate_shapes`); where
+data tell a constant more finely, on a grid that holds what was found.
 
-Every fold k of the motion is left out once, constants are found anew from the rest (one step of Gauss
-and Newton), and the fold is predicted with a constant as found there and as the model has it. With r
-what the former leaves and d the difference of the two, sum_k |d_k|^2 + 2 r_k'd_k is taken from the
-squared error. A constant is confirmed where that exceeds Student's 95 % quantile times its deviation:
-sqrt(sum_k (2 r_k'd_k)^2), for noise of any colour, at least that of white noise; else the model's own
-value stays, the simpler model (Breiman et al., Classification and Regression Trees, 1984, 3.4.3).
-What an error of a constant makes is in sensitivity.py.
+Every fold k of the motion is left out once, constants are found anew from the rest (one
+step of Gauss and Newton), and the fold is predicted with a constant as found there and
+as the model has it. With r what the former leaves and d the difference of the two,
+sum_k |d_k|^2 + 2 r_k'd_k is taken from the squared error. A constant is confirmed where
+that exceeds Student's 95 % quantile times its deviation: sqrt(sum_k (2 r_k'd_k)^2), for
+noise of any colour, at least that of white noise; else the model's own value stays, the
+simpler model (Breiman et al., Classification and Regression Trees, 1984, 3.4.3). What
+an error of a constant makes is in sensitivity.py.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +34,13 @@ from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.files import Plain
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.partial import UNSEEN, deviations, least_squares, span, visible
+from sdp_vs_penalty.regression.partial import (
+    UNSEEN,
+    deviations,
+    least_squares,
+    span,
+    visible,
+)
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -45,9 +54,10 @@ _Open = tuple[Effect, int, str]
 
 @dataclass(frozen=True)
 class ShapeEstimate(Plain):
-    """A shape constant as estimated: ``before`` is what the model had; std : its standard deviation,
-    from the curvature of the squared error; gain : what the change takes from that error in motion left
-    out, in units of its variance; at_end : it lies at an end of the range that was searched."""
+    """A shape constant as estimated: ``before`` is what the model had; std : its
+    standard deviation, from the curvature of the squared error; gain : what the change
+    takes from that error in motion left out, in units of its variance; at_end : it lies
+    at an end of the range that was searched."""
 
     effect: str
     joint: int
@@ -59,7 +69,8 @@ class ShapeEstimate(Plain):
     at_end: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """joint counts from 1; std is null where the data do not bound the constant on both sides."""
+        """joint counts from 1; std is null where the data do not bound the constant on
+        both sides."""
         return {**super().to_dict(), "joint": self.joint + 1}
 
     @classmethod
@@ -82,14 +93,16 @@ def estimate_shapes(
     workers: Workers = ALONE,
     widest: float = 0.0,
 ) -> list[ShapeEstimate]:
-    """The open shape constants of a model, each at its best value if that explains significantly more
-    than the one the model has, of motion left out as well, else at that.
+    """The open shape constants of a model, each at its best value if that explains
+    significantly more than the one the model has, of motion left out as well, else at
+    that.
 
     weighting : of the joints' rows, "noise" or "none"; chosen : the rows that take
-    part, default all; workers : who compresses the runs; widest : up to which value the grids go on
-    beyond their own, each twice the last one.
+    part, default all; workers : who compresses the runs; widest : up to which value the
+    grids go on beyond their own, each twice the last one.
     """
-    wanted = [  # of effects with one column a joint, of the kind that is estimated, and not given
+    # of effects with one column a joint, of the kind that is estimated, and not given
+    wanted = [
         (effect, joint, key)
         for effect in model.effects
         for key in effect.estimated
@@ -104,13 +117,15 @@ def estimate_shapes(
         """One pass over the chosen rows, in blocks by folds of the motion."""
         wide, base, banks = _with_banks(model, wanted, widest)
         cells = compress_cells(runs, wide, _Cells(folds, chosen), workers)
-        cells = cells.select(sorted({f.block for f in cells.factors if f.block < SHAPE_FOLDS}))
+        cells = cells.select(
+            sorted({f.block for f in cells.factors if f.block < SHAPE_FOLDS})
+        )
         return _Profile(cells, weighting, base, banks)
 
     model = model.reference_free
     found = profile_of(model, wanted).confirmed()
-    # Splines in the grid are good to a per cent: what is told more finely is found once more, about
-    # itself, where they are exact.
+    # Splines in the grid are good to a per cent: what is told more finely is found once
+    # more, about itself, where they are exact.
     known = {
         (s.effect, s.joint, s.shape): s.after
         for s in found
@@ -128,7 +143,10 @@ def estimate_shapes(
         profile = profile_of(near, again)
         best = profile.best(profile.now, np.arange(len(again)))
         known = {(s.effect, s.joint, s.shape): s.after for s in profile.estimates(best)}
-    return [replace(s, after=known.get((s.effect, s.joint, s.shape), s.after)) for s in found]
+    return [
+        replace(s, after=known.get((s.effect, s.joint, s.shape), s.after))
+        for s in found
+    ]
 
 
 @dataclass(frozen=True)
@@ -144,14 +162,18 @@ class _Cells:
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
         fold = self.folds.fold(run, t)
-        return fold if self.chosen is None else np.where(self.chosen(run, t), fold, self.folds.count)
+        return (
+            fold
+            if self.chosen is None
+            else np.where(self.chosen(run, t), fold, self.folds.count)
+        )
 
 
 @dataclass(frozen=True)
 class _Bank:
-    """One shape constant of one effect on one joint: the value that the model has, the spline through
-    the unit vectors at ln u of the values (K,) whose columns are known (the first and the last are the
-    range), where these (K,) stand among all others."""
+    """One shape constant of one effect on one joint: the value that the model has, the
+    spline through the unit vectors at ln u of the values (K,) whose columns are known
+    (the first and the last are the range), where these (K,) stand among all others."""
 
     effect: Effect
     joint: int
@@ -171,8 +193,8 @@ class _Bank:
 def _with_banks(
     model: Model, wanted: Sequence[_Open], widest: float
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
-    """The model with the columns of each open constant at all values of its grid; where all other
-    columns stand; the grids."""
+    """The model with the columns of each open constant at all values of its grid; where
+    all other columns stand; the grids."""
     from scipy.interpolate import CubicSpline
 
     own = [effect for effect, _, _ in wanted]
@@ -185,19 +207,34 @@ def _with_banks(
         while grid[-1] < widest:
             grid = (*grid, 2.0 * grid[-1])
         ends, now = (grid[0], grid[-1]), effect.shape[key]
-        if ends[0] <= now <= ends[-1]:  # in place of those within a tenth of it: exact there as well
-            grid = tuple(sorted({now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}))
-        parts.append(_Grid([effect.with_shape([joint], **{key: value}) for value in grid]))
+        if (
+            ends[0] <= now <= ends[-1]
+        ):  # in place of those within a tenth of it: exact there as well
+            grid = tuple(
+                sorted(
+                    {now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}
+                )
+            )
+        parts.append(
+            _Grid([effect.with_shape([joint], **{key: value}) for value in grid])
+        )
         columns = first + np.arange(len(grid))
         first += len(grid)
         if grid not in splines:
             splines[grid] = CubicSpline(np.log(grid), np.eye(len(grid)))
-        banks.append(_Bank(effect.with_shape([joint]), joint, key, now, splines[grid], columns))
-    return Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known), base, banks
+        banks.append(
+            _Bank(effect.with_shape([joint]), joint, key, now, splines[grid], columns)
+        )
+    return (
+        Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known),
+        base,
+        banks,
+    )
 
 
 class _Grid(Effect):
-    """An effect on one joint with several values of one shape constant, as columns of a regression."""
+    """An effect on one joint with several values of one shape constant, as columns of a
+    regression."""
 
     name = "shape_grid"
     equation = explanation = reference = ""
@@ -209,31 +246,45 @@ class _Grid(Effect):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         (own,) = self.effects[0].parameters
-        return tuple(replace(own, name=f"{own.name}_{m}") for m in range(len(self.effects)))
+        return tuple(
+            replace(own, name=f"{own.name}_{m}") for m in range(len(self.effects))
+        )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        own = ((m, b) for m, effect in enumerate(self.effects) for b in effect.blocks(motion))
+        own = (
+            (m, b)
+            for m, effect in enumerate(self.effects)
+            for b in effect.blocks(motion)
+        )
         return [Block(b.joint, b.parameters + m, b.columns) for m, b in own]
 
 
 class _Profile:
-    """What least squares in all other columns leave of the banks' ``count`` and of the torque (r,).
+    """What least squares in all other columns leave of the banks' ``count`` and of the
+    torque (r,).
 
-    parts : of each bank its columns at all values (K, r); now, ends (B,), (B, 2) : ln u as the model has
-    them, or the nearest that is known, and of their ranges; brakes (B,) : whose coefficients are not
-    negative; shown (b, k) : what the data show of the other columns' coefficients, at unit norm of what
-    they make; variance : of a row times how often rows repeat each other.
+    parts : of each bank its columns at all values (K, r); now, ends (B,), (B, 2) : ln u
+    as the model has them, or the nearest that is known, and of their ranges; brakes
+    (B,) : whose coefficients are not negative; shown (b, k) : what the data show of the
+    other columns' coefficients, at unit norm of what they make; variance : of a row
+    times how often rows repeat each other.
     """
 
     def __init__(
-        self, folds: Regression, weighting: str, base: NDArray[np.intp], banks: list[_Bank]
+        self,
+        folds: Regression,
+        weighting: str,
+        base: NDArray[np.intp],
+        banks: list[_Bank],
     ) -> None:
         """Of all blocks; base : where the other columns stand, before the banks'."""
         self.folds, self.banks = folds, banks
         data = folds.least_squares()
         self.weights = np.ones(folds.joints)
         if weighting == "noise":
-            theta = scipy.linalg.lstsq(data.R, data.rho, 1e-10, lapack_driver="gelsy")[0]
+            theta = scipy.linalg.lstsq(data.R, data.rho, 1e-10, lapack_driver="gelsy")[
+                0
+            ]
             self.weights = joint_weights(folds, theta)
             data = folds.least_squares(self.weights)
         both = np.column_stack([data.R[:, len(base) :], data.rho])
@@ -242,12 +293,17 @@ class _Profile:
         left = triangular([both - shown @ made])
         self.torque, self.count = left[:, -1], left.shape[1] - 1
         U = span(left[:, :-1])
-        error = float(np.sum((self.torque - U @ (U.T @ self.torque)) ** 2)) + data.residual_norm**2
+        error = (
+            float(np.sum((self.torque - U @ (U.T @ self.torque)) ** 2))
+            + data.residual_norm**2
+        )
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared) or 1.0
         free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
         self.variance = folds.oversampling * error / free
-        self.parts = [np.ascontiguousarray(left.T[b.columns - len(base)]) for b in banks]
+        self.parts = [
+            np.ascontiguousarray(left.T[b.columns - len(base)]) for b in banks
+        ]
         self.ends = np.array([b.spline.x[[0, -1]] for b in banks])
         self.now = np.clip(np.log([b.now for b in banks]), *self.ends.T)
         self.brakes = np.array([b.effect.parameters[0].lower == 0.0 for b in banks])
@@ -255,12 +311,14 @@ class _Profile:
     def _made(self, u: Array) -> tuple[Array, Array]:
         """The columns (r, B) at constants ln u (B,), and their derivatives."""
         pairs = zip(self.banks, self.parts, u.tolist(), strict=True)
-        A, D = np.array([bank.weights(x) @ part for bank, part, x in pairs]).transpose(1, 2, 0)
+        A, D = np.array([bank.weights(x) @ part for bank, part, x in pairs]).transpose(
+            1, 2, 0
+        )
         return A, D
 
     def at(self, u: Array) -> tuple[Array, Array]:
-        """What is left of the torque (r,) at constants ln u (B,), and its slopes (r, B); a column that
-        would push instead of brake is left out."""
+        """What is left of the torque (r,) at constants ln u (B,), and its slopes (r,
+        B); a column that would push instead of brake is left out."""
         (A, D), theta = self._made(u), np.zeros(len(u))
         used = pushes = np.ones(len(u), bool)
         while pushes.any():
@@ -272,8 +330,9 @@ class _Profile:
         return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
 
     def _products(self, T: Array) -> Array:
-        """(F, k + d, k + d) in each fold of what all other columns make in the directions that data
-        show, and of combinations T (P + 1, d) of the banks' columns and the torque."""
+        """(F, k + d, k + d) in each fold of what all other columns make in the
+        directions that data show, and of combinations T (P + 1, d) of the banks'
+        columns and the torque."""
         (b, k), p = self.shown.shape, self.count
         out = np.zeros((len(self.folds.blocks), k + T.shape[1], k + T.shape[1]))
         for joint, indices, blocks, rows in self.folds.by_joint():
@@ -285,21 +344,25 @@ class _Profile:
         return out
 
     def held_out(self, found: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
-        """(B,) what each constant alone takes from the squared error of the folds that are left out, in
-        variances, and what noise would."""
+        """(B,) what each constant alone takes from the squared error of the folds that
+        are left out, in variances, and what noise would."""
         moved = [k for k, s in enumerate(found) if s.after != s.before]
         count, k = len(self.folds.blocks), self.shown.shape[1]
         taken, needed = np.zeros((2, len(found)))
         if not moved or count < 2:
             return taken, needed
-        # Columns in which a fit near what was found is linear: all others, each bank's at the value that
-        # the model has, and, of a constant that moves, those at its new value and, within its range,
-        # their derivative. Of these whose each is (-1: of no bank), and whether it is new.
+        # Columns in which a fit near what was found is linear: all others, each bank's
+        # at the value that the model has, and, of a constant that moves, those at its
+        # new value and, within its range, their derivative. Of these whose each is (-1:
+        # of no bank), and whether it is new.
         parts = list[Array]()
         of, new = [-1] * k, [False] * k
         for j, (bank, s) in enumerate(zip(self.banks, found, strict=True)):
             several = bank.weights(float(np.log(s.after)))[: 1 if s.at_end else 2]
-            own = [bank.weights(self.now[j])[0], *(several if s.after != s.before else ())]
+            own = [
+                bank.weights(self.now[j])[0],
+                *(several if s.after != s.before else ()),
+            ]
             of += [j] * len(own)
             new += [False, *[True] * (len(own) - 1)]
             parts += own
@@ -314,26 +377,42 @@ class _Profile:
         fits = np.zeros((len(moved) + 1, count, len(size)))
         for fit, j in zip(fits, (-2, *moved), strict=True):  # none of them, each alone
             used = np.flatnonzero(np.where(np.equal(of, j), new, np.logical_not(new)))
-            fit[:, used] = np.linalg.solve(rest[:, used[:, None], used], rest[:, used, -1:])[..., 0]
+            fit[:, used] = np.linalg.solve(
+                rest[:, used[:, None], used], rest[:, used, -1:]
+            )[..., 0]
         fits[..., -1] = -1.0
         both = fits, fits[1:] - fits[0]
-        loss, apart = (np.sum(np.squeeze(grams @ x[..., None], 3) * x, axis=2) for x in both)
+        loss, apart = (
+            np.sum(np.squeeze(grams @ x[..., None], 3) * x, axis=2) for x in both
+        )
         scale = size[-1] ** 2 / self.variance
         gains, changes = scale * (loss[0] - loss[1:]), scale * apart
-        noise = np.maximum(np.sum((gains - changes) ** 2, axis=1), 4.0 * changes.sum(axis=1))
-        taken[moved], needed[moved] = gains.sum(axis=1), stdtrit(count - 1, 0.975) * np.sqrt(noise)
+        noise = np.maximum(
+            np.sum((gains - changes) ** 2, axis=1), 4.0 * changes.sum(axis=1)
+        )
+        taken[moved], needed[moved] = (
+            gains.sum(axis=1),
+            stdtrit(count - 1, 0.975) * np.sqrt(noise),
+        )
         return taken, needed
 
     def confirmed(self) -> list[ShapeEstimate]:
-        """The constants that together explain most, of those that folds that are left out confirm."""
-        u, moves, refused = self.from_grid(), np.ones(len(self.banks), bool), np.ones(1, bool)
+        """The constants that together explain most, of those that folds that are left
+        out confirm."""
+        u, moves, refused = (
+            self.from_grid(),
+            np.ones(len(self.banks), bool),
+            np.ones(1, bool),
+        )
         while refused.any():
             u = self.best(np.where(moves, u, self.now), np.flatnonzero(moves))
             found = self.estimates(u)
             gains, needed = self.held_out(found)
             refused = moves & ~(gains > needed)
             moves = moves & ~refused
-        return [replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)]
+        return [
+            replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)
+        ]
 
     def from_grid(self) -> Array:
         """(B,) ln u, each in turn at the value of its grid that leaves least."""
@@ -348,7 +427,8 @@ class _Profile:
         return u
 
     def best(self, start: Array, free: NDArray[np.intp]) -> Array:
-        """(B,) ln u with the least squared error, of which only those of the ``free`` banks move."""
+        """(B,) ln u with the least squared error, of which only those of the ``free``
+        banks move."""
         if not len(free):
             return start
 
@@ -359,7 +439,9 @@ class _Profile:
             return left, slopes[:, free]
 
         out, (low, high) = start.copy(), self.ends[free].T
-        ftol = 1e-3 * self.variance / float(np.sum(self.at(start)[0] ** 2))  # of what noise decides
+        ftol = (
+            1e-3 * self.variance / float(np.sum(self.at(start)[0] ** 2))
+        )  # of what noise decides
         out[free] = least_squares(at, start[free], (low, high), 1e-4, ftol, steps=50)[0]
         return out
 
@@ -368,7 +450,8 @@ class _Profile:
         stds, out = np.sqrt(self.variance) * deviations(self.at(u)[1]), []
         each = self.banks, u.tolist(), self.now, stds.tolist(), self.ends.tolist()
         for bank, x, now, std, (low, high) in zip(*each, strict=True):
-            # As many digits as a written effect has; a spread wider than the range bounds nothing.
+            # As many digits as a written effect has; a spread wider than the range
+            # bounds nothing.
             after = bank.now if x == now else float(f"{np.exp(x):.6g}")
             std = after * std if std < (high - low) / np.sqrt(12.0) else np.inf
             end = x != now and at_end(x, low, high)
@@ -377,13 +460,20 @@ class _Profile:
         return out
 
 
-def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tuple[Effect, ...]:
-    """The effects with estimated constants: those that were estimated stand alone, a joint each, in
-    the same order, so that the parameters keep their places."""
+def with_shapes(
+    effects: Sequence[Effect], found: Sequence[ShapeEstimate]
+) -> tuple[Effect, ...]:
+    """The effects with estimated constants: those that were estimated stand alone, a
+    joint each, in the same order, so that the parameters keep their places."""
     values = {(s.effect, s.joint, s.shape): s.after for s in found}
     out: list[Effect] = []
     for effect in effects:
-        keys = [(j, k) for j in effect.joints for k in effect.shapes if (effect.name, j, k) in values]
+        keys = [
+            (j, k)
+            for j in effect.joints
+            for k in effect.shapes
+            if (effect.name, j, k) in values
+        ]
         if not keys:
             out.append(effect)
             continue
@@ -393,12 +483,22 @@ def with_shapes(effects: Sequence[Effect], found: Sequence[ShapeEstimate]) -> tu
     return tuple(out)
 
 
-def asked_effects(effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]) -> list[str]:
-    """How effects are written so that `identify` estimates again what it has estimated: ``shapes`` as
-    an estimate's details hold them."""
-    estimated, asked = {(s["effect"], s["joint"] - 1) for s in shapes}, dict[str, list[str]]()
+def asked_effects(
+    effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    """How effects are written so that `identify` estimates again what it has estimated:
+    ``shapes`` as an estimate's details hold them."""
+    estimated, asked = (
+        {(s["effect"], s["joint"] - 1) for s in shapes},
+        dict[str, list[str]](),
+    )
     for e in effects:
         open_ = all((e.name, j) in estimated for j in e.joints)
-        asked.setdefault(e.name if open_ else e.text, []).extend(str(j + 1) for j in e.joints if open_)
+        asked.setdefault(e.name if open_ else e.text, []).extend(
+            str(j + 1) for j in e.joints if open_
+        )
     every = effects[0].robot.n if effects else 0
-    return [f"{x}:{'+'.join(own)}" if 0 < len(own) < every else x for x, own in asked.items()]
+    return [
+        f"{x}:{'+'.join(own)}" if 0 < len(own) < every else x
+        for x, own in asked.items()
+    ]

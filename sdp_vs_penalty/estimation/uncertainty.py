@@ -1,22 +1,25 @@
-"""What the data determine, and how well: intervals for parameters and a band for torques.
+"""What the data determine, and how well: intervals for parameters and a band for
+torques.
 
-Intervals come from the runs that a model was identified from: the :class:`Sandwich` holds what noise of
-any colour and the model's own errors do to least squares, the columns of shapes.py what the shape
-constants' errors do. Standard deviations are half-widths of 95 % intervals over 1.96. Where an estimate
-satisfies constraints its intervals are cut to the physical range of the parameter and extended to the
-value where constraints have moved it out.
+Intervals come from the runs that a model was identified from: the :class:`Sandwich`
+holds what noise of any colour and the model's own errors do to least squares, the
+columns of shapes.py what the shape constants' errors do. Standard deviations are
+half-widths of 95 % intervals over 1.96. Where an estimate satisfies constraints its
+intervals are cut to the physical range of the parameter and extended to the value where
+constraints have moved it out.
 
-In coordinates z of the visible directions, theta = V z with V' (R' W^2 R) V = 1, c' theta errs by
-w' sum_b g_b, w = V' c, with the block scores g_b = V' R_b' W^2 (rho_b - R_b theta_hat). Its variance is
-estimated by
+In coordinates z of the visible directions, theta = V z with V' (R' W^2 R) V = 1, c'
+theta errs by w' sum_b g_b, w = V' c, with the block scores g_b = V' R_b' W^2 (rho_b -
+R_b theta_hat). Its variance is estimated by
 
     v = sum_ab K_ab (w' g_a) (w' g_b),     K_ab = max(0, 1 - |t_a - t_b| / window) within a run
 
-(Newey, West, Econometrica 1987). theta_hat takes part of the error with it: were the error white with
-variance s^2, then E v = s^2 tr(K G) with G_ab = [a = b] w' A_a w - w' A_a A_b w, A_b the blocks' grams.
-v is divided by tr(K G), and counts for tr(K G)^2 / tr(K G K G) degrees of freedom (Bell, McCaffrey,
-Survey Methodology 2002), so that quantiles are Student's. The window is a multiple of the correlation
-time by which the scores exceed white noise. What all directions say together counts for three degrees of
+(Newey, West, Econometrica 1987). theta_hat takes part of the error with it: were the
+error white with variance s^2, then E v = s^2 tr(K G) with G_ab = [a = b] w' A_a w - w'
+A_a A_b w, A_b the blocks' grams. v is divided by tr(K G), and counts for tr(K G)^2 /
+tr(K G K G) degrees of freedom (Bell, McCaffrey, Survey Methodology 2002), so that
+quantiles are Student's. The window is a multiple of the correlation time by which the
+scores exceed white noise. What all directions say together counts for three degrees of
 freedom more, which keeps short runs finite (a moderated t: Smyth 2004).
 """
 
@@ -46,24 +49,37 @@ from sdp_vs_penalty.robot.arrays import Array
 class Sandwich:
     """The sandwich of weighted least squares on compressed data.
 
-    prior_scale : (p,) standard deviations of parameters that are known beforehand to be zero, infinite
-    for all others; taken_white : the blocks are not asked.
+    prior_scale : (p,) standard deviations of parameters that are known beforehand to be
+    zero, infinite for all others; taken_white : the blocks are not asked.
 
-    directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these coordinates; kernel
-    (B, B): how far blocks' errors are one error; white: variance of white rows, and pooled: that all
-    directions say together; prior (r, r): part of the information that is no data's; norms (p,): of the
-    columns; solution (p,): the smallest least-squares theta.
+    directions V (p, r); grams (B, r, r) and scores (B, r) of the blocks in these
+    coordinates; kernel (B, B): how far blocks' errors are one error; white: variance of
+    white rows, and pooled: that all directions say together; prior (r, r): part of the
+    information that is no data's; norms (p,): of the columns; solution (p,): the
+    smallest least-squares theta.
     """
 
     def __init__(
-        self, regression: Regression, weights: Array, prior_scale: Array, taken_white: bool = False
+        self,
+        regression: Regression,
+        weights: Array,
+        prior_scale: Array,
+        taken_white: bool = False,
     ) -> None:
-        self.regression, self.weights, self.taken_white = regression, weights, taken_white
+        self.regression, self.weights, self.taken_white = (
+            regression,
+            weights,
+            taken_white,
+        )
         data = regression.least_squares(weights)
         self.white = white_variance(data, regression.oversampling)
         # Where the torque is fitted to rounding, a prior weighs that much and no less.
         strength = max(self.white, 1e-24 * data.tau_squared / max(data.rows, 1))
-        whole = data.with_prior(prior_scale, strength) if np.any(np.isfinite(prior_scale)) else data
+        whole = (
+            data.with_prior(prior_scale, strength)
+            if np.any(np.isfinite(prior_scale))
+            else data
+        )
         self.directions = V = visible(whole.R)[1]
         z = V.T @ (whole.R.T @ whole.rho)
         B, r = len(regression.blocks), V.shape[1]
@@ -73,14 +89,21 @@ class Sandwich:
             left = weights[joint] * rows[..., -1] - seen @ z
             self.grams[blocks] += seen.swapaxes(1, 2) @ seen
             self.scores[blocks] += (left[:, None] @ seen)[:, 0]
-        excess = float(np.sum(np.trace(self.grams, axis1=1, axis2=2)) - np.sum(self.grams**2))
+        excess = float(
+            np.sum(np.trace(self.grams, axis1=1, axis2=2)) - np.sum(self.grams**2)
+        )
         inflation = 1.0
         if excess > 1e-6 * r and self.white > 0.0:
             inflation = float(np.sum(self.scores**2)) / excess / self.white
-        self.pooled, self.kernel = inflation * self.white, _kernel(regression, inflation)
+        self.pooled, self.kernel = (
+            inflation * self.white,
+            _kernel(regression, inflation),
+        )
         self.prior = V.T * (strength / prior_scale**2) @ V
         self.norms, self.solution = whole.column_norms, V @ z
-        self._basis = np.linalg.qr(V * self.norms[:, None])[0]  # of the visible directions, at unit norm
+        self._basis = np.linalg.qr(V * self.norms[:, None])[
+            0
+        ]  # of the visible directions, at unit norm
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
         """Which linear functions (k, p) of theta the data determine."""
@@ -89,32 +112,49 @@ class Sandwich:
         total = np.sum(scaled**2, axis=1)
         hidden = np.any(np.abs(contrasts[:, dark]) > 0.0, axis=1)
         inside = np.sum((scaled @ self._basis) ** 2, axis=1)
-        # A linear function of theta belongs to the visible ones up to this much of its square.
+        # A linear function of theta belongs to the visible ones up to this much of its
+        # square.
         return np.asarray((inside > (1.0 - 1e-6) * total) & ~hidden & (total > 0.0))
 
     def half_widths(self, contrasts: Array) -> Array:
-        """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its first parameters
-        alone; NaN for unseen ones."""
-        contrasts = np.pad(contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1])))
-        half, seen = np.full(len(contrasts), np.nan), np.flatnonzero(self.sees(contrasts))
+        """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its
+        first parameters alone; NaN for unseen ones."""
+        contrasts = np.pad(
+            contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1]))
+        )
+        half, seen = (
+            np.full(len(contrasts), np.nan),
+            np.flatnonzero(self.sees(contrasts)),
+        )
         # Numbers of the products of blocks that are held at once.
-        for few in np.array_split(seen, 1 + seen.size * self.directions.shape[1] ** 2 // (1 << 20)):
+        for few in np.array_split(
+            seen, 1 + seen.size * self.directions.shape[1] ** 2 // (1 << 20)
+        ):
             w = contrasts[few] @ self.directions
             variance, freedom = self._variances(w)
             known = self.white * np.sum((w @ self.prior) * w, axis=1)
-            t, normal = stdtrit(freedom, 0.5 + 0.5 * LEVEL), stdtrit(np.inf, 0.5 + 0.5 * LEVEL)
+            t, normal = (
+                stdtrit(freedom, 0.5 + 0.5 * LEVEL),
+                stdtrit(np.inf, 0.5 + 0.5 * LEVEL),
+            )
             half[few] = np.sqrt(t**2 * variance + normal**2 * known)
         return half
 
     def _variances(self, w: Array) -> tuple[Array, Array]:
-        """Of each w' z, w (c, r): variance from the data (c,), and degrees of freedom (c,)."""
+        """Of each w' z, w (c, r): variance from the data (c,), and degrees of freedom
+        (c,)."""
         if self.taken_white:
             prior = np.sum((w @ self.prior) * w, axis=1)
             return self.white * (np.sum(w * w, axis=1) - prior), np.full(len(w), np.inf)
         K, (B, r) = self.kernel, self.scores.shape
-        AB, h = np.moveaxis(self.grams @ w.T, 2, 0), w @ self.scores.T  # (c, B, r), (c, B)
+        AB, h = (
+            np.moveaxis(self.grams @ w.T, 2, 0),
+            w @ self.scores.T,
+        )  # (c, B, r), (c, B)
         own = np.maximum(np.einsum("cbr,cr->cb", AB, w), 0.0)
-        KAB = np.moveaxis((K @ np.moveaxis(AB, 1, 0).reshape(B, -1)).reshape(B, len(w), r), 1, 0)
+        KAB = np.moveaxis(
+            (K @ np.moveaxis(AB, 1, 0).reshape(B, -1)).reshape(B, len(w), r), 1, 0
+        )
         # tr (K G)^2 of G's second part, by the smaller of (A B)'K A B and K A B (A B)'.
         M = np.swapaxes(AB, 1, 2) @ KAB if r < B else KAB @ np.swapaxes(AB, 1, 2)
         information = own.sum(axis=1)
@@ -133,8 +173,8 @@ class Sandwich:
     def factor(self) -> Array:
         """(p, r) F with the covariance of everything visible F F'.
 
-        The blocks' own products are few: they are shrunk to the pooled variance, by as much as there
-        are more directions than independent windows.
+        The blocks' own products are few: they are shrunk to the pooled variance, by as
+        much as there are more directions than independent windows.
         """
         B, r = self.scores.shape
         flat = self.grams.reshape(B, -1)
@@ -143,32 +183,45 @@ class Sandwich:
         windows = B**2 / max(float(self.kernel.sum()), 1.0)
         meat = self.pooled * np.eye(r)
         if data - lost > 1e-6 * data:
-            products = self.scores.T @ (self.kernel @ self.scores) * (data / (data - lost))
+            products = (
+                self.scores.T @ (self.kernel @ self.scores) * (data / (data - lost))
+            )
             share = r / (r + windows)
             meat = share * meat + (1.0 - share) * products
         values, vectors = np.linalg.eigh(meat)
-        return np.asarray(self.directions @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+        return np.asarray(
+            self.directions @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        )
 
     def response(self, torques: Sequence[Array]) -> Array:
-        """(p, e) change of the estimate where the torque changes by ``torques``: (rows of its factor's
-        triangle, e) for each factor of the regression."""
-        moved = np.zeros((self.directions.shape[1], torques[0].shape[1] if torques else 0))
+        """(p, e) change of the estimate where the torque changes by ``torques``: (rows
+        of its factor's triangle, e) for each factor of the regression."""
+        moved = np.zeros(
+            (self.directions.shape[1], torques[0].shape[1] if torques else 0)
+        )
         for f, torque in zip(self.regression.factors, torques, strict=True):
-            weighted = self.weights[f.joint] ** 2 * f.triangle[:, :-1] @ self.directions[f.indices]
+            weighted = (
+                self.weights[f.joint] ** 2
+                * f.triangle[:, :-1]
+                @ self.directions[f.indices]
+            )
             moved += weighted.T @ torque
         return np.asarray(self.directions @ moved)
 
     def gain_response(self, theta: Array) -> Array:
-        """(p, n) change of the estimate theta for a unit relative error of each channel's gain."""
+        """(p, n) change of the estimate theta for a unit relative error of each
+        channel's gain."""
         theta = np.pad(theta, (0, len(self.norms) - len(theta)))
-        made = ((f, f.triangle[:, :-1] @ theta[f.indices]) for f in self.regression.factors)
+        made = (
+            (f, f.triangle[:, :-1] @ theta[f.indices]) for f in self.regression.factors
+        )
         own = np.eye(self.regression.joints)
         return self.response([np.outer(torque, own[f.joint]) for f, torque in made])
 
 
 def stretched(factor: Array, std: Array) -> Array:
-    """Rows of a factor (p, r) as long as the deviations (p,); where they are NaN, longer by the median
-    ratio."""
+    """Rows of a factor (p, r) as long as the deviations (p,); where they are NaN,
+    longer by the median ratio."""
     length = np.linalg.norm(factor, axis=1)
     known = np.isfinite(std) & (length > 0.0)
     ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
@@ -177,10 +230,12 @@ def stretched(factor: Array, std: Array) -> Array:
 
 
 def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
-    """(B, B) the triangular window over the blocks of each run, at most half a run long."""
+    """(B, B) the triangular window over the blocks of each run, at most half a run
+    long."""
     runs, starts, stops = np.array(regression.blocks, float).reshape(-1, 3).T
     rows = max(int(regression.joint_rows().max(initial=0)), 1)
-    # Scores of noise with the correlation time T have 2 T / interval times the variance of white rows.
+    # Scores of noise with the correlation time T have 2 T / interval times the variance
+    # of white rows.
     interval = float(np.sum(stops - starts)) * regression.oversampling / rows
     window = WINDOW * 0.5 * max(inflation, 1.0) * interval
     parts = []
@@ -189,8 +244,16 @@ def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
         middle = 0.5 * (start + stop)
         length = min(window, 0.5 * float(stop.max() - start.min()))
         apart = np.abs(np.subtract.outer(middle, middle))
-        parts.append(np.maximum(1.0 - apart / length, 0.0) if length > 0.0 else np.eye(len(middle)))
-    return sparse.csr_array(sparse.block_diag(parts)) if parts else sparse.csr_array((0, 0))
+        parts.append(
+            np.maximum(1.0 - apart / length, 0.0)
+            if length > 0.0
+            else np.eye(len(middle))
+        )
+    return (
+        sparse.csr_array(sparse.block_diag(parts))
+        if parts
+        else sparse.csr_array((0, 0))
+    )
 
 
 NOT_SEEN = "not seen"
@@ -198,12 +261,14 @@ NOT_SEEN = "not seen"
 
 @dataclass(frozen=True)
 class Interval(Plain):
-    """One standard or base parameter: its estimate, what the data say of it, and a verdict.
+    """One standard or base parameter: its estimate, what the data say of it, and a
+    verdict.
 
-    value : of the model; std : standard deviation, NaN where the data do not determine the parameter;
-    lower, upper : ends of the 95 % interval, infinite there. verdict : "identifiable" (half-width up to
-    a quarter of the value), "weakly" (up to the value), or "not seen"; half-widths up to 0.25 % and 10 %
-    of the largest value that the problem's bounds or the measured torque allow count as well.
+    value : of the model; std : standard deviation, NaN where the data do not determine
+    the parameter; lower, upper : ends of the 95 % interval, infinite there. verdict :
+    "identifiable" (half-width up to a quarter of the value), "weakly" (up to the
+    value), or "not seen"; half-widths up to 0.25 % and 10 % of the largest value that
+    the problem's bounds or the measured torque allow count as well.
     """
 
     name: str
@@ -225,11 +290,12 @@ def counts(intervals: Sequence[Interval]) -> dict[str, int]:
 class Uncertainty(Plain):
     """standard : all parameters of the model; base : the combinations that make torque.
 
-    spread (p, r) : a factor of the covariance of everything that the data show; gain_response (p, n) :
-    change of the parameters for a unit relative error of each torque channel's gain, and gain_errors
-    (n, e), a factor of the covariance of these errors, which the covariance holds as well; torque_noise
-    (n,) : standard deviation of the torque that the model leaves [N m, N].
-    Raises ValueError for arrays that do not belong together.
+    spread (p, r) : a factor of the covariance of everything that the data show;
+    gain_response (p, n) : change of the parameters for a unit relative error of each
+    torque channel's gain, and gain_errors (n, e), a factor of the covariance of these
+    errors, which the covariance holds as well; torque_noise (n,) : standard deviation
+    of the torque that the model leaves [N m, N]. Raises ValueError for arrays that do
+    not belong together.
     """
 
     standard: tuple[Interval, ...]
@@ -241,15 +307,21 @@ class Uncertainty(Plain):
 
     def __post_init__(self) -> None:
         p, n = len(self.standard), len(self.torque_noise)
-        shapes = self.spread.shape[:1], self.gain_response.shape, self.gain_errors.shape[:1]
+        shapes = (
+            self.spread.shape[:1],
+            self.gain_response.shape,
+            self.gain_errors.shape[:1],
+        )
         if shapes != ((p,), (p, n), (n,)):
             raise ValueError("uncertainty: arrays of other parameters or joints")
 
     @cached_property
     def factor(self) -> Array:
-        """(p, r + e) with the covariance factor factor': rows as long as the standard deviations, which
-        Student's quantile has made larger."""
-        return stretched(np.hstack([self.spread, self.gain_response @ self.gain_errors]), self.std)
+        """(p, r + e) with the covariance factor factor': rows as long as the standard
+        deviations, which Student's quantile has made larger."""
+        return stretched(
+            np.hstack([self.spread, self.gain_response @ self.gain_errors]), self.std
+        )
 
     @cached_property
     def std(self) -> Array:
@@ -265,13 +337,19 @@ class Uncertainty(Plain):
         return out
 
     def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
-        """With gains known otherwise than they were; base (b, p) : the base parameters' rows. A lower
-        end at zero is a bound and stays."""
+        """With gains known otherwise than they were; base (b, p) : the base parameters'
+        rows. A lower end at zero is a bound and stays."""
 
-        def widened(intervals: tuple[Interval, ...], response: Array) -> tuple[Interval, ...]:
-            known, new = (np.sum((response @ e) ** 2, axis=1) for e in (self.gain_errors, errors))
+        def widened(
+            intervals: tuple[Interval, ...], response: Array
+        ) -> tuple[Interval, ...]:
+            known, new = (
+                np.sum((response @ e) ** 2, axis=1) for e in (self.gain_errors, errors)
+            )
             out = []
-            for i, extra in zip(intervals, np.sqrt(np.maximum(new - known, 0.0)).tolist(), strict=True):
+            for i, extra in zip(
+                intervals, np.sqrt(np.maximum(new - known, 0.0)).tolist(), strict=True
+            ):
                 std = float(np.hypot(i.std, extra))
                 more = NORMAL_95 * (std - i.std)
                 lower = i.lower if i.lower == 0.0 else i.lower - more
@@ -282,23 +360,31 @@ class Uncertainty(Plain):
         standard = widened(self.standard, self.gain_response)
         return replace(self, standard=standard, base=combined, gain_errors=errors)
 
-    def band(self, theta: Array, columns: Sequence[JointColumns]) -> tuple[Array, Array]:
-        """(N, n) modelled torque of columns and its standard deviation, without the noise."""
+    def band(
+        self, theta: Array, columns: Sequence[JointColumns]
+    ) -> tuple[Array, Array]:
+        """(N, n) modelled torque of columns and its standard deviation, without the
+        noise."""
         count = len(columns[0].columns)
         torque, std = np.empty((2, count, len(columns)))
         for j, block in enumerate(columns):
             torque[:, j] = block.columns @ theta[block.indices]
-            std[:, j] = np.linalg.norm(block.columns @ self.factor[block.indices], axis=1)
+            std[:, j] = np.linalg.norm(
+                block.columns @ self.factor[block.indices], axis=1
+            )
         return torque, std
 
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds beside the parameters' own intervals."""
-        return {"level": LEVEL} | {k: x for k, x in super().to_dict().items() if k != "standard"}
+        return {"level": LEVEL} | {
+            k: x for k, x in super().to_dict().items() if k != "standard"
+        }
 
 
 def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:
-    """Of a task's data, in its columns and maybe those of shape constants behind them: without constants
-    on a grid that the data do not contradict, since such a value is taken for the true one."""
+    """Of a task's data, in its columns and maybe those of shape constants behind them:
+    without constants on a grid that the data do not contradict, since such a value is
+    taken for the true one."""
     # A shape constant has a standard normal prior.
     scale = np.append(task.model.plausible, np.ones(regression.p - len(task.bound)))
     known = Sandwich(regression, task.weights, scale, white)
@@ -307,7 +393,9 @@ def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> San
         half = known.half_widths(np.eye(regression.p)[agrees])
         agrees[agrees] = np.abs(known.solution[agrees]) <= half
     if agrees.any():
-        return Sandwich(regression.keeping(~agrees), task.weights, scale[~agrees], white)
+        return Sandwich(
+            regression.keeping(~agrees), task.weights, scale[~agrees], white
+        )
     return known
 
 
@@ -345,26 +433,33 @@ def of_regression(
     if constrained:  # masses and moments of inertia are not negative, nor is friction
         low, high = np.maximum(-task.bound, [q.lower for q in parameters]), task.bound
         low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
-        for body in (c for c in task.constraints.convex if c.family == "pseudo-inertia"):
+        for body in (
+            c for c in task.constraints.convex if c.family == "pseudo-inertia"
+        ):
             diagonal = body.indices[[0, 4, 6, 9]]
             low[diagonal] = np.maximum(low[diagonal], 0.0)
     norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
     largest = np.fmin(task.bound, np.sqrt(data.tau_squared) / norms)
     apart = np.zeros(p)
     if known.regression.p > p:
-        # Constants that stay on a grid, or were given, are one step from the least loss.
+        # Constants that stay on a grid, or were given, are one step from the least
+        # loss.
         apart = known.solution[:p] - smallest(data.R, data.rho)
 
     def told(base: BaseParameters) -> tuple[Interval, ...]:
         rows, out = base.rows, []
-        ends = np.where(rows > 0.0, np.stack([low, high])[:, None], np.stack([high, low])[:, None])
+        ends = np.where(
+            rows > 0.0, np.stack([low, high])[:, None], np.stack([high, low])[:, None]
+        )
         ends = np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2)
         noise = np.hypot(known.half_widths(rows) / NORMAL_95, rows @ apart)
         other = np.hstack([rows @ extra, rows @ gains @ gain_errors])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
         sizes = np.fmin(np.abs(rows) @ task.bound, largest[base.leading])
         figures = rows @ value, rows @ task.ols, std, *ends, sizes
-        each = zip(base.names, base.leading, *(x.tolist() for x in figures), strict=True)
+        each = zip(
+            base.names, base.leading, *(x.tolist() for x in figures), strict=True
+        )
         for name, k, x, least, spread, lowest, highest, size in each:
             half, interval = NORMAL_95 * spread, Interval(name, parameters[k].unit, x)
             if not np.isnan(spread):
@@ -374,7 +469,10 @@ def of_regression(
                     for verdict, (share, absolute) in WIDTHS.items()
                     if half <= max(share * min(abs(least), size), absolute * rough)
                 )
-                lower, upper = min(max(least - half, lowest), x), max(min(least + half, highest), x)
+                lower, upper = (
+                    min(max(least - half, lowest), x),
+                    max(min(least + half, highest), x),
+                )
                 found = {"std": spread, "lower": lower, "upper": upper}
                 interval = replace(interval, **found, verdict=next(enough, NOT_SEEN))
             out.append(interval)
@@ -395,12 +493,14 @@ def beside_held(
     base: BaseParameters,
     gain_errors: Array | None = None,
 ) -> Uncertainty:
-    """Of a model that is held fixed and effects that were fitted to what it leaves, under constraints.
+    """Of a model that is held fixed and effects that were fitted to what it leaves,
+    under constraints.
 
-    task, theta (k,), base : of the new effects alone; regression : of the held model's columns, theirs,
-    and their shape constants'; held : the held model's parameters and what is known of them, whose error
-    is an error of the torque that the new effects explain; held_base : its base parameters;
-    gain_errors : as of :func:`of_regression`, by default those of the held model.
+    task, theta (k,), base : of the new effects alone; regression : of the held model's
+    columns, theirs, and their shape constants'; held : the held model's parameters and
+    what is known of them, whose error is an error of the torque that the new effects
+    explain; held_base : its base parameters; gain_errors : as of :func:`of_regression`,
+    by default those of the held model.
     """
     (fixed, old), k, wide = held, len(theta), regression.beside(held[0])
     known = _sandwich_of(task, wide)
@@ -416,11 +516,18 @@ def beside_held(
     extra, gains = known.response(through)[:k], known.response(through_gains)[:k]
     errors = old.gain_errors if gain_errors is None else gain_errors
     narrow = wide.keeping(np.arange(wide.p) < k)
-    settings: dict[str, Any] = {"known": known, "gains": gains, "extra": extra, "gain_errors": errors}
+    settings: dict[str, Any] = {
+        "known": known,
+        "gains": gains,
+        "extra": extra,
+        "gain_errors": errors,
+    }
     new = of_regression(task, narrow, base, theta, constrained=True, **settings)
     old = old.with_gain_errors(errors, held_base.rows)
     # The last columns of the new spread are what the old one makes of it.
-    own_spread, through_old = np.split(new.spread, [new.spread.shape[1] - extra.shape[1]], axis=1)
+    own_spread, through_old = np.split(
+        new.spread, [new.spread.shape[1] - extra.shape[1]], axis=1
+    )
     above = np.hstack([old.spread, np.zeros((len(old.spread), own_spread.shape[1]))])
     return replace(
         new,

@@ -1,9 +1,11 @@
-"""One verdict on a model: fit against noise, prediction, what is missing; the weakest first.
+"""One verdict on a model: fit against noise, prediction, what is missing; the weakest
+first.
 
-Command line, API, page, report, JSON and the headers of exports take it from here, so that no two of
-them grade the same model and measurements differently. What is not known never makes a grade better:
-"good" needs a noise floor that is known, errors within it on motion that is mostly new, and links that
-can exist. A diagnosis names what is missing; the grade is the same with and without it.
+Command line, API, page, report, JSON and the headers of exports take it from here, so
+that no two of them grade the same model and measurements differently. What is not known
+never makes a grade better: "good" needs a noise floor that is known, errors within it
+on motion that is mostly new, and links that can exist. A diagnosis names what is
+missing; the grade is the same with and without it.
 """
 
 from collections.abc import Sequence
@@ -28,23 +30,26 @@ from sdp_vs_penalty.signals.segments import segmented, window_subsample
 
 Grade = Literal["good", "usable", "do not use"]
 GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")
-#: A joint's error counts as noise up to so many noise floors (standard deviations): its variance is then
-#: at most four times that of the noise.
+#: A joint's error counts as noise up to so many noise floors (standard deviations): its
+#: variance is then at most four times that of the noise.
 ABOVE_NOISE = 2.0
-#: Relative torque error beyond the noise [%] above which a model is not to be used; up to CHANGES a
-#: prediction is good. Identified models of real arms reach 0.2 to 9 % (dVRK, Panda, UR10, TX40,
-#: published and ours).
+#: Relative torque error beyond the noise [%] above which a model is not to be used; up
+#: to CHANGES a prediction is good. Identified models of real arms reach 0.2 to 9 %
+#: (dVRK, Panda, UR10, TX40, published and ours).
 NO_MODEL = 15.0
-#: From this share of new motion on, errors are those of unseen motion; below, they show repeatability.
+#: From this share of new motion on, errors are those of unseen motion; below, they show
+#: repeatability.
 MOSTLY_NEW = 0.5
-#: No link of an arm weighs less than this share of it; the lightest wrists have a hundredth.
+#: No link of an arm weighs less than this share of it; the lightest wrists have a
+#: hundredth.
 _LIGHTEST = 1e-3
 FIT, PREDICTION, MISSING = "fit against noise", "prediction", "missing"
 
 
 @dataclass(frozen=True)
 class Line(Plain):
-    """One of the three: about FIT, PREDICTION or MISSING, its grade, and why in a sentence."""
+    """One of the three: about FIT, PREDICTION or MISSING, its grade, and why in a
+    sentence."""
 
     about: str
     grade: Grade
@@ -56,9 +61,10 @@ class Line(Plain):
 
 @dataclass(frozen=True)
 class Verdict(Plain):
-    """lines : the three, weakest first; error_over_noise (n,) : RMSE over the noise floor of each joint,
-    None where it is not known; noise_source : where the floor is from, "" where it is not known;
-    judged_on : the names of the runs; remark : a sentence on windows of a long recording, or ""."""
+    """lines : the three, weakest first; error_over_noise (n,) : RMSE over the noise
+    floor of each joint, None where it is not known; noise_source : where the floor is
+    from, "" where it is not known; judged_on : the names of the runs; remark : a
+    sentence on windows of a long recording, or ""."""
 
     lines: tuple[Line, ...]
     error_over_noise: tuple[float, ...] | None
@@ -94,7 +100,9 @@ class Verdict(Plain):
 
 
 #: What is said of a model without a verdict.
-NOT_JUDGED = "Verdict: not judged on any measurements; `sdp-vs-penalty compare` judges it."
+NOT_JUDGED = (
+    "Verdict: not judged on any measurements; `sdp-vs-penalty compare` judges it."
+)
 
 
 def judge(
@@ -116,16 +124,22 @@ def judge(
 ) -> Verdict:
     """The verdict on one model.
 
-    rmse, r2 (n,); floor (n,) or None, and its source; relative : error over all joints [%]; new_share :
-    of the rows whose motion is new to the model, None where not recorded; outside : largest share of
-    rows outside of a measured curve. masses, nominal (links,) [kg] : of its links, identified and
-    before; missing : what a diagnosis says, "" where there was none; forward : what a forward simulation
-    says; remark : of long recordings.
+    rmse, r2 (n,); floor (n,) or None, and its source; relative : error over all joints
+    [%]; new_share : of the rows whose motion is new to the model, None where not
+    recorded; outside : largest share of rows outside of a measured curve. masses,
+    nominal (links,) [kg] : of its links, identified and before; missing : what a
+    diagnosis says, "" where there was none; forward : what a forward simulation says;
+    remark : of long recordings.
     """
-    beyond, over = relative, None  # relative: without what the noise explains, where that is known
+    beyond, over = (
+        relative,
+        None,
+    )  # relative: without what the noise explains, where that is known
     if floor is not None:
         with np.errstate(divide="ignore", invalid="ignore"):
-            over = np.where(floor > 0.0, rmse / floor, np.where(rmse > 0.0, np.inf, 1.0))
+            over = np.where(
+                floor > 0.0, rmse / floor, np.where(rmse > 0.0, np.inf, 1.0)
+            )
         if np.isfinite(relative) and np.any(rmse > 0.0):
             left = np.maximum(rmse**2 - floor**2, 0.0).sum()
             beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
@@ -135,30 +149,49 @@ def judge(
         last = Line(MISSING, "do not use", f"{impossible} {said}")
     else:
         believed = " The links can exist." if len(masses) else ""
-        last = Line(MISSING, "good" if fit.grade == "good" else "usable", said + believed)
+        last = Line(
+            MISSING, "good" if fit.grade == "good" else "usable", said + believed
+        )
     far = outside > CHANGES or floor is None
-    said = f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
+    said = (
+        f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
+    )
     end = f"{said if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
     lines = [fit, _prediction(beyond, relative, new_share, far, end), last]
     weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
-    ratios, source = (None, "") if over is None else (tuple(map(float, over)), noise_source)
+    ratios, source = (
+        (None, "") if over is None else (tuple(map(float, over)), noise_source)
+    )
     return Verdict(weakest_first, ratios, source, tuple(judged_on), remark)
 
 
 def _fit(
-    over: Array | None, beyond: float, relative: float, source: str, none: NDArray[np.bool_]
+    over: Array | None,
+    beyond: float,
+    relative: float,
+    source: str,
+    none: NDArray[np.bool_],
 ) -> Line:
     """Of errors over noise; none (n,) : joints whose mean torque does better."""
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     if over is None:
-        said = f"{relative:.3g} % relative error; the noise floor is unknown: no motion repeats"
+        said = (
+            f"{relative:.3g} % relative error; the noise floor is unknown: no motion"
+            " repeats"
+        )
     else:
         none = none & (over > ABOVE_NOISE)
-        said = f"Error over noise, joint by joint: {', '.join(formatting.number(x, 2) for x in over)}"
+        said = (
+            "Error over noise, joint by joint:"
+            f" {', '.join(formatting.number(x, 2) for x in over)}"
+        )
         if source == SPECTRUM:
             said += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
         if grade == "do not use":
-            said = f"{beyond:.3g} % relative error beyond the noise; {said[0].lower()}{said[1:]}"
+            said = (
+                f"{beyond:.3g} % relative error beyond the noise;"
+                f" {said[0].lower()}{said[1:]}"
+            )
         elif np.all(over <= ABOVE_NOISE):
             grade = "good"
     if none.any():
@@ -168,18 +201,30 @@ def _fit(
     return Line(FIT, grade, f"{said}.")
 
 
-def _prediction(beyond: float, relative: float, share: float | None, far: bool, end: str) -> Line:
-    """far : rows lie outside of a measured curve, or the noise is not known; end : of the sentence."""
+def _prediction(
+    beyond: float, relative: float, share: float | None, far: bool, end: str
+) -> Line:
+    """far : rows lie outside of a measured curve, or the noise is not known; end : of
+    the sentence."""
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     percent = "" if share is None else f"{100.0 * share:.0f} %"
     if share is None or share < MOSTLY_NEW:
-        known = f"{percent} of this is new to it" if percent else "the model does not record its own"
+        known = (
+            f"{percent} of this is new to it"
+            if percent
+            else "the model does not record its own"
+        )
         said = f"Not judged on unseen motion ({known}): compare it on another one"
         if grade == "do not use":
-            said = f"{beyond:.3g} % relative error beyond the noise already here. {said}"
+            said = (
+                f"{beyond:.3g} % relative error beyond the noise already here. {said}"
+            )
     else:
         grade = "good" if beyond <= 100.0 * CHANGES and not far else grade
-        said = f"{relative:.3g} % relative error on motion of which {percent} is new to the model"
+        said = (
+            f"{relative:.3g} % relative error on motion of which {percent} is new to"
+            " the model"
+        )
     return Line(PREDICTION, grade, said + end)
 
 
@@ -198,10 +243,15 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     """Why the links are not to be believed, in a sentence; "" where they are."""
     if certificate.not_found:
         return certificate.not_found
-    found = {k: v for k, v in certificate.violations.items() if k != BarycentricBound.family}
+    found = {
+        k: v for k, v in certificate.violations.items() if k != BarycentricBound.family
+    }
     family = max(found, key=lambda name: found[name], default="")
     if found.get(family, 0.0) > ROUNDING:
-        return f"No robot is like this: constraints are violated ({family} by {found[family]:.2g})."
+        return (
+            f"No robot is like this: constraints are violated ({family} by"
+            f" {found[family]:.2g})."
+        )
     if certificate.body_share is not None and certificate.body_share > 1.0 + 1e-6:
         return "A link's mass lies farther out than its body reaches."
     least = _LIGHTEST * float(np.sum(masses))
@@ -214,10 +264,13 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
 
 
 def changes(before: Array, after: Array, floor: Array | None) -> str:
-    """What became of each joint's error (n,), largest fall first, and of every joint that got worse by
-    more than 5 %: in noise floors where they are known, else in N m or N; "" where nothing changed."""
+    """What became of each joint's error (n,), largest fall first, and of every joint
+    that got worse by more than 5 %: in noise floors where they are known, else in N m
+    or N; "" where nothing changed."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(before > 0.0, after / before - 1.0, np.where(after > 0.0, np.inf, 0.0))
+        share = np.where(
+            before > 0.0, after / before - 1.0, np.where(after > 0.0, np.inf, 0.0)
+        )
     known = floor is not None and bool(np.all(floor > 0.0))
     scale = floor if known and floor is not None else np.ones(len(before))
 
@@ -227,7 +280,9 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
 
     order = np.argsort(share)
     better = [f"joint {j + 1}: {said(j)}" for j in order if share[j] < -CHANGES]
-    worse = [f"joint {j + 1} worse: {said(j)}" for j in order[::-1] if share[j] > CHANGES]
+    worse = [
+        f"joint {j + 1} worse: {said(j)}" for j in order[::-1] if share[j] > CHANGES
+    ]
     if not better and not worse:
         return ""
     unit = "times the noise" if known else "N m or N"
@@ -244,20 +299,29 @@ class NoiseFloor(Plain):
 
 
 def noise_level(problem: Problem, given: FilteredRuns) -> tuple[Array | None, str]:
-    """Standard deviation (n,) of the torque noise below the cut-off [N m or N], and its source.
+    """Standard deviation (n,) of the torque noise below the cut-off [N m or N], and its
+    source.
 
-    From repetition: r(t) - r(t + T) of a residual r. The residual is that of unconstrained least squares
-    of the problem's own effects on these measurements, so that the floor does not depend on which models
-    are judged beside it. Where nothing repeats, from the torque's spectrum above the motion's band
-    (:mod:`~signals.noise`), at most that residual; None and "" where the logs hold nothing
-    there. Of long recordings windows are looked at.
+    From repetition: r(t) - r(t + T) of a residual r. The residual is that of
+    unconstrained least squares of the problem's own effects on these measurements, so
+    that the floor does not depend on which models are judged beside it. Where nothing
+    repeats, from the torque's spectrum above the motion's band (:mod:`~signals.noise`),
+    at most that residual; None and "" where the logs hold nothing there. Of long
+    recordings windows are looked at.
     """
-    settings, shown = given.settings, window_subsample(given.measurements, given.settings)
-    filtered = given if shown is given.measurements else FilteredRuns.of(shown, settings)
+    settings, shown = (
+        given.settings,
+        window_subsample(given.measurements, given.settings),
+    )
+    filtered = (
+        given if shown is given.measurements else FilteredRuns.of(shown, settings)
+    )
     runs = segmented(shown, settings)
     if not runs.segments:
         return None, ""
     model = problem.model().reference_free
     theta = make_task(problem, model, compress(filtered, model), "none").ols
-    noise = noise_of(runs.with_model(lambda m: model.seen_along(theta, m), gains=model.gains))
+    noise = noise_of(
+        runs.with_model(lambda m: model.seen_along(theta, m), gains=model.gains)
+    )
     return (None, "") if noise.source == RESIDUAL else (noise.floor, noise.source)

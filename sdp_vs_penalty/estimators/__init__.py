@@ -19,19 +19,27 @@ def estimator_types() -> dict[str, type[Estimator]]:
 
 
 def make_estimator(method: str | Estimator) -> Estimator:
-    """The estimator of a name, with its default settings, or the one given; InputError for no such."""
+    """The estimator of a name, with its default settings, or the one given; InputError
+    for no such."""
     if isinstance(method, Estimator):
         return method
-    return cast(Estimator, named("method", __name__, __path__, Estimator, method, estimator_types)())
+    return cast(
+        Estimator,
+        named("method", __name__, __path__, Estimator, method, estimator_types)(),
+    )
 
 
 def with_solver(method: str, solver_name: str | None) -> Estimator | str:
-    """The method, its solver exchanged where one is asked for. Raises InputError where it has none."""
+    """The method, its solver exchanged where one is asked for. Raises InputError where
+    it has none."""
     if solver_name is None:
         return method
     estimator: Any = make_estimator(method)
     if not hasattr(estimator, "solver"):
-        raise InputError(f"--solver {solver_name}: method {method} solves no SDP", "leave --solver out")
+        raise InputError(
+            f"--solver {solver_name}: method {method} solves no SDP",
+            "leave --solver out",
+        )
     solver(solver_name)
     return cast(Estimator, replace(estimator, solver=solver_name))
 

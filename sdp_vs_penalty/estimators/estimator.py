@@ -1,7 +1,8 @@
 """What an estimator is given and what it must return.
 
-A file in this folder that defines subclasses of :class:`Estimator` is their registration. An
-estimator sees compressed data and constraints as arrays; it knows neither files nor robots.
+A file in this folder that defines subclasses of :class:`Estimator` is their
+registration. An estimator sees compressed data and constraints as arrays; it knows
+neither files nor robots.
 """
 
 from abc import ABC, abstractmethod
@@ -72,19 +73,21 @@ class Task:
 
     @cached_property
     def links(self) -> NDArray[np.intp]:
-        """(n, 10) indices of each link's parameters in theta; (0, 10) without a rigid body."""
+        """(n, 10) indices of each link's parameters in theta; (0, 10) without a rigid
+        body."""
         return self.model.rigid_indices.reshape(-1, 10)
 
     @property
     def pseudo_inertias(self) -> tuple[Constraint, ...]:
-        """That each link is a body, link by link: what a prior's log det is of. A body that an effect
-        adds (a payload) is none of them."""
+        """That each link is a body, link by link: what a prior's log det is of. A body
+        that an effect adds (a payload) is none of them."""
         bodies = (c for c in self.constraints.convex if c.family == "pseudo-inertia")
         return tuple(c for c in bodies if c.indices[0] in self.links[:, 0])
 
     @cached_property
     def base(self) -> Array:
-        """(b, p) map to base parameters: the links' own symbols, then all other parameters."""
+        """(b, p) map to base parameters: the links' own symbols, then all other
+        parameters."""
         rigid, unit = self.model.rigid_indices, np.eye(len(self.bound))
         if not len(rigid):
             return unit
@@ -100,7 +103,8 @@ class Task:
     def base_distance(self) -> LeastSquares:
         """|pi(theta) - pi_hat|^2 in the Euclidean norm of the symbols, pi_hat the OLS estimate.
 
-        The first of two steps: what the paper's retrieval and Sousa and Cortesao's beta' minimise.
+        The first of two steps: what the paper's retrieval and Sousa and Cortesao's
+        beta' minimise.
         """
         target = self.base @ self.ols
         return LeastSquares(self.base, target, 0.0, float(target @ target), len(target))
@@ -108,23 +112,27 @@ class Task:
     def minimum_thickness(self, radius: float) -> list[Constraint]:
         """Sigma_c >= m radius^2 1 for every link; nothing for radius 0."""
         links = enumerate(self.links if radius > 0.0 else (), start=1)
-        return [build.pseudo_inertia(f"link {k}", indices, radius) for k, indices in links]
+        return [
+            build.pseudo_inertia(f"link {k}", indices, radius) for k, indices in links
+        ]
 
 
 class Estimator(ABC):
-    """One way from a Task to parameters. Subclasses are frozen dataclasses of their settings."""
+    """One way from a Task to parameters. Subclasses are frozen dataclasses of their
+    settings."""
 
     name: ClassVar[str]
     description: ClassVar[str]
     #: True where the method is defined on a black box's answers only.
     needs_black_box: ClassVar[bool] = False
-    #: Place among the columns of Tables III, VII, VIII, IX and the rows of IV; None: not one of them.
-    #: Every method has its rows in the table of methods.
+    #: Place among the columns of Tables III, VII, VIII, IX and the rows of IV; None:
+    #: not one of them. Every method has its rows in the table of methods.
     table_place: ClassVar[int | None] = None
 
     @property
     def rest(self) -> str:
-        """What decides where the data do not: the "prior", or the "bounds", of which some vertex."""
+        """What decides where the data do not: the "prior", or the "bounds", of which
+        some vertex."""
         return "bounds"
 
     @abstractmethod
@@ -143,7 +151,9 @@ def make_task(
     """What an estimator needs to know, from a problem and compressed measurements."""
     nominal, bound = problem.nominal(model), problem.parameter_bound(model)
     links = model.rigid_indices.reshape(-1, 10)
-    masses = model.with_known(nominal)[links[:, :1]]  # a link of a known mass is scaled to it
+    masses = model.with_known(nominal)[
+        links[:, :1]
+    ]  # a link of a known mass is scaled to it
     nominal[links] *= masses / nominal[links[:, :1]]
     nominal = model.with_known(nominal)
     require_known("weighting", weighting, ("noise", "none"))
@@ -151,7 +161,9 @@ def make_task(
     first, weights = smallest(data.R, data.rho, nominal), np.ones(regression.joints)
     if weighting == "noise":
         weights = joint_weights(regression, first)
-        data = with_plausible(regression.least_squares(weights), model, regression.oversampling)
+        data = with_plausible(
+            regression.least_squares(weights), model, regression.oversampling
+        )
     pairs = enumerate(zip(links, problem.link_bodies, strict=False), start=1)
     guessed = problem.guessed_links
     return Task(
@@ -166,7 +178,8 @@ def make_task(
         progress,
         joint_scale=joint_scale(regression, model, first),
         bodies=tuple(
-            build.density_in_ellipsoid("body", f"link {k}", i, b.quadric) for k, (i, b) in pairs
+            build.density_in_ellipsoid("body", f"link {k}", i, b.quadric)
+            for k, (i, b) in pairs
         ),
         prior=_scaled_prior(data, nominal, links, guessed),
         total=None if np.any(guessed) else float(nominal[links[:, 0]].sum()),
@@ -174,9 +187,12 @@ def make_task(
     )
 
 
-def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> LeastSquares:
-    """The data with what the model's effects know of their parameters beforehand, each an observation
-    as good as an independent row whose noise is what least squares leave."""
+def with_plausible(
+    data: LeastSquares, model: Model, oversampling: float
+) -> LeastSquares:
+    """The data with what the model's effects know of their parameters beforehand, each
+    an observation as good as an independent row whose noise is what least squares
+    leave."""
     if not np.isfinite(model.plausible).any():
         return data
     variance = data.residual_norm**2 / max(data.rows - data.R.shape[1], 1)
@@ -184,14 +200,19 @@ def with_plausible(data: LeastSquares, model: Model, oversampling: float) -> Lea
 
 
 def _scaled_prior(
-    data: LeastSquares, nominal: Array, places: NDArray[np.intp], guessed: NDArray[np.bool_]
+    data: LeastSquares,
+    nominal: Array,
+    places: NDArray[np.intp],
+    guessed: NDArray[np.bool_],
 ) -> Array:
-    """(n, 10) nominal links, guessed masses times the one factor with which they fit the torque best:
-    least squares in it and the joints' own parameters, the other links as stated.
+    """(n, 10) nominal links, guessed masses times the one factor with which they fit
+    the torque best: least squares in it and the joints' own parameters, the other links
+    as stated.
 
-    places (n, 10) : of the links in nominal (p,); guessed (n,) : of which nobody states the mass.
-    More torque than drawn proves more mass. Less does not prove less, which may lie nearer to the axes:
-    a guess stands unless it is ``FAR_MASS`` times too heavy.
+    places (n, 10) : of the links in nominal (p,); guessed (n,) : of which nobody states
+    the mass. More torque than drawn proves more mass. Less does not prove less, which
+    may lie nearer to the axes: a guess stands unless it is ``FAR_MASS`` times too
+    heavy.
     """
     links = nominal[places]
     if not len(links) or not np.any(guessed):
@@ -207,16 +228,22 @@ def _scaled_prior(
 
 
 def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.ndarray:
-    """(p,) |tau_j| / |Y_jk| for parameters that are not a link's, infinite for links and idle ones.
+    """(p,) |tau_j| / |Y_jk| for parameters that are not a link's, infinite for links
+    and idle ones.
 
-    theta : of a first pass, whose drives' torque counts where it is larger than what was measured."""
+    theta : of a first pass, whose drives' torque counts where it is larger than what
+    was measured."""
     scale, gains = np.full(regression.p, np.inf), np.where(model.drives, theta, 0.0)
     for factor in regression.per_joint:
         norms = np.linalg.norm(factor.triangle[:, :-1], axis=0)
         drive = factor.triangle[:, :-1] @ gains[factor.indices]
-        torque = float(max(np.linalg.norm(factor.triangle[:, -1]), np.linalg.norm(drive)))
+        torque = float(
+            max(np.linalg.norm(factor.triangle[:, -1]), np.linalg.norm(drive))
+        )
         seen = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
-        seen &= ~model.drives[factor.indices]  # they cancel: each is many times as large as the sum
+        seen &= ~model.drives[
+            factor.indices
+        ]  # they cancel: each is many times as large as the sum
         if torque > 0.0:
             where = factor.indices[seen]
             scale[where] = np.minimum(scale[where], torque / norms[seen])
@@ -224,13 +251,16 @@ def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.n
 
 
 def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
-    """(n,) weights sigma / sigma_j from residuals of a first pass, sigma their root mean square.
+    """(n,) weights sigma / sigma_j from residuals of a first pass, sigma their root
+    mean square.
 
-    A joint whose residual is below 1e-6 of its torque counts as that exact, so that noise-free data
-    are not weighted by rounding.
+    A joint whose residual is below 1e-6 of its torque counts as that exact, so that
+    noise-free data are not weighted by rounding.
     """
     rows = np.maximum(regression.joint_rows(), 1)
-    torque = np.array([float(np.sum(f.triangle[:, -1] ** 2)) for f in regression.per_joint])
+    torque = np.array(
+        [float(np.sum(f.triangle[:, -1] ** 2)) for f in regression.per_joint]
+    )
     variance = np.maximum(regression.joint_losses(theta), 1e-12 * torque) / rows
     if not np.any(variance > 0.0):
         return np.ones(len(rows))
@@ -239,11 +269,15 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
 
 
 def with_joint_prior(task: Task, weight: float) -> Task:
-    """The task with a pull of the joints' own parameters to zero: one that alone would make all of its
-    joint's torque costs ``weight`` rows (:attr:`Task.joint_scale`); 0: as it is."""
+    """The task with a pull of the joints' own parameters to zero: one that alone would
+    make all of its joint's torque costs ``weight`` rows (:attr:`Task.joint_scale`); 0:
+    as it is."""
     if task.joint_scale is None or weight == 0.0:
         return task
-    return replace(task, data=task.data.with_prior(task.joint_scale, weight * sample_variance(task)))
+    return replace(
+        task,
+        data=task.data.with_prior(task.joint_scale, weight * sample_variance(task)),
+    )
 
 
 def sample_variance(task: Task) -> float:

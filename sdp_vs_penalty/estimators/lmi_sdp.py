@@ -1,14 +1,16 @@
-"""The convex estimator: least squares subject to linear matrix inequalities, in one step.
+"""The convex estimator: least squares subject to linear matrix inequalities, in one
+step.
 
     minimise |R theta - rho|^2 + residual_norm^2   subject to   P_i(theta) >= 0, bounds, signs
 
-(Sousa, Cortesao, IJRR 2014, with the 4x4 pseudo-inertia of Wensing et al. 2018, which contains the
-triangle inequalities). Plain, its optimum makes rods of most links. Three convex remedies: a body that a
-link's mass must lie in, an entropic pull towards the problem's nominal robot, and a minimum thickness.
-The default is the first two (results/default_method.md).
+(Sousa, Cortesao, IJRR 2014, with the 4x4 pseudo-inertia of Wensing et al. 2018, which
+contains the triangle inequalities). Plain, its optimum makes rods of most links. Three
+convex remedies: a body that a link's mass must lie in, an entropic pull towards the
+problem's nominal robot, and a minimum thickness. The default is the first two
+(results/default_method.md).
 
-One identification SDP (:class:`PosedSdp`) is solved until our own certificate is tight, from a point
-strictly inside of it (:func:`interior_point`).
+One identification SDP (:class:`PosedSdp`) is solved until our own certificate is tight,
+from a point strictly inside of it (:func:`interior_point`).
 """
 
 from collections.abc import Sequence
@@ -19,33 +21,45 @@ from typing import ClassVar
 import numpy as np
 
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, sample_variance, with_joint_prior
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Fit,
+    Task,
+    sample_variance,
+    with_joint_prior,
+)
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import repair
-from sdp_vs_penalty.solvers.identification import largest_margin, least_squares_sdp, moving_scale
+from sdp_vs_penalty.solvers.identification import (
+    largest_margin,
+    least_squares_sdp,
+    moving_scale,
+)
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 from sdp_vs_penalty.solvers.verified import TIGHT, proves_infeasible
 
-#: Whose answers every solver is judged beside, and our own method, which goes before it where it can.
+#: Whose answers every solver is judged beside, and our own method, which goes before it
+#: where it can.
 REFERENCE, OWN = "clarabel", "primal-dual"
-#: A certified gap up to which an answer counts that its solver itself did not call one; above it no
-#: solver's rounding (below 1e-6) is the reason: it stopped short.
+#: A certified gap up to which an answer counts that its solver itself did not call one;
+#: above it no solver's rounding (below 1e-6) is the reason: it stopped short.
 FAR_GAP = 1e-3
-#: Each attempt's way from the last answer to the interior point at which cones are scaled, and
-#: whether parameters are scaled by the residual instead of the torque.
+#: Each attempt's way from the last answer to the interior point at which cones are
+#: scaled, and whether parameters are scaled by the residual instead of the torque.
 ATTEMPTS = ((1.0, False), (0.3, False), (0.1, True), (0.03, False))
 
 
 @dataclass(frozen=True)
 class LmiSdp(Estimator):
-    """body : whether each link's mass must lie inside of its body (:class:`~robot.body.Body`).
+    """body : whether each link's mass must lie inside of its body
+    (:class:`~robot.body.Body`).
 
     thickness : smallest radius of gyration of a link in any direction [m]; 0 for none.
     entropy : weight of the Bregman divergence from the nominal robot, in units of the residual
@@ -65,8 +79,8 @@ class LmiSdp(Estimator):
     name = "lmi-sdp"
     table_place: ClassVar[int | None] = 4
     description = (
-        "one-step torque SDP whose links fit their bodies, entropic prior at the nominal robot (the "
-        "default)"
+        "one-step torque SDP whose links fit their bodies, entropic prior at the"
+        " nominal robot (the default)"
     )
 
     body: bool = True
@@ -79,7 +93,9 @@ class LmiSdp(Estimator):
 
     def fit(self, task: Task) -> Fit:
         objective, constraints = self.posed(task)
-        return PosedSdp(task, objective, constraints, self.solver).fit(objective, self.accuracy)
+        return PosedSdp(task, objective, constraints, self.solver).fit(
+            objective, self.accuracy
+        )
 
     @property
     def rest(self) -> str:
@@ -99,7 +115,9 @@ class LmiSdp(Estimator):
         pull = None
         if self.entropy > 0.0 and len(task.links):
             nominal = inertia.pseudo_inertia(task.prior_links)
-            pull = Entropy(self.entropy * sample_variance(task), task.pseudo_inertias, nominal)
+            pull = Entropy(
+                self.entropy * sample_variance(task), task.pseudo_inertias, nominal
+            )
         return Objective(data, pull), constraints
 
 
@@ -107,7 +125,10 @@ class LmiSdp(Estimator):
 class LmiSdpThickness(LmiSdp):
     name = "lmi-sdp-thickness"
     table_place: ClassVar[int | None] = None
-    description = "one-step torque SDP with minimum thickness, without bodies or a prior on the links"
+    description = (
+        "one-step torque SDP with minimum thickness, without bodies or a prior on the"
+        " links"
+    )
     body: bool = False
     thickness: float = 0.02  # costs about 1 % of the Panda's loss
     entropy: float = 0.0
@@ -117,7 +138,9 @@ class LmiSdpThickness(LmiSdp):
 class LmiSdpPlain(LmiSdp):
     name = "lmi-sdp-plain"
     table_place: ClassVar[int | None] = 5
-    description = "one-step torque SDP without minimum thickness: links degenerate to rods"
+    description = (
+        "one-step torque SDP without minimum thickness: links degenerate to rods"
+    )
     body: bool = False
     entropy: float = 0.0
     joint_prior: float = 0.0
@@ -128,7 +151,8 @@ class LmiSdpEntropic(LmiSdp):
     name = "lmi-sdp-entropic"
     table_place: ClassVar[int | None] = 6
     description = (
-        "one-step torque SDP with an entropic pull towards the problem's nominal robot and no bodies"
+        "one-step torque SDP with an entropic pull towards the problem's nominal robot"
+        " and no bodies"
     )
     body: bool = False
     entropy: float = 1.0
@@ -151,55 +175,85 @@ class LmiSdpTwoStep(Estimator):
     accuracy: float = 1e-10
 
     def fit(self, task: Task) -> Fit:
-        # beta' and beta* are subject to physics. Families that only bound the feasible set stay: without
-        # them it is open to infinity.
-        kept = ("pseudo-inertia", "sign", "range", "trace", "bounding ellipsoid", "mass")
+        # beta' and beta* are subject to physics. Families that only bound the feasible
+        # set stay: without them it is open to infinity.
+        kept = (
+            "pseudo-inertia",
+            "sign",
+            "range",
+            "trace",
+            "bounding ellipsoid",
+            "mass",
+        )
         physics = task.constraints.with_families(kept.__contains__)
         distance, torque = Objective(task.base_distance), Objective(task.data)
         steps = (distance, physics), (torque, physics), (torque, task.constraints)
         nearest, best, bounded = (
-            PosedSdp(task, objective, constraints, self.solver).fit(objective, self.accuracy)
+            PosedSdp(task, objective, constraints, self.solver).fit(
+                objective, self.accuracy
+            )
             for objective, constraints in steps
         )
         names = ("beta_prime", "beta_star", "beta_star_e")
         pairs = zip(names, (nearest, best, bounded), strict=True)
         chain = {name: (task.base @ fit.theta).tolist() for name, fit in pairs}
-        details = {**bounded.details, **chain, "loss_beta_prime": task.data.loss(nearest.theta)}
+        details = {
+            **bounded.details,
+            **chain,
+            "loss_beta_prime": task.data.loss(nearest.theta),
+        }
         return replace(bounded, details=details)
 
 
 class PosedSdp:
-    """Constraints, prior and bounds of a problem that is solved once, or again with other data.
+    """Constraints, prior and bounds of a problem that is solved once, or again with
+    other data.
 
-    solver : None: our own interior-point method, then Clarabel where that is not tight. interior (p,) :
-    strictly inside; cones : for our own method (None: another one was asked for, or a cone is larger
-    than it takes). Raises InputError where the constraints admit no interior point.
+    solver : None: our own interior-point method, then Clarabel where that is not tight.
+    interior (p,) : strictly inside; cones : for our own method (None: another one was
+    asked for, or a cone is larger than it takes). Raises InputError where the
+    constraints admit no interior point.
     """
 
     def __init__(
-        self, task: Task, objective: Objective, constraints: ConstraintSet, solver: str | None = None
+        self,
+        task: Task,
+        objective: Objective,
+        constraints: ConstraintSet,
+        solver: str | None = None,
     ) -> None:
-        self.task, self.constraints, self.solver = task, constraints, solver or REFERENCE
+        self.task, self.constraints, self.solver = (
+            task,
+            constraints,
+            solver or REFERENCE,
+        )
         self.interior = interior_point(task, constraints, self.solver)
         self.cones: SmallCones | None = None
         if solver is None:
             with suppress(NotApplicableError):
-                self.cones = SmallCones(objective.entropy, constraints, len(self.interior))
+                self.cones = SmallCones(
+                    objective.entropy, constraints, len(self.interior)
+                )
 
-    def fit(self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None) -> Fit:
-        """The optimum of an objective with the same prior, inside the constraints, solved until our own
-        certificate is tight.
+    def fit(
+        self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None
+    ) -> Fit:
+        """The optimum of an objective with the same prior, inside the constraints,
+        solved until our own certificate is tight.
 
-        A solver may stall short of what it was asked for: every answer is certified, and where the gap
-        is above ``TIGHT`` the problem is solved again as seen from the answer, each cone scaled by a
-        point a little inside of it. near : the fit to similar data, from which half the steps remain.
-        Raises InputError where nothing near an optimum is found.
+        A solver may stall short of what it was asked for: every answer is certified,
+        and where the gap is above ``TIGHT`` the problem is solved again as seen from
+        the answer, each cone scaled by a point a little inside of it. near : the fit to
+        similar data, from which half the steps remain. Raises InputError where nothing
+        near an optimum is found.
         """
         data, found = objective.least_squares, None
         if self.cones is not None and near is not None and near.central is not None:
             found = minimise(self.cones, data, [near.central], accuracy)
         if self.cones is not None and found is None:
-            found = minimise(self.cones, data, [self._start(data), self.interior], accuracy)
+            found = minimise(
+                self.cones, data, [self._start(data), self.interior], accuracy
+            )
         if self.cones is not None and found is not None:
             multipliers, slopes = self.cones.multipliers(found.multipliers)
             fit = Fit(
@@ -210,7 +264,12 @@ class PosedSdp:
                 slopes,
                 self.interior,
                 self.task.bound,
-                {"solver": OWN, "solver_said": [f"relative gap {found.error:.1e} ({found.iterations})"]},
+                {
+                    "solver": OWN,
+                    "solver_said": [
+                        f"relative gap {found.error:.1e} ({found.iterations})"
+                    ],
+                },
                 found.central,
             )
             if fit.gap <= TIGHT:
@@ -218,8 +277,9 @@ class PosedSdp:
         return _solved(self, objective, accuracy)
 
     def _start(self, data: LeastSquares) -> Array:
-        """What only has a sign (friction, rotor inertia) starts where it makes a tenth of the torque:
-        next to zero its multiplier would be the first to block a step."""
+        """What only has a sign (friction, rotor inertia) starts where it makes a tenth
+        of the torque: next to zero its multiplier would be the first to block a step.
+        """
         start, norms = self.interior.copy(), np.linalg.norm(data.R, axis=0)
         lower = np.array([q.lower for q in self.task.model.parameters])
         signed = np.isfinite(lower) & (norms > 0.0)
@@ -239,19 +299,22 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     for share, fine in ATTEMPTS:
         centre = interior if best is None else best.theta
         inside = centre + share * (interior - centre)
-        # Without noise, or with as many rows as parameters, the unconstrained residual vanishes and
-        # says nothing of the optimum: a problem scaled by it looks infeasible to a solver. Nor may
-        # the unit fall at once to a loss that is nothing but rounding.
+        # Without noise, or with as many rows as parameters, the unconstrained residual
+        # vanishes and says nothing of the optimum: a problem scaled by it looks
+        # infeasible to a solver. Nor may the unit fall at once to a loss that is
+        # nothing but rounding.
         if best is not None:
             least = max(data.loss(best.theta), 1e-3 * least)
-        problem = least_squares_sdp(objective, sent, inside, task.bound, centre, fine, least)
+        problem = least_squares_sdp(
+            objective, sent, inside, task.bound, centre, fine, least
+        )
         try:
             solution = solver(posed.solver).solve(problem.conic, accuracy)
         except NotApplicableError as error:
             raise InputError(
                 f"solver {posed.solver} cannot pose this method's problem ({error})",
-                "choose the solver clarabel, or a method without an entropic prior, such as "
-                "lmi-sdp-thickness",
+                "choose the solver clarabel, or a method without an entropic prior,"
+                " such as lmi-sdp-thickness",
             ) from error
         said.append(f"{solution.status} ({solution.iterations})")
         answered |= solution.claims in ("optimal", "inaccurate")
@@ -261,14 +324,24 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         multipliers = constraints.filled(problem.multipliers(solution))
         slopes = problem.entropy_slopes(solution)
         details = {"solver": posed.solver, "solver_said": said}
-        fit = Fit(theta, objective, constraints, multipliers, slopes, interior, task.bound, details)
+        fit = Fit(
+            theta,
+            objective,
+            constraints,
+            multipliers,
+            slopes,
+            interior,
+            task.bound,
+            details,
+        )
         if fit.gap < (np.inf if best is None else best.gap):
             best = fit
         if fit.gap <= TIGHT:
             break
     if best is None or not (answered or best.gap <= FAR_GAP):
         raise InputError(
-            f"solver {posed.solver} gave up on a problem that has an interior point ({', '.join(said)})",
+            f"solver {posed.solver} gave up on a problem that has an interior point"
+            f" ({', '.join(said)})",
             "choose another solver, or check the units of the measurements",
         )
     return best
@@ -277,11 +350,14 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
     """The convex constraints without those that others or the data imply.
 
-    The range of a parameter is out of reach where the way there makes more torque than was measured,
-    whatever the others do. Redundant rows leave the dual undetermined, which costs a solver digits;
-    feasibility and certificate use the full set.
+    The range of a parameter is out of reach where the way there makes more torque than
+    was measured, whatever the others do. Redundant rows leave the dual undetermined,
+    which costs a solver digits; feasibility and certificate use the full set.
     """
-    torque, most = objective.least_squares.own_torque, np.sqrt(objective.least_squares.tau_squared)
+    torque, most = (
+        objective.least_squares.own_torque,
+        np.sqrt(objective.least_squares.tau_squared),
+    )
 
     def near(c: Constraint) -> bool:
         # From the rows themselves, so that it holds in any system of units.
@@ -291,35 +367,45 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
     return [c for c in constraints.essential if c.family != "range" or near(c)]
 
 
-def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "clarabel") -> Array:
-    """A theta strictly inside all convex constraints: the nominal one, or that of largest margin.
+def interior_point(
+    task: Task, constraints: ConstraintSet, solver_name: str = "clarabel"
+) -> Array:
+    """A theta strictly inside all convex constraints: the nominal one, or that of
+    largest margin.
 
-    Raises Infeasible, which names the families that exclude each other or leave no room, and
-    InputError where the solver finds neither a point nor an optimum.
+    Raises Infeasible, which names the families that exclude each other or leave no
+    room, and InputError where the solver finds neither a point nor an optimum.
     """
     # A share of its bound: strictly inside in any system of units.
     lower = np.array([p.lower for p in task.model.parameters])
     nominal = np.where(np.isinf(lower), 0.0, lower + 1e-6 * task.bound)
     nominal[task.links] = task.nominal[task.links]
-    # Seen from one on the boundary, such as an earlier estimate, cones are stretched a million times.
+    # Seen from one on the boundary, such as an earlier estimate, cones are stretched a
+    # million times.
     if constraints.depth(nominal) >= 1e-3:
         return nominal
     optimum = None
-    # Where a link may weigh a hundred times what it does, units as large as the bounds can cost a
-    # solver the digits that decide; then units that move each matrix about as far.
+    # Where a link may weigh a hundred times what it does, units as large as the bounds
+    # can cost a solver the digits that decide; then units that move each matrix about
+    # as far.
     for scale in (task.bound, moving_scale(constraints.convex, nominal, task.bound)):
         problem = largest_margin(constraints.convex, nominal, scale)
         solution = solver(solver_name).solve(problem.conic, 1e-8)
         if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
             continue
         theta = max((problem.theta(solution), nominal), key=constraints.depth)
-        if constraints.depth(theta) > safe_depth(len(theta)):  # beyond what rounding decides
+        if constraints.depth(theta) > safe_depth(
+            len(theta)
+        ):  # beyond what rounding decides
             return theta
         # The dual of the largest margin may prove that nothing satisfies all.
         multipliers = constraints.filled(problem.multipliers(solution))
         if proves_infeasible(constraints, multipliers, task.bound):
             families = conflicting(constraints.convex, problem.shares(solution))
-            what = f"{' and '.join(families)} exclude each other (from the infeasibility certificate)"
+            what = (
+                f"{' and '.join(families)} exclude each other (from the infeasibility"
+                " certificate)"
+            )
             raise Infeasible(
                 f"The constraints admit no parameters: {what}",
                 "relax one of them",
@@ -330,29 +416,34 @@ def interior_point(task: Task, constraints: ConstraintSet, solver_name: str = "c
             optimum = problem, solution
     if optimum is None:
         raise InputError(
-            f"solver {solver_name} found neither parameters that satisfy all constraints nor a proof "
-            "that there are none",
+            f"solver {solver_name} found neither parameters that satisfy all"
+            " constraints nor a proof that there are none",
             "choose another solver, or check the units of the bounds",
         )
     families = conflicting(constraints.convex, optimum[0].shares(optimum[1]))
     raise Infeasible(
-        f"The constraints leave no room for parameters: {' and '.join(families)} can at best hold with "
-        "nothing to spare (equal bounds?)",
+        f"The constraints leave no room for parameters: {' and '.join(families)} can at"
+        " best hold with nothing to spare (equal bounds?)",
         "widen one of them a little",
         families=families,
     )
 
 
 def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
-    """The families that carry the proof that nothing satisfies all: "mass (links 1, 2; robot)"."""
+    """The families that carry the proof that nothing satisfies all: "mass (links 1, 2;
+    robot)"."""
     families: dict[str, dict[str, float]] = {}
     for constraint, share in zip(constraints, shares, strict=True):
         if share > 1e-3 * shares.max():
             families.setdefault(constraint.family, {})[constraint.name] = float(share)
     out = []
     for family in sorted(families, key=lambda family: -sum(families[family].values())):
-        links = [k.removeprefix("link ") for k in families[family] if k.startswith("link ")]
-        said = [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
+        links = [
+            k.removeprefix("link ") for k in families[family] if k.startswith("link ")
+        ]
+        said = (
+            [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
+        )
         said += [name for name in families[family] if not name.startswith("link ")]
         out.append(f"{family} ({'; '.join(said)})")
     return out

@@ -5,7 +5,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from sdp_vs_penalty.estimators.estimator import Array, Estimator, Fit, Task, with_joint_prior
+from sdp_vs_penalty.estimators.estimator import (
+    Array,
+    Estimator,
+    Fit,
+    Task,
+    with_joint_prior,
+)
 from sdp_vs_penalty.regression.partial import deviations, visible
 from sdp_vs_penalty.solvers.objective import Objective
 
@@ -14,8 +20,9 @@ from sdp_vs_penalty.solvers.objective import Objective
 class Ols(Estimator):
     """pi_hat = argmin |W pi - tau|^2 (Gautier, Khalil; Gaz et al. 2019, eq. 13).
 
-    Determines base parameters only; theta is the minimiser nearest to the nominal robot, and in
-    general not physically consistent. joint_prior : as ``lmi-sdp`` has it.
+    Determines base parameters only; theta is the minimiser nearest to the nominal
+    robot, and in general not physically consistent. joint_prior : as ``lmi-sdp`` has
+    it.
     """
 
     name = "ols"
@@ -31,39 +38,50 @@ class Ols(Estimator):
 
 
 def condition_number(task: Task) -> float:
-    """Ratio of the extreme singular values of the base parameters' compressed regressor W = R B^+;
-    infinite where the data leave a direction open."""
+    """Ratio of the extreme singular values of the base parameters' compressed regressor
+    W = R B^+; infinite where the data leave a direction open."""
     singular = np.linalg.svd(task.data.R @ np.linalg.pinv(task.base), compute_uv=False)
     return float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf
 
 
 def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
-    """Base parameters pi_hat (b,) and their standard deviations (b,), infinite where not excited.
+    """Base parameters pi_hat (b,) and their standard deviations (b,), infinite where
+    not excited.
 
-    C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019, eq. 14), N the number of
-    independent rows: filtered rows repeat each other ``oversampling`` times, so that N is rows /
-    oversampling and (W^T W) counts each of them that often. The residual is taken as white within
-    the filters' band; where a model error dominates it, the true error is larger.
+    C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019, eq. 14), N
+    the number of independent rows: filtered rows repeat each other ``oversampling``
+    times, so that N is rows / oversampling and (W^T W) counts each of them that often.
+    The residual is taken as white within the filters' band; where a model error
+    dominates it, the true error is larger.
     """
     w = task.data.R @ np.linalg.pinv(task.base)
     degrees = max(task.data.rows / oversampling - visible(w)[0].shape[1], 1.0)
-    return task.base @ task.ols, np.sqrt(task.data.loss(task.ols) / degrees) * deviations(w)
+    return task.base @ task.ols, np.sqrt(
+        task.data.loss(task.ols) / degrees
+    ) * deviations(w)
 
 
 @dataclass(frozen=True)
 class ReverseEngineering(Estimator):
     """pi_RE = argmin |W pi - (g, M)|^2 over configurations (Gaz et al. 2019, sec. III).
 
-    W stacks, for each configuration, the n rows of g(q) and the n (n + 1) / 2 upper-triangle entries
-    of M(q), newton metres beside kg m^2 as in the paper. The condition number of W in the base
-    parameters and the relative error in percent come with the estimate.
+    W stacks, for each configuration, the n rows of g(q) and the n (n + 1) / 2
+    upper-triangle entries of M(q), newton metres beside kg m^2 as in the paper. The
+    condition number of W in the base parameters and the relative error in percent come
+    with the estimate.
     """
 
     name = "reverse-engineering"
-    description = "least squares on gravity torques and inertia matrices of a black box (an .npz file)"
+    description = (
+        "least squares on gravity torques and inertia matrices of a black box (an .npz"
+        " file)"
+    )
     needs_black_box = True
 
     def fit(self, task: Task) -> Fit:
         error = 100.0 * float(np.sqrt(task.data.loss(task.ols) / task.data.tau_squared))
-        details = {"condition_number": condition_number(task), "relative_error_percent": error}
+        details = {
+            "condition_number": condition_number(task),
+            "relative_error_percent": error,
+        }
         return Fit(task.ols, Objective(task.data), task.constraints, details=details)

@@ -1,7 +1,9 @@
-"""The exact penalty, from several seeded starts (the published one is in ``penalty_paper.py``).
+"""The exact penalty, from several seeded starts (the published one is in
+``penalty_paper.py``).
 
-It receives the SDP's convex constraints as the same arrays, and the barycentric bounds that
-are not convex as they are. For constraints F_i(x) in cones K_i (self-dual), weight w and shifts S_i,
+It receives the SDP's convex constraints as the same arrays, and the barycentric bounds
+that are not convex as they are. For constraints F_i(x) in cones K_i (self-dual), weight
+w and shifts S_i,
 
     L(x; S, w) = f(x) + 1 / (2 w) sum_i (|Pi_K(S_i - w F_i(x))|^2 - |S_i|^2)
 
@@ -40,15 +42,17 @@ from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.verified import TIGHT
 
-#: Stages, and evaluations of each, at most. One that is cut short lets the weight grow too early: with
-#: 60, runs on columns that torque hardly tells apart (rotors, links) ended .8 % too high.
+#: Stages, and evaluations of each, at most. One that is cut short lets the weight grow
+#: too early: with 60, runs on columns that torque hardly tells apart (rotors, links)
+#: ended .8 % too high.
 _STEPS = 300
 
 
 @dataclass(frozen=True)
 class Part:
-    """Constraints of one kind: F(x) (g, ...) in a cone, and dF/dx (rows, p) in the order of F.ravel();
-    scale (g, ...) : of an affine F over the group's, entry by entry."""
+    """Constraints of one kind: F(x) (g, ...) in a cone, and dF/dx (rows, p) in the
+    order of F.ravel(); scale (g, ...) : of an affine F over the group's, entry by
+    entry."""
 
     cone: str
     values: Callable[[Array], Array]
@@ -56,17 +60,26 @@ class Part:
     scale: Array | float = 1.0
 
 
-def barycentric_part(bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array) -> Part:
-    """m sign (I_e - limit) >= 0 for entries e of inertia about links' centres of mass, with m I_e =
-    m J_e - h^T Q_e h: quadratic in x = theta / theta_scale, without a pole at m = 0.
+def barycentric_part(
+    bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
+) -> Part:
+    """m sign (I_e - limit) >= 0 for entries e of inertia about links' centres of mass,
+    with m I_e = m J_e - h^T Q_e h: quadratic in x = theta / theta_scale, without a pole
+    at m = 0.
 
-    Of each finite end, inside by as much as a gap is promised, more than the final repair moves, and of
-    about unit size at the reference (p,); without I_xx >= 0, which P(theta) >= 0 contains.
+    Of each finite end, inside by as much as a gap is promised, more than the final
+    repair moves, and of about unit size at the reference (p,); without I_xx >= 0, which
+    P(theta) >= 0 contains.
     """
-    own = list[tuple[NDArray[np.intp], Array, float]]()  # F = u^T form u + slope u_0, u = x[indices]
+    own = list[
+        tuple[NDArray[np.intp], Array, float]
+    ]()  # F = u^T form u + slope u_0, u = x[indices]
     for b in bounds:
         link, scale = reference[b.indices], theta_scale[b.indices]
-        moment, itself = link[[4, 6, 9]].sum(), np.trace(inertia.STEINER_FORMS[b.entry]) > 0.0
+        moment, itself = (
+            link[[4, 6, 9]].sum(),
+            np.trace(inertia.STEINER_FORMS[b.entry]) > 0.0,
+        )
         form = np.zeros((10, 10))
         form[0, 4 + b.entry] = form[4 + b.entry, 0] = 0.5
         form[1:4, 1:4] = -inertia.STEINER_FORMS[b.entry]
@@ -75,10 +88,17 @@ def barycentric_part(bounds: Sequence[BarycentricBound], theta_scale: Array, ref
                 limit = end + sign * TIGHT * (moment + abs(end))
                 factor = sign / (link[0] * (moment + abs(limit)))
                 own.append(
-                    (b.indices, form * factor * np.outer(scale, scale), -factor * limit * scale[0])
+                    (
+                        b.indices,
+                        form * factor * np.outer(scale, scale),
+                        -factor * limit * scale[0],
+                    )
                 )
     indices = np.array([x[0] for x in own], np.intp).reshape(-1, 10)
-    forms, slopes = np.array([x[1] for x in own]).reshape(-1, 10, 10), np.array([x[2] for x in own])
+    forms, slopes = (
+        np.array([x[1] for x in own]).reshape(-1, 10, 10),
+        np.array([x[2] for x in own]),
+    )
 
     def values(x: Array) -> Array:
         u = x[indices]
@@ -95,7 +115,8 @@ def barycentric_part(bounds: Sequence[BarycentricBound], theta_scale: Array, ref
 
 
 def affine_part(group: Alike, theta_scale: Array, reference: Array) -> Part:
-    """A group of equal cones, each of about unit size at the reference: the set stays the same."""
+    """A group of equal cones, each of about unit size at the reference: the set stays
+    the same."""
     at = group.values(reference)
     matrix = np.zeros((len(group.matrix), len(theta_scale)))
     matrix[:, : group.matrix.shape[1]] = group.matrix
@@ -109,36 +130,57 @@ def affine_part(group: Alike, theta_scale: Array, reference: Array) -> Part:
         if group.cone == "soc":
             scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
     constant, matrix = group.constant * scale, matrix * scale.reshape(-1, 1)
-    return Part(group.cone, lambda x: constant + (matrix @ x).reshape(at.shape), lambda x: matrix, scale)
+    return Part(
+        group.cone,
+        lambda x: constant + (matrix @ x).reshape(at.shape),
+        lambda x: matrix,
+        scale,
+    )
 
 
 class ShiftedPenalty:
-    """L(x; S, w) with f(x) = |R x - rho|^2, x = theta / theta_scale; losses and cones are of size one.
+    """L(x; S, w) with f(x) = |R x - rho|^2, x = theta / theta_scale; losses and cones
+    are of size one.
 
     ``shifts`` has one array a part; received : convex, without what others imply."""
 
     def __init__(
-        self, task: Task, data: LeastSquares, constraints: ConstraintSet, interior: Array
+        self,
+        task: Task,
+        data: LeastSquares,
+        constraints: ConstraintSet,
+        interior: Array,
     ) -> None:
-        """In units of what each parameter can be, of the cones at the interior point and of the loss."""
+        """In units of what each parameter can be, of the cones at the interior point
+        and of the loss."""
         norms, size = data.column_norms, np.sqrt(data.tau_squared)
         own = np.where((norms > 0.0) & (size > 0.0), size / or_one(norms), np.inf)
         self.theta_scale = np.minimum(own, task.bound)
-        # The loss in units of its unconstrained minimum, so that weights mean the same everywhere.
+        # The loss in units of its unconstrained minimum, so that weights mean the same
+        # everywhere.
         self.loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
         self.received = ConstraintSet(constraints.essential)
-        self.parts = [affine_part(s, self.theta_scale, interior) for s in self.received.groups]
+        self.parts = [
+            affine_part(s, self.theta_scale, interior) for s in self.received.groups
+        ]
         if constraints.nonconvex:
-            self.parts.append(barycentric_part(constraints.nonconvex, self.theta_scale, interior))
+            self.parts.append(
+                barycentric_part(constraints.nonconvex, self.theta_scale, interior)
+            )
         root = np.sqrt(self.loss_scale)
         self.R, self.rho = data.R * self.theta_scale / root, data.rho / root
 
     def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> Array:
-        """(e,) the shifts as dual variables of the constraints' entries, in units of loss per F."""
+        """(e,) the shifts as dual variables of the constraints' entries, in units of
+        loss per F."""
         found: dict[Constraint, Array] = {}
         # The groups are the first of the parts, in this order.
-        for group, part, shift in zip(self.received.groups, self.parts, shifts, strict=False):
-            each = zip(group.places.tolist(), self.loss_scale * part.scale * shift, strict=True)
+        for group, part, shift in zip(
+            self.received.groups, self.parts, shifts, strict=False
+        ):
+            each = zip(
+                group.places.tolist(), self.loss_scale * part.scale * shift, strict=True
+            )
             found |= {self.received.convex[k]: multiplier for k, multiplier in each}
         return constraints.filled(found)
 
@@ -147,9 +189,12 @@ class ShiftedPenalty:
         both = zip(self.parts, shifts, strict=True)
         return [project(p.cone, shift - weight * p.values(x)) for p, shift in both]
 
-    def rows(self, x: Array, shifts: Sequence[Array], weight: float) -> tuple[Array, Array]:
-        """r (m,) with L = |r|^2 up to a constant, and J (m, p): 2 J^T r is L's gradient, and 2 J^T J an
-        element of its generalised Hessian where F is affine."""
+    def rows(
+        self, x: Array, shifts: Sequence[Array], weight: float
+    ) -> tuple[Array, Array]:
+        """r (m,) with L = |r|^2 up to a constant, and J (m, p): 2 J^T r is L's
+        gradient, and 2 J^T J an element of its generalised Hessian where F is affine.
+        """
         residuals, slopes = [self.R @ x - self.rho], [self.R]
         for part, shift in zip(self.parts, shifts, strict=True):
             jacobian = part.jacobian(x).reshape(len(shift), -1, len(x))
@@ -162,18 +207,27 @@ class ShiftedPenalty:
 def minimise(
     penalty: ShiftedPenalty, x: Array, tolerance: float
 ) -> tuple[Array, list[Array], dict[str, Any]]:
-    """Continue weight and shifts from x until violation and complementarity are below tolerance, in the
-    scaled units of the parts: x (p,), the shifts (multipliers) there, and what was spent."""
+    """Continue weight and shifts from x until violation and complementarity are below
+    tolerance, in the scaled units of the parts: x (p,), the shifts (multipliers) there,
+    and what was spent."""
     # The first weight is in units of (scaled loss) / (scaled distance)^2.
     shifts, weight = [np.zeros_like(part.values(x)) for part in penalty.parts], 0.1
-    pull = 1e-6  # to the last stage's x, in scaled units; each stage takes back what it cost
+    # to the last stage's x, in scaled units; each stage takes back what it cost
+    pull = 1e-6
     residual, stages, near = np.inf, 0, np.sqrt(pull) * np.eye(len(x))
-    told = {"method": "lm", **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14), "max_nfev": _STEPS}
+    told = {
+        "method": "lm",
+        **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14),
+        "max_nfev": _STEPS,
+    }
 
     def rows(z: Array) -> tuple[Array, Array]:
         r, J = penalty.rows(z, shifts, weight)
-        both = np.vstack([np.column_stack([J, r]), np.column_stack([near, near @ (z - x)])])
-        # Turned into as few rows: nothing that MINPACK looks at changes, and its own QR is not blocked.
+        both = np.vstack(
+            [np.column_stack([J, r]), np.column_stack([near, near @ (z - x)])]
+        )
+        # Turned into as few rows: nothing that MINPACK looks at changes, and its own QR
+        # is not blocked.
         turned = np.asarray(np.linalg.qr(both, mode="r"))
         return turned[:, -1], turned[:, :-1]
 
@@ -183,7 +237,9 @@ def minimise(
         found = optimize.least_squares(residuals, x, slopes, **told)
         last, x = x, found.x
         moved = penalty.shifted(x, shifts, weight)
-        changes = (np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True))
+        changes = (
+            np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True)
+        )
         previous, residual = residual, float(max(changes, default=0.0)) / weight
         shifts = moved
         if max(residual, pull * np.abs(x - last).max(initial=0.0)) <= tolerance:
@@ -195,7 +251,8 @@ def minimise(
 
 @dataclass(frozen=True)
 class Penalty(Estimator):
-    """minimise loss(theta) + shifted penalty of F(theta), weights continued until it is exact.
+    """minimise loss(theta) + shifted penalty of F(theta), weights continued until it is
+    exact.
 
     body : whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
     thickness : smallest radius of gyration of a link [m]; 0 for none.
@@ -208,7 +265,9 @@ class Penalty(Estimator):
 
     name = "penalty"
     table_place: ClassVar[int | None] = 2
-    description = "one-step torque loss with an exact penalty, multi-start (the strongest)"
+    description = (
+        "one-step torque loss with an exact penalty, multi-start (the strongest)"
+    )
 
     body: bool = True
     thickness: float = LmiSdpThickness.thickness
@@ -223,29 +282,40 @@ class Penalty(Estimator):
 
     def fit(self, task: Task) -> Fit:
         task = with_joint_prior(task, self.joint_prior)
-        return fit_penalty(task, task.data, self.demands(task), self.starts, self.tolerance)
+        return fit_penalty(
+            task, task.data, self.demands(task), self.starts, self.tolerance
+        )
 
 
 @dataclass(frozen=True)
 class PenaltyTwoStep(Penalty):
     """minimise |pi(theta) - pi_hat|^2, the retrieval of Gaz et al. (RA-L 2019, eq. 29).
 
-    Friction and other joint parameters are coefficients of their own: they stay as estimated where
-    their sign bounds allow it.
+    Friction and other joint parameters are coefficients of their own: they stay as
+    estimated where their sign bounds allow it.
     """
 
     name = "penalty-two-step"
     table_place: ClassVar[int | None] = None
-    description = "exact penalty on the distance to the OLS base parameters, multi-start"
+    description = (
+        "exact penalty on the distance to the OLS base parameters, multi-start"
+    )
 
     def fit(self, task: Task) -> Fit:
-        return fit_penalty(task, task.base_distance, self.demands(task), self.starts, self.tolerance)
+        return fit_penalty(
+            task, task.base_distance, self.demands(task), self.starts, self.tolerance
+        )
 
 
 def fit_penalty(
-    task: Task, data: LeastSquares, constraints: ConstraintSet, starts: int, tolerance: float
+    task: Task,
+    data: LeastSquares,
+    constraints: ConstraintSet,
+    starts: int,
+    tolerance: float,
 ) -> Fit:
-    """The best of several runs, each made feasible; raises InputError where nothing is feasible."""
+    """The best of several runs, each made feasible; raises InputError where nothing is
+    feasible."""
     interior = interior_point(task, constraints)
     penalty = ShiftedPenalty(task, data, constraints, interior)
     box, rng = BarycentricBox(task), np.random.default_rng(task.seed)
@@ -256,44 +326,73 @@ def fit_penalty(
         start = repair(constraints, random, interior) if run else interior
         x, shifts, spent = minimise(penalty, start / penalty.theta_scale, tolerance)
         repaired = repair(constraints, penalty.theta_scale * x, interior)
-        # The nearest point towards the interior where bounds that are not convex hold too; if they hold
-        # nowhere on the way, the convex repair alone.
-        way = (repaired + s * (interior - repaired) for s in (0.0, *np.logspace(-14, 0, 57)))
-        holds = (p for p in way if all(bound.margin(p) >= 0.0 for bound in constraints.nonconvex))
+        # The nearest point towards the interior where bounds that are not convex hold
+        # too; if they hold nowhere on the way, the convex repair alone.
+        way = (
+            repaired + s * (interior - repaired)
+            for s in (0.0, *np.logspace(-14, 0, 57))
+        )
+        holds = (
+            p
+            for p in way
+            if all(bound.margin(p) >= 0.0 for bound in constraints.nonconvex)
+        )
         theta = next(holds, repaired)
-        objective, violation = data.loss(theta), max(constraints.worst(theta).values(), default=0.0)
-        found = {"loss": task.data.loss(theta), "objective": objective, "violation": violation}
+        objective, violation = (
+            data.loss(theta),
+            max(constraints.worst(theta).values(), default=0.0),
+        )
+        found = {
+            "loss": task.data.loss(theta),
+            "objective": objective,
+            "violation": violation,
+        }
         runs.append({**found, **spent})
         # A run that could not be made feasible counts behind every one that could.
         rank = objective if violation <= 1e-9 else np.inf
-        # One that is lower by less than it violates is no better: its multipliers may be worse.
+        # One that is lower by less than it violates is no better: its multipliers may
+        # be worse.
         if best is None or rank < best[0] * (1.0 - 1e-7):
             best = (rank, theta, shifts)
         least = min(r["objective"] for r in runs)
-        task.progress(f"run {run + 1} of {starts}: best {least:.6g}, violation {violation:.1e}")
+        task.progress(
+            f"run {run + 1} of {starts}: best {least:.6g}, violation {violation:.1e}"
+        )
     assert best is not None
     _, theta, shifts = best
     multipliers, details = penalty.multipliers(constraints, shifts), {"runs": runs}
-    return Fit(theta, Objective(data), constraints, multipliers, interior=interior, details=details)
+    return Fit(
+        theta,
+        Objective(data),
+        constraints,
+        multipliers,
+        interior=interior,
+        details=details,
+    )
 
 
-#: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of their one-step
-#: identification). Widened where a parameter must be larger to make the measured torque.
+#: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of
+#: their one-step identification). Widened where a parameter must be larger to make the
+#: measured torque.
 JOINT_PARAMETER_RANGE = 100.0
 
 
 class BarycentricBox:
-    """Bounds of p (p,): each link's ten barycentric parameters in place of theta's, the rest as is.
+    """Bounds of p (p,): each link's ten barycentric parameters in place of theta's, the
+    rest as is.
 
-    The problem's box; where it is open, what the problem implies (Task.bound). Centres of mass: |c| <=
-    largest |m c| / largest m; moments and products of inertia: the largest moment about the frame. Joint
-    parameters: their sign, and max(100, |tau| / |Y_k|) in SI units, where |tau| / |Y_k| is the size at
-    which parameter k alone makes all the measured torque.
+    The problem's box; where it is open, what the problem implies (Task.bound). Centres
+    of mass: |c| <= largest |m c| / largest m; moments and products of inertia: the
+    largest moment about the frame. Joint parameters: their sign, and max(100, |tau| /
+    |Y_k|) in SI units, where |tau| / |Y_k| is the size at which parameter k alone makes
+    all the measured torque.
     """
 
     def __init__(self, task: Task) -> None:
         norms, self.links = task.data.column_norms, task.links
-        alone = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0) / or_one(norms)
+        alone = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0) / or_one(
+            norms
+        )
         self.upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
         lowest = [parameter.lower for parameter in task.model.parameters]
         self.lower = np.maximum(-self.upper, lowest)
@@ -313,7 +412,9 @@ class BarycentricBox:
     def pull_back(self, p: Array, gradient: Array) -> Array:
         """(d theta / d p)^T gradient."""
         out, c, g = gradient.copy(), p[self.links[:, 1:4]], gradient[self.links]
-        across = np.einsum("ne,eij,nj->ni", g[:, 4:], inertia.STEINER_FORMS, c)  # half of d J / d(m c)
+        across = np.einsum(
+            "ne,eij,nj->ni", g[:, 4:], inertia.STEINER_FORMS, c
+        )  # half of d J / d(m c)
         out[self.links[:, 0]] += np.sum(c * (g[:, 1:4] + across), axis=1)
         out[self.links[:, 1:4]] = p[self.links[:, :1]] * (g[:, 1:4] + 2.0 * across)
         return out

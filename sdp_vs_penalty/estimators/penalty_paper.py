@@ -1,15 +1,17 @@
-"""Penalty-based retrieval as published: Gaz et al. (RA-L 2019), secs. IV-C and V, eq. 29.
+"""Penalty-based retrieval as published: Gaz et al. (RA-L 2019), secs. IV-C and V, eq.
+29.
 
     minimise  loss(p) + xi_k g(p)   subject to  lower <= p <= upper,    k = 1..5
 
-over p = (m, c, I about the centre of mass) of each link, by simulated annealing followed by a local
-search, each step from the previous step's answer, the first from a random point of the box; weights
-xi = 0, 10, 20, 30, 40; ten independent runs, of which the one of least penalised loss is kept. The
-external penalties g are linear in what they punish: (lambda_max(I) - tr(I) / 2)+ of each link (the
-triangle inequalities, eq. 16), the total mass [kg], the conditional bounds on centres of mass [m].
+over p = (m, c, I about the centre of mass) of each link, by simulated annealing
+followed by a local search, each step from the previous step's answer, the first from a
+random point of the box; weights xi = 0, 10, 20, 30, 40; ten independent runs, of which
+the one of least penalised loss is kept. The external penalties g are linear in what
+they punish: (lambda_max(I) - tr(I) / 2)+ of each link (the triangle inequalities, eq.
+16), the total mass [kg], the conditional bounds on centres of mass [m].
 
-A linear penalty is exact above the loss's multiplier, in (N m)^2 per kg m^2, which grows with the data:
-at 40 the answer is in general not physically consistent.
+A linear penalty is exact above the loss's multiplier, in (N m)^2 per kg m^2, which
+grows with the data: at 40 the answer is in general not physically consistent.
 """
 
 from __future__ import annotations
@@ -29,13 +31,15 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.solvers.objective import Objective
 
-#: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in five steps.
+#: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in
+#: five steps.
 PAPER_BUDGET = 5 * 3000 * 91
 
 
 @dataclass(frozen=True)
 class PenaltyPaper(Estimator):
-    """runs : independent runs from random starts inside the bounds; weights : xi of each step.
+    """runs : independent runs from random starts inside the bounds; weights : xi of
+    each step.
 
     evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing and
         local search, which finish what they have begun; PAPER_BUDGET is what the authors' program
@@ -48,7 +52,9 @@ class PenaltyPaper(Estimator):
 
     name = "penalty-paper"
     table_place: ClassVar[int | None] = 3
-    description = "simulated annealing with penalty weights 0..40, as published (one-step)"
+    description = (
+        "simulated annealing with penalty weights 0..40, as published (one-step)"
+    )
 
     runs: int = 10
     evaluations: int = 3_000
@@ -60,18 +66,24 @@ class PenaltyPaper(Estimator):
 
 @dataclass(frozen=True)
 class PenaltyPaperTwoStep(PenaltyPaper):
-    """loss = |pi(p) - pi_hat|^2 over the links' parameters; friction stays as first estimated."""
+    """loss = |pi(p) - pi_hat|^2 over the links' parameters; friction stays as first
+    estimated."""
 
     name = "penalty-paper-two-step"
     table_place: ClassVar[int | None] = None
-    description = "simulated annealing on the distance to the OLS base parameters, as published"
+    description = (
+        "simulated annealing on the distance to the OLS base parameters, as published"
+    )
 
     def fit(self, task: Task) -> Fit:
         return retrieve(self, task, task.base_distance, task.model.rigid_indices)
 
 
-def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> Fit:
-    """The best of several annealed runs over the parameters ``free``; the others as OLS has them."""
+def retrieve(
+    settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArray[np.intp]
+) -> Fit:
+    """The best of several annealed runs over the parameters ``free``; the others as OLS
+    has them."""
     loss = PenalisedLoss(task, data, free)
     rng = np.random.default_rng(task.seed)
     runs: list[dict[str, Any]] = []
@@ -84,13 +96,20 @@ def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArr
             evaluations += spent
         penalised, p = loss.value(u, settings.weights[-1]), loss.p(u)
         theta, broken = loss.box.theta(p), loss.violations(p)
-        found = {"loss": task.data.loss(theta), "objective": data.loss(theta), "penalised": penalised}
+        found = {
+            "loss": task.data.loss(theta),
+            "objective": data.loss(theta),
+            "penalised": penalised,
+        }
         worst = {"violation": max(broken.values()), "violations": broken}
         runs.append({**found, **worst, "evaluations": evaluations})
         if best is None or penalised < best[0]:
             best = (penalised, theta)
         violation = runs[-1]["violation"]
-        task.progress(f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, violation {violation:.1e}")
+        task.progress(
+            f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, violation"
+            f" {violation:.1e}"
+        )
     theta = task.ols if best is None else best[1]
     return Fit(theta, Objective(data), task.constraints, details={"runs": runs})
 
@@ -98,21 +117,28 @@ def retrieve(settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArr
 def anneal_and_search(
     loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
 ) -> tuple[Array, int]:
-    """Half of the budget for simulated annealing from u, half for a local search from its best.
+    """Half of the budget for simulated annealing from u, half for a local search from
+    its best.
 
-    The local search is SLSQP, the nearest in SciPy to the authors' fmincon; of L-BFGS-B, TNC and
-    SLSQP it reached the lowest penalised losses on the Panda within equal evaluations.
+    The local search is SLSQP, the nearest in SciPy to the authors' fmincon; of
+    L-BFGS-B, TNC and SLSQP it reached the lowest penalised losses on the Panda within
+    equal evaluations.
     """
     if not len(u):
         return u, 0
     box = [(0.0, 1.0)] * len(u)
     settings = {"maxfun": budget // 2, "no_local_search": True, "seed": rng}
-    annealed = optimize.dual_annealing(lambda v: loss.value(v, weight), box, x0=u, **settings)
+    annealed = optimize.dual_annealing(
+        lambda v: loss.value(v, weight), box, x0=u, **settings
+    )
     best, lowest, spent = annealed.x, float(annealed.fun), int(annealed.nfev)
     while spent < budget and lowest > 0.0:
-        # SLSQP stops at kinks of the penalty, and its tolerances want values of size 1: start it
-        # again with the loss rescaled, while that helps.
-        told: dict[str, Any] = {"maxiter": max(1, (budget - spent) * 4 // 5), "ftol": 1e-9}
+        # SLSQP stops at kinks of the penalty, and its tolerances want values of size 1:
+        # start it again with the loss rescaled, while that helps.
+        told: dict[str, Any] = {
+            "maxiter": max(1, (budget - spent) * 4 // 5),
+            "ftol": 1e-9,
+        }
         local = optimize.minimize(
             lambda v, scale: loss.value(v, weight) / scale,
             best,
@@ -132,12 +158,16 @@ def anneal_and_search(
 
 
 class PenalisedLoss:
-    """loss(p) + weight g(p) in u in [0, 1]^d, p = lower + u (upper - lower) on the free parameters."""
+    """loss(p) + weight g(p) in u in [0, 1]^d, p = lower + u (upper - lower) on the free
+    parameters."""
 
     def __init__(self, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> None:
         """free : the parameters that are searched; the others stay as OLS has them."""
         self.data, self.box, self.free = data, BarycentricBox(task), free
-        self.fixed, self.width = self.box.p(task.ols), (self.box.upper - self.box.lower)[free]
+        self.fixed, self.width = (
+            self.box.p(task.ols),
+            (self.box.upper - self.box.lower)[free],
+        )
         self.masses = task.links[:, 0]
         #: What is demanded of the masses, and of (1, c) in place of (m, m c).
         self.demands = [
@@ -173,7 +203,8 @@ class PenalisedLoss:
         return total, slope
 
     def violations(self, p: Array) -> dict[str, float]:
-        """Worst violation of each external demand: D3 - D1 - D2 [kg m^2], total mass [kg], c [m]."""
+        """Worst violation of each external demand: D3 - D1 - D2 [kg m^2], total mass
+        [kg], c [m]."""
         out = {"triangle inequality": 0.0}
         for family, margins, _ in self.demanded(p):
             size = 2.0 if family == "triangle inequality" else 1.0
@@ -188,7 +219,9 @@ class PenalisedLoss:
             largest, rows = vectors[:, :, 2], np.zeros((len(links), len(p)))
             dyads = 0.5 * np.eye(3) - largest[:, :, None] * largest[:, None, :]
             twice = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
-            rows[np.arange(len(links))[:, None], links] = inertia.inertia_entries(dyads) * twice
+            rows[np.arange(len(links))[:, None], links] = (
+                inertia.inertia_entries(dyads) * twice
+            )
             yield "triangle inequality", 0.5 * moments.sum(axis=1) - moments[:, 2], rows
         for family, stack in self.demands:
             if family == "total mass":
@@ -198,7 +231,10 @@ class PenalisedLoss:
             point = p.copy()
             point[self.masses] = 1.0
             values = stack.values(point)
-            norm, rows = np.linalg.norm(values[:, 1:], axis=1), stack.matrix.reshape(*values.shape, -1)
+            norm, rows = (
+                np.linalg.norm(values[:, 1:], axis=1),
+                stack.matrix.reshape(*values.shape, -1),
+            )
             unit = values[:, 1:] / or_one(norm)[:, None]
             rows = rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:])
             rows[:, np.isin(np.arange(rows.shape[1]), self.masses)] = 0.0

@@ -1,4 +1,5 @@
-"""Inverse dynamics as one C header without dependencies, for a controller's real-time loop."""
+"""Inverse dynamics as one C header without dependencies, for a controller's real-time
+loop."""
 
 import json
 import re
@@ -15,7 +16,13 @@ from sdp_vs_penalty.robot.arrays import Array
 ENDING, FILE, ABOUT = ".h", "model.h", "a C header without dependencies"
 
 #: Effects that the header holds beside the links.
-_HELD = ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia", "torque_offset")
+_HELD = (
+    "rigid_body",
+    "viscous_friction",
+    "coulomb_friction",
+    "rotor_inertia",
+    "torque_offset",
+)
 
 #: @ stands for the robot's name, $word for an entry of :func:`write`.
 _TEMPLATE = Path(__file__).parent / "c_header.h"
@@ -29,10 +36,16 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     robot, model = estimate.robot, estimate.model
     if robot.mechanism is not None or model.gains is not None:
         raise InputError(
-            "the header has no place for joints that follow others, or gains", "write .json"
+            "the header has no place for joints that follow others, or gains",
+            "write .json",
         )
-    content = Content.of(estimate)  # refuses what no simulator or controller should be given
-    links, left = content.links, tuple(e.brief for e in model.effects if e.name not in _HELD)
+    content = Content.of(
+        estimate
+    )  # refuses what no simulator or controller should be given
+    links, left = (
+        content.links,
+        tuple(e.brief for e in model.effects if e.name not in _HELD),
+    )
     offset = np.zeros(robot.n)
     for parameter, value in zip(model.parameters, estimate.theta, strict=True):
         if parameter.effect == "torque_offset":
@@ -46,7 +59,9 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         joints=_comment(", ".join(robot.joint_names)),
         left=_comment(", ".join(left) or "nothing"),
         n=robot.n,
-        parent=_braces(np.array([j.parent if j.parent >= 0 else robot.n for j in joints])),
+        parent=_braces(
+            np.array([j.parent if j.parent >= 0 else robot.n for j in joints])
+        ),
         slides=_braces(np.array([int(j.kind == "prismatic") for j in joints])),
         origin=_braces(np.array([j.placement[:3, 3] for j in joints])),
         turned=_braces(np.array([j.placement[:3, :3] for j in joints])),
@@ -66,7 +81,11 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
 
 def _braces(values: Array) -> str:
     """An array as C writes its initial value."""
-    return json.dumps((np.asarray(values) + 0).tolist()).replace("[", "{").replace("]", "}")
+    return (
+        json.dumps((np.asarray(values) + 0).tolist())
+        .replace("[", "{")
+        .replace("]", "}")
+    )
 
 
 def _comment(text: str) -> str:

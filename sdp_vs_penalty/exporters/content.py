@@ -18,11 +18,17 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Effects with a place in a URDF, and in MJCF; MJCF alone has one for the rotor's inertia.
-_PLACES = {"viscous_friction": "damping", "coulomb_friction": "friction", "rotor_inertia": "armature"}
+#: Effects with a place in a URDF, and in MJCF; MJCF alone has one for the rotor's
+#: inertia.
+_PLACES = {
+    "viscous_friction": "damping",
+    "coulomb_friction": "friction",
+    "rotor_inertia": "armature",
+}
 
-#: Smallest eigenvalue of a pseudo-inertia, relative to its trace, that still counts as consistent:
-#: what rounding leaves of an exact zero (a rod, a point mass) after a change of frames.
+#: Smallest eigenvalue of a pseudo-inertia, relative to its trace, that still counts as
+#: consistent: what rounding leaves of an exact zero (a rod, a point mass) after a
+#: change of frames.
 ROUNDING = 1e-12
 
 
@@ -37,9 +43,9 @@ class Options:
 
 @dataclass(frozen=True)
 class Content:
-    """links : (links, 10) standard parameters about each *joint* frame; damping [N m s/rad, N s/m],
-    friction [N m, N], armature [kg m^2, kg]: (n,), zero where the model has none.
-    others : names of the effects that have no place in such a file.
+    """links : (links, 10) standard parameters about each *joint* frame; damping [N m
+    s/rad, N s/m], friction [N m, N], armature [kg m^2, kg]: (n,), zero where the model
+    has none. others : names of the effects that have no place in such a file.
     """
 
     links: Array
@@ -49,34 +55,37 @@ class Content:
     others: tuple[str, ...]
     #: Of the torque channels, measured over true; () where the model has none.
     gains: tuple[float, ...] = ()
-    #: (2, n) kp and kd of the servos' position loops, the latter with what a command's delay damps less;
-    #: None where the model knows none.
+    #: (2, n) kp and kd of the servos' position loops, the latter with what a command's
+    #: delay damps less; None where the model knows none.
     servo: Array | None = None
 
     @classmethod
     def plausible(cls, estimate: Estimate, options: Options) -> Self:
         """:meth:`of`; InputError, too, for a link that lies outside of its body, unless forced."""
         content, gyration = cls.of(estimate), inertia.gyration(estimate.links)
-        for k, body in enumerate([] if options.force else estimate.problem.link_bodies[: len(gyration)]):
+        for k, body in enumerate(
+            [] if options.force else estimate.problem.link_bodies[: len(gyration)]
+        ):
             if gyration[k] > body.reach:
                 raise InputError(
-                    f"implausible: radius of gyration {gyration[k]:.3g} m for "
-                    f"{estimate.links[k, 0]:.3g} kg, and its body reaches {body.reach:.3g} m (from its "
-                    f"{body.source})",
-                    "identify with the default method, which keeps every link in its body, or pass "
-                    "--force",
+                    f"implausible: radius of gyration {gyration[k]:.3g} m for"
+                    f" {estimate.links[k, 0]:.3g} kg, and its body reaches"
+                    f" {body.reach:.3g} m (from its {body.source})",
+                    "identify with the default method, which keeps every link in its"
+                    " body, or pass --force",
                     f"link {k + 1}",
                 )
         return content
 
     @classmethod
     def of(cls, estimate: Estimate) -> Self:
-        """Raises InputError for an inconsistent link, negative friction or a model without links."""
+        """Raises InputError for an inconsistent link, negative friction or a model
+        without links."""
         model, robot = estimate.model, estimate.robot
         if not len(model.rigid_indices):
             raise InputError(
-                f"model {estimate.problem.name}: the model has no rigid_body effect, so there "
-                "are no inertias to export",
+                f"model {estimate.problem.name}: the model has no rigid_body effect, so"
+                " there are no inertias to export",
                 "write .json instead",
             )
         links = about_joints(robot, estimate.links)
@@ -86,15 +95,20 @@ class Content:
                 continue
             if value < 0.0:
                 raise InputError(
-                    f"joint {p.joint}: {p.effect} is {value:.4g} {p.unit}, and a negative {place} would "
-                    "feed energy into a simulation",
+                    f"joint {p.joint}: {p.effect} is {value:.4g} {p.unit}, and a"
+                    f" negative {place} would feed energy into a simulation",
                     "identify with a method that keeps signs (lmi-sdp, penalty)",
                 )
             values[place][p.joint - 1] += value
         held = (*_PLACES, "rigid_body", "servo_position")
         others = tuple(e.brief for e in model.effects if e.name not in held)
-        given = {p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)}
-        loops = [[given.get(f"{x}{j + 1}", np.nan) for j in range(robot.n)] for x in ("kp", "kd")]
+        given = {
+            p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)
+        }
+        loops = [
+            [given.get(f"{x}{j + 1}", np.nan) for j in range(robot.n)]
+            for x in ("kp", "kd")
+        ]
         servo = None if np.isnan(loops).any() else np.array(loops)
         drives = [e for e in model.effects if e.forward == "drive"]
         if servo is not None and (late := max(e.shape["T"] for e in drives)):
@@ -105,23 +119,34 @@ class Content:
 
     def left_out(self, *, armature: bool) -> tuple[str, ...]:
         """Effects that are lost in a file with, or without, a place for armature."""
-        lost = ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
+        lost = (
+            ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
+        )
         return (*lost, *self.others)
 
 
 def verdict_line(estimate: Estimate) -> str:
-    """The verdict that a model came with and its servos' gains, in printable ASCII, on one line."""
+    """The verdict that a model came with and its servos' gains, in printable ASCII, on
+    one line."""
     said = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
-    both = zip(estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True)
-    if gains := ", ".join(f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive):
+    both = zip(
+        estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True
+    )
+    if gains := ", ".join(
+        f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive
+    ):
         said = f"{said} Servo gains (kd holds viscous friction): {gains}"
     return re.sub(r"[^\x20-\x7e]", "?", said)
 
 
 def about_joints(robot: Robot, links: Array) -> Array:
-    """(links, 10) standard parameters about the joints' frames. InputError for an inconsistent link."""
+    """(links, 10) standard parameters about the joints' frames. InputError for an
+    inconsistent link."""
     carriers = [robot.tree[carrier] for carrier in robot.link_joints]
-    out = [inertia.transform(j.link_frame) @ own for j, own in zip(carriers, links, strict=True)]
+    out = [
+        inertia.transform(j.link_frame) @ own
+        for j, own in zip(carriers, links, strict=True)
+    ]
     for k, (joint, link) in enumerate(zip(carriers, out, strict=True), start=1):
         require_consistent(link, f"link {k} (on joint {joint.name!r})")
     return np.stack(out)
@@ -131,10 +156,13 @@ def require_consistent(link: Array, name: str) -> None:
     """InputError unless some mass distribution has these standard parameters (10,)."""
     pseudo = inertia.pseudo_inertia(link)
     smallest = float(np.linalg.eigvalsh(pseudo)[0])
-    if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(float(np.trace(pseudo)), 0.0):
+    if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(
+        float(np.trace(pseudo)), 0.0
+    ):
         raise InputError(
-            "the inertial is not physically consistent (smallest eigenvalue of its "
-            f"pseudo-inertia {smallest:.3g}), and simulators reject such a body or diverge",
+            "the inertial is not physically consistent (smallest eigenvalue of its"
+            f" pseudo-inertia {smallest:.3g}), and simulators reject such a body or"
+            " diverge",
             "identify with a method that imposes consistency (lmi-sdp, penalty)",
             name,
         )
@@ -159,7 +187,9 @@ class Inertial:
     def urdf_attributes(self) -> dict[str, str]:
         """ixx ... izz as text of full precision."""
         pairs = combinations_with_replacement(range(3), 2)
-        return {f"i{'xyz'[i]}{'xyz'[j]}": number(self.about_com[i, j]) for i, j in pairs}
+        return {
+            f"i{'xyz'[i]}{'xyz'[j]}": number(self.about_com[i, j]) for i, j in pairs
+        }
 
 
 def number(value: float) -> str:
@@ -168,12 +198,15 @@ def number(value: float) -> str:
 
 
 def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
-    """A child with text and attributes; numbers and arrays of them are written by :func:`number`."""
+    """A child with text and attributes; numbers and arrays of them are written by
+    :func:`number`."""
 
     def written(x: Any) -> str:
         return x if isinstance(x, str) else " ".join(map(number, np.atleast_1d(x)))
 
-    made = etree.SubElement(parent, tag, {name: written(x) for name, x in attributes.items()})
+    made = etree.SubElement(
+        parent, tag, {name: written(x) for name, x in attributes.items()}
+    )
     made.text = None if text is None else written(text)
     return made
 
@@ -181,13 +214,16 @@ def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
 def xml_text(root: Any, declaration: bool = True) -> bytes:
     """The indented document."""
     etree.indent(root)
-    return bytes(etree.tostring(root, xml_declaration=declaration, encoding="utf-8")) + b"\n"
+    return (
+        bytes(etree.tostring(root, xml_declaration=declaration, encoding="utf-8"))
+        + b"\n"
+    )
 
 
 @dataclass(frozen=True)
 class Part:
-    """A joint of the tree by its index, its link and inertial; place : among the joints that move by
-    themselves, None for one that follows."""
+    """A joint of the tree by its index, its link and inertial; place : among the joints
+    that move by themselves, None for one that follows."""
 
     index: int
     joint: Joint
@@ -198,21 +234,26 @@ class Part:
 
 
 def parts(robot: Robot, links: Array) -> Iterator[Part]:
-    """Every joint in the tree's order, from its links (links, 10) about the joints' frames."""
+    """Every joint in the tree's order, from its links (links, 10) about the joints'
+    frames."""
     link_of = dict(zip(robot.link_joints, links, strict=True))
     places = {name: k for k, name in enumerate(robot.joint_names)}
     for i, joint in enumerate(robot.tree):
         parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
-        body = Inertial.of(link_of.get(i, np.zeros(10)))  # nothing where it is declared massless
+        body = Inertial.of(
+            link_of.get(i, np.zeros(10))
+        )  # nothing where it is declared massless
         yield Part(i, joint, f"link{i + 1}", parent, body, places.get(joint.name))
 
 
 def payload(estimate: Estimate) -> Inertial:
-    """The model's payload in the last link's frame. Raises InputError where it has none."""
+    """The model's payload in the last link's frame. Raises InputError where it has
+    none."""
     own = [p.effect == "payload" for p in estimate.model.parameters]
     if not any(own):
         raise InputError(
-            "the model has no payload", "add one: `sdp-vs-penalty add model.json payload --frozen`"
+            "the model has no payload",
+            "add one: `sdp-vs-penalty add model.json payload --frozen`",
         )
     load = estimate.theta[np.array(own)]
     require_consistent(load, "payload")

@@ -4,6 +4,10 @@ from functools import partial
 
 from sdp_vs_penalty.exporters import urdf
 
-ENDING, FILE, ABOUT = ".drake.urdf", "robot.drake.urdf", "for Drake, with rotor inertias"
+ENDING, FILE, ABOUT = (
+    ".drake.urdf",
+    "robot.drake.urdf",
+    "for Drake, with rotor inertias",
+)
 EDITS = True
 write = partial(urdf.write, drake=True)

@@ -23,7 +23,9 @@ def format_of(out: str | Path) -> ModuleType:
     """The module that writes files of this name. Raises InputError where there is none."""
     found = [ending for ending in formats() if Path(out).name.lower().endswith(ending)]
     if not found:
-        known = ", ".join(f"{ending} ({home.ABOUT})" for ending, home in formats().items())
+        known = ", ".join(
+            f"{ending} ({home.ABOUT})" for ending, home in formats().items()
+        )
         raise InputError("unknown suffix", f"choose one of {known}", out)
     return formats()[max(found, key=len)]
 
@@ -36,7 +38,8 @@ def export(
     force: bool = False,
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[str, ...]:
-    """Write a model in the format that the file's name chooses; `sdp-vs-penalty list exports` names all.
+    """Write a model in the format that the file's name chooses; `sdp-vs-penalty list
+    exports` names all.
 
     estimate : the model, or its model.json; out : the file to write.
     urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
@@ -52,21 +55,29 @@ def export(
     out = Path(out)
     home = format_of(out)
     if urdf is not None and not getattr(home, "EDITS", False):
-        raise InputError("an edited URDF must end in .urdf", "rename it, or leave the URDF out", out)
-    written: tuple[bytes, tuple[str, ...]] = home.write(estimate, Options(urdf, force, flange))
+        raise InputError(
+            "an edited URDF must end in .urdf", "rename it, or leave the URDF out", out
+        )
+    written: tuple[bytes, tuple[str, ...]] = home.write(
+        estimate, Options(urdf, force, flange)
+    )
     made, left_out = written
     # Of the user's own file every other byte is kept.
-    write_bytes(out, _with_verdict(made, out.suffix.lower(), estimate) if urdf is None else made)
+    write_bytes(
+        out, _with_verdict(made, out.suffix.lower(), estimate) if urdf is None else made
+    )
     return left_out
 
 
 def _with_verdict(made: bytes, suffix: str, estimate: Estimate) -> bytes:
-    """A file with the verdict as a comment at its head, where its format has comments (.json holds it as
-    a field; tables of numbers stay as they are)."""
+    """A file with the verdict as a comment at its head, where its format has comments
+    (.json holds it as a field; tables of numbers stay as they are)."""
     said = verdict_line(estimate)
     if suffix in (".urdf", ".xml", ".sdf"):
         comment = f"<!-- {said.replace('--', '- -')} -->\n".encode()
         declared = made.find(b"?>\n") + 3 if made.startswith(b"<?xml") else 0
         return made[:declared] + comment + made[declared:]
-    head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(suffix, "")
+    head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(
+        suffix, ""
+    )
     return head.encode() + made

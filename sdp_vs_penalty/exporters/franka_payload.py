@@ -7,15 +7,15 @@ import numpy as np
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, payload
 
-#: What Franka's archive of an end effector calls its file; its fields are those of the maker's manual
-#: ("End effector commissioning").
+#: What Franka's archive of an end effector calls its file; its fields are those of the
+#: maker's manual ("End effector commissioning").
 ENDING = FILE = "endeffector-config.json"
 ABOUT = "payload for Franka"
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """JSON with mass [kg], centerOfMass in the flange's frame [m], and inertia (9, by columns) about it
-    [kg m^2]; the tool's transformation is the flange itself."""
+    """JSON with mass [kg], centerOfMass in the flange's frame [m], and inertia (9, by
+    columns) about it [kg m^2]; the tool's transformation is the flange itself."""
     load = payload(estimate)
     made = {
         "id": "identified-payload",

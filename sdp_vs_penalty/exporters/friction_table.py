@@ -16,8 +16,9 @@ ENDING, FILE, ABOUT = ".csv", "friction.csv", "friction by velocity"
 
 @dataclass(frozen=True)
 class FrictionCurve:
-    """velocity (k,) [rad/s, m/s] of a joint (from 0), torque (k,) [N m, N] of all effects that follow it
-    alone, and its standard deviation (k,) by the parameters' intervals."""
+    """velocity (k,) [rad/s, m/s] of a joint (from 0), torque (k,) [N m, N] of all
+    effects that follow it alone, and its standard deviation (k,) by the parameters'
+    intervals."""
 
     joint: int
     velocity: Array
@@ -26,7 +27,8 @@ class FrictionCurve:
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """CSV with joint, velocity, torque, std: what all effects that follow the velocity alone make.
+    """CSV with joint, velocity, torque, std: what all effects that follow the velocity
+    alone make.
 
     torque [N m, N] is to be added to what the links need at this velocity [rad/s, m/s].
     Returns the text and the written form of the effects that such a table cannot hold.
@@ -34,7 +36,9 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     """
     curves = friction_curves(estimate)
     if not curves:
-        raise InputError("the model has no friction that follows the velocity alone", "add one")
+        raise InputError(
+            "the model has no friction that follows the velocity alone", "add one"
+        )
     lines = ["joint,velocity,torque,std"]
     for c in curves:
         for row in zip(c.velocity, c.torque, c.std, strict=True):
@@ -45,8 +49,8 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
 
 
 def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
-    """One a joint, over 61 velocities that lie closest where dry friction turns round; none without an
-    effect that follows the velocity alone."""
+    """One a joint, over 61 velocities that lie closest where dry friction turns round;
+    none without an effect that follows the velocity alone."""
     model, robot = estimate.model, estimate.robot
     held = [(e, indices) for e, indices in model.parts if follows_alone(e, "dq")]
     factor, curves = estimate.uncertainty.factor, []
@@ -56,9 +60,19 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
         still = np.zeros((len(speed), robot.n))
         dq = still.copy()
         dq[:, j] = speed
-        motion = Motion(np.zeros(len(speed)), still, dq, still, sign_width=model.sign_width)
-        found = [(i[b.parameters], b) for e, i in held for b in e.blocks(motion) if b.joint == j]
+        motion = Motion(
+            np.zeros(len(speed)), still, dq, still, sign_width=model.sign_width
+        )
+        found = [
+            (i[b.parameters], b)
+            for e, i in held
+            for b in e.blocks(motion)
+            if b.joint == j
+        ]
         torque = sum((b.columns @ estimate.theta[at] for at, b in found), still[:, 0])
-        spread = sum((b.columns @ factor[at] for at, b in found), np.zeros((len(speed), len(factor.T))))
+        spread = sum(
+            (b.columns @ factor[at] for at, b in found),
+            np.zeros((len(speed), len(factor.T))),
+        )
         curves.append(FrictionCurve(j, speed, torque, np.linalg.norm(spread, axis=1)))
     return curves

@@ -1,4 +1,5 @@
-"""Which inertials of a URDF are physically possible, by how much, and the nearest ones that are."""
+"""Which inertials of a URDF are physically possible, by how much, and the nearest ones
+that are."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -46,11 +47,18 @@ class LinkCheck:
         given, verdict, nearest = Inertial.of(theta), "consistent", None
         moments = np.linalg.eigvalsh(given.about_com)
         triangle = float(moments[0] + moments[1] - moments[2])
-        # What rounding leaves of a moment is relative to the moments about the link's origin.
-        size = abs(float(moments.sum())) + 2.0 * given.mass * float(np.sum(given.com**2))
+        # What rounding leaves of a moment is relative to the moments about the link's
+        # origin.
+        size = abs(float(moments.sum())) + 2.0 * given.mass * float(
+            np.sum(given.com**2)
+        )
         least = -ROUNDING * size
         if theta.any() and given.mass <= 0.0:
-            verdict = "negative mass" if given.mass < 0.0 else "moment of inertia without mass"
+            verdict = (
+                "negative mass"
+                if given.mass < 0.0
+                else "moment of inertia without mass"
+            )
             triangle = np.nan
         elif min(moments[0], triangle) < least:
             nearest = replace(given, about_com=nearest_inertia(given.about_com))
@@ -72,14 +80,20 @@ class LinkCheck:
 
     @property
     def unlikely(self) -> bool:
-        """A body that can exist, but not in this arm: its mass lies farther out than it reaches."""
+        """A body that can exist, but not in this arm: its mass lies farther out than it
+        reaches."""
         return self.gyration > self.reach
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
         names = ("link", "pseudo_inertia_margin", "consistent", "verdict")
-        out = {name: getattr(self, name) for name in names} | {"radius_of_gyration": self.gyration}
-        out |= {"mass": self.given.mass, "triangle_margin": formatting.finite(self.triangle_margin)}
+        out = {name: getattr(self, name) for name in names} | {
+            "radius_of_gyration": self.gyration
+        }
+        out |= {
+            "mass": self.given.mass,
+            "triangle_margin": formatting.finite(self.triangle_margin),
+        }
         out["plausible"] = self.consistent and not self.unlikely
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
@@ -92,12 +106,20 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 
     Raises InputError for a file that is not a URDF of a tree of joints.
     """
-    robot, given = load_urdf(path)  # says in a sentence whatever else is wrong with the file
+    robot, given = load_urdf(
+        path
+    )  # says in a sentence whatever else is wrong with the file
     open_box = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
     bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
     moving = zip(placed_links(path), bodies, strict=True)
-    reach = {link.get("name"): body.reach for parts, body in moving for link, _ in parts}
-    links = [x for x in Document.read(path).root.findall("link") if x.find("inertial") is not None]
+    reach = {
+        link.get("name"): body.reach for parts, body in moving for link, _ in parts
+    }
+    links = [
+        x
+        for x in Document.read(path).root.findall("link")
+        if x.find("inertial") is not None
+    ]
     names = [str(link.get("name")) for link in links]
     with named(path):
         own = zip(names, map(read_inertial, links), strict=True)
@@ -105,8 +127,11 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
-    """A row a link: its name, verdict, mass [kg] and margins, negative where they are violated."""
-    margins = [(c.given.mass, c.triangle_margin, c.pseudo_inertia_margin) for c in checks]
+    """A row a link: its name, verdict, mass [kg] and margins, negative where they are
+    violated."""
+    margins = [
+        (c.given.mass, c.triangle_margin, c.pseudo_inertia_margin) for c in checks
+    ]
     both = zip(checks, margins, strict=True)
     return [(c.link, c.verdict, *(f"{x:.3g}" for x in values)) for c, values in both]
 
@@ -116,26 +141,32 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
     if not checks:
         return ["The file has no inertials."]
     broken = [c.link for c in checks if not c.consistent]
-    how = f"{', '.join(broken)} physically impossible." if broken else "all are consistent."
+    how = (
+        f"{', '.join(broken)} physically impossible."
+        if broken
+        else "all are consistent."
+    )
     said = [f"{formatting.count(len(checks), 'inertial')} checked: {how}"]
     said += [
-        f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m for "
-        f"{c.given.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques of a link that "
-        "hardly moves do not determine its mass and inertia separately; the default method of "
-        "`identify` keeps every link in its body."
+        f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m"
+        f" for {c.given.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques"
+        " of a link that hardly moves do not determine its mass and inertia"
+        " separately; the default method of `identify` keeps every link in its body."
         for c in checks
         if c.unlikely
     ]
     if massless:
         said.append(
-            f"Moving links without an inertial: {', '.join(massless)}. Simulators refuse or drop such "
-            "links. `identify` does not need inertials, and `export --urdf` adds them."
+            f"Moving links without an inertial: {', '.join(massless)}. Simulators"
+            " refuse or drop such links. `identify` does not need inertials, and"
+            " `export --urdf` adds them."
         )
     return said
 
 
 def massless_links(path: str | Path) -> list[str]:
-    """Names of the links that a joint moves and that have no inertial, nor anything fixed to them has.
+    """Names of the links that a joint moves and that have no inertial, nor anything
+    fixed to them has.
 
     Raises InputError as :func:`check_urdf` does.
     """
@@ -146,9 +177,10 @@ def massless_links(path: str | Path) -> list[str]:
 def nearest_inertia(about_com: Array) -> Array:
     """The consistent inertia (3, 3) nearest to a symmetric one, in the Frobenius norm.
 
-    The consistent ones, I = tr(S) 1 - S with S >= 0 the second moment of the mass, are invariant to
-    rotation: the projection keeps the principal axes and acts on the principal moments, D = (s2 + s3,
-    s1 + s3, s1 + s2) with s >= 0 (Lewis, SIAM J. Optimization 1996, for spectral sets in general).
+    The consistent ones, I = tr(S) 1 - S with S >= 0 the second moment of the mass, are
+    invariant to rotation: the projection keeps the principal axes and acts on the
+    principal moments, D = (s2 + s3, s1 + s3, s1 + s2) with s >= 0 (Lewis, SIAM J.
+    Optimization 1996, for spectral sets in general).
     """
     from scipy.optimize import nnls
 
@@ -168,8 +200,17 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
     links = {link.get("name"): link for link in document.root.findall("link")}
     for check in checks:
         if check.nearest is not None:
-            document.put(links[check.link], "inertial", {}, inertial_tags(check.nearest))
+            document.put(
+                links[check.link], "inertial", {}, inertial_tags(check.nearest)
+            )
         elif not check.consistent:
-            what = f"link {check.link!r} has a mass of {check.given.mass:g} kg ({check.verdict})"
-            raise InputError(what, "correct it in the file, because no inertia is nearest to it", path)
+            what = (
+                f"link {check.link!r} has a mass of {check.given.mass:g} kg"
+                f" ({check.verdict})"
+            )
+            raise InputError(
+                what,
+                "correct it in the file, because no inertia is nearest to it",
+                path,
+            )
     write_bytes(out, document.edited())

@@ -12,7 +12,11 @@ from sdp_vs_penalty.exporters.content import Content, Options, element, parts, x
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
-ENDING, FILE, ABOUT = ".xml", "robot.xml", "MuJoCo's MJCF: links, armature, damping, dry friction, gears"
+ENDING, FILE, ABOUT = (
+    ".xml",
+    "robot.xml",
+    "MuJoCo's MJCF: links, armature, damping, dry friction, gears",
+)
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
@@ -22,9 +26,11 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
 
 
 def make_mjcf(robot: Robot, content: Content) -> bytes:
-    """MJCF with one body a link; gravity, ranges and motors included; capsules only to be seen.
+    """MJCF with one body a link; gravity, ranges and motors included; capsules only to
+    be seen.
 
-    Raises InputError for a link that MuJoCo cannot load: one without mass or without thickness.
+    Raises InputError for a link that MuJoCo cannot load: one without mass or without
+    thickness.
     """
     root = etree.Element("mujoco", model=robot.name)
     # Nothing is to be guessed or mended: the numbers are those that were identified.
@@ -36,17 +42,26 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     for i, part in enumerate(parts(robot, content.links)):
         joint, place = part.joint, part.joint.placement
         quat = Rotation.from_matrix(place[:3, :3]).as_quat(scalar_first=True)
-        body = element(bodies[joint.parent + 1], "body", name=part.name, pos=place[:3, 3], quat=quat)
+        body = element(
+            bodies[joint.parent + 1],
+            "body",
+            name=part.name,
+            pos=place[:3, 3],
+            quat=quat,
+        )
         bodies.append(body)
         solid = part.inertial
         needed = {"mass": solid.mass}
-        needed["moment of inertia about some axis"] = np.linalg.eigvalsh(solid.about_com)[0]
+        needed["moment of inertia about some axis"] = np.linalg.eigvalsh(
+            solid.about_com
+        )[0]
         # MuJoCo wants its mjMINVAL, 1e-15; less than this is rounding.
         if missing := [name for name, size in needed.items() if size <= 1e-12]:
             raise InputError(
-                f"link {i + 1} (on joint {joint.name!r}): it has no {missing[0]}, which MuJoCo refuses",
-                "identify with the method lmi-sdp-thickness, whose links have a minimum thickness, or "
-                "write .json where a link is declared massless",
+                f"link {i + 1} (on joint {joint.name!r}): it has no {missing[0]}, which"
+                " MuJoCo refuses",
+                "identify with the method lmi-sdp-thickness, whose links have a minimum"
+                " thickness, or write .json where a link is declared massless",
             )
         full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
@@ -62,13 +77,24 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             leader, multiplier, offset = robot.leader(i)
             course = (offset, multiplier, 0.0, 0.0, 0.0)
             element(body, "joint", **own)
-            element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=course)
-        for child in robot.tree:  # a thin capsule to every joint that the link carries: only to be seen
+            element(
+                equality, "joint", joint1=joint.name, joint2=leader, polycoef=course
+            )
+        for child in (
+            robot.tree
+        ):  # a thin capsule to every joint that the link carries: only to be seen
             end = child.placement[:3, 3]
             if child.parent == i and (length := float(np.linalg.norm(end))) > 0.0:
                 seen = {"contype": "0", "conaffinity": "0", "rgba": "0.6 0.65 0.7 0.5"}
                 ends = np.concatenate([np.zeros(3), end])
-                element(body, "geom", type="capsule", fromto=ends, size=0.08 * length, **seen)
+                element(
+                    body,
+                    "geom",
+                    type="capsule",
+                    fromto=ends,
+                    size=0.08 * length,
+                    **seen,
+                )
     if len(equality):
         root.append(equality)
     root.append(actuators)

@@ -6,11 +6,16 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, verdict_line
 from sdp_vs_penalty.robot import inertia
 
-ENDING, FILE, ABOUT = ".json", "effects.json", "every effect as plain JSON, with its equation"
+ENDING, FILE, ABOUT = (
+    ".json",
+    "effects.json",
+    "every effect as plain JSON, with its equation",
+)
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """Links in readable form, every effect with equation, reference, shape constants and values."""
+    """Links in readable form, every effect with equation, reference, shape constants
+    and values."""
     model, robot = estimate.model, estimate.robot
     links = []
     if len(model.rigid_indices):
@@ -18,13 +23,20 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
             names = "ixx", "ixy", "iyy", "ixz", "iyz", "izz"
             moments = dict(zip(names, row[4:].tolist(), strict=True))
-            own = {"link": k + 1, "joint": robot.tree[carrier].name, "mass_kg": float(row[0])}
+            own = {
+                "link": k + 1,
+                "joint": robot.tree[carrier].name,
+                "mass_kg": float(row[0]),
+            }
             own["centre_of_mass_m"] = row[1:4].tolist() if row[0] else None
             own["inertia_about_centre_of_mass_kg_m2"] = moments if row[0] else None
             links.append(own)
     effects = []
     for effect, indices in model.parts:
-        about = {name: getattr(effect, name) for name in ("equation", "explanation", "reference")}
+        about = {
+            name: getattr(effect, name)
+            for name in ("equation", "explanation", "reference")
+        }
         about["parameters"] = [
             {"name": p.name, "joint": p.joint, "value": float(value), "unit": p.unit}
             for p, value in zip(effect.parameters, estimate.theta[indices], strict=True)

@@ -1,4 +1,5 @@
-"""A model in SDFormat, for Gazebo and Drake: links on their joints, damping and dry friction."""
+"""A model in SDFormat, for Gazebo and Drake: links on their joints, damping and dry
+friction."""
 
 from typing import Any
 
@@ -6,25 +7,42 @@ import numpy as np
 from lxml import etree
 
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.content import Content, Options, element, number, parts, xml_text
+from sdp_vs_penalty.exporters.content import (
+    Content,
+    Options,
+    element,
+    number,
+    parts,
+    xml_text,
+)
 from sdp_vs_penalty.exporters.urdf import rpy_of
 
 ENDING, FILE, ABOUT = ".sdf", "robot.sdf", "SDFormat, for Gazebo"
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """SDF 1.9 of a model's kinematics, inertials, damping and friction; the base stands in the world."""
-    content, root = Content.plausible(estimate, options), etree.Element("sdf", version="1.9")
+    """SDF 1.9 of a model's kinematics, inertials, damping and friction; the base stands
+    in the world."""
+    content, root = (
+        Content.plausible(estimate, options),
+        etree.Element("sdf", version="1.9"),
+    )
     model = element(root, "model", name=estimate.robot.name)
     element(model, "link", name="base_link")
-    _texts(element(model, "joint", name="base", type="fixed"), parent="world", child="base_link")
+    _texts(
+        element(model, "joint", name="base", type="fixed"),
+        parent="world",
+        child="base_link",
+    )
     for part in parts(estimate.robot, content.links):
         joint, body = part.joint, part.inertial
         link = element(model, "link", name=part.name)
         pose = np.concatenate([joint.placement[:3, 3], rpy_of(joint.placement[:3, :3])])
         element(link, "pose", pose, relative_to=part.parent)
         inertial = element(link, "inertial")
-        _texts(inertial, pose=f"{' '.join(map(number, body.com))} 0 0 0", mass=body.mass)
+        _texts(
+            inertial, pose=f"{' '.join(map(number, body.com))} 0 0 0", mass=body.mass
+        )
         _texts(element(inertial, "inertia"), **body.urdf_attributes)
         own = element(model, "joint", name=joint.name, type=joint.kind)
         _texts(own, parent=part.parent, child=part.name)

@@ -1,12 +1,14 @@
-"""An identification SDP as a file for any solver: sparse SDPA (.dat-s) or conic benchmark format (.cbf).
+"""An identification SDP as a file for any solver: sparse SDPA (.dat-s) or conic
+benchmark format (.cbf).
 
-Both formats hold a linear objective; SDPA's holds matrix inequalities only. The problem is rewritten
-exactly (:mod:`solvers.rewrite`), numbers have 17 digits, so that nothing is lost. Neither format has a
-place for a constant: FILE.json beside the file says how its optimum becomes identification's objective,
-and between which proved bounds that lies.
+Both formats hold a linear objective; SDPA's holds matrix inequalities only. The problem
+is rewritten exactly (:mod:`solvers.rewrite`), numbers have 17 digits, so that nothing
+is lost. Neither format has a place for a constant: FILE.json beside the file says how
+its optimum becomes identification's objective, and between which proved bounds that
+lies.
 
-Sources: the SDPA format as in Borchers, SDPLIB (Optim. Methods Softw. 1999); H. A. Friberg, CBF
-format reference, version 3.
+Sources: the SDPA format as in Borchers, SDPLIB (Optim. Methods Softw. 1999); H. A.
+Friberg, CBF format reference, version 3.
 """
 
 import hashlib
@@ -21,28 +23,39 @@ from sdp_vs_penalty.estimation.identify import certify, proved
 from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.estimators.lmi_sdp import ATTEMPTS, LmiSdp, essential, interior_point
+from sdp_vs_penalty.estimators.lmi_sdp import (
+    ATTEMPTS,
+    LmiSdp,
+    essential,
+    interior_point,
+)
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.solvers.conic import cbf_text, sdpa_text
 from sdp_vs_penalty.solvers.identification import SdpProblem, least_squares_sdp
 from sdp_vs_penalty.solvers.rewrite import linear_objective, suited
 
-#: Ending of the sparse SDPA format, and the method that goes into it unless another is named.
+#: Ending of the sparse SDPA format, and the method that goes into it unless another is
+#: named.
 _SDPA, SDPA_METHOD = ".dat-s", "lmi-sdp-thickness"
 
 
 def check_format(path: str | Path, exponential: bool) -> None:
-    """InputError for an ending that is no format's, or whose format lacks the exponential cone."""
+    """InputError for an ending that is no format's, or whose format lacks the
+    exponential cone."""
     name = Path(path).name
     if not name.endswith((_SDPA, ".cbf")):
         raise InputError(
-            "unknown suffix", "name the file .dat-s (sparse SDPA) or .cbf (conic benchmark format)", path
+            "unknown suffix",
+            "name the file .dat-s (sparse SDPA) or .cbf (conic benchmark format)",
+            path,
         )
     if exponential and name.endswith(_SDPA):
         raise InputError(
-            "the SDPA format has no exponential cone, which the entropic regulariser needs",
-            f"write a .cbf file instead, or name a method without one, such as {SDPA_METHOD}",
+            "the SDPA format has no exponential cone, which the entropic regulariser"
+            " needs",
+            "write a .cbf file instead, or name a method without one, such as"
+            f" {SDPA_METHOD}",
             path,
         )
 
@@ -54,15 +67,21 @@ def export_sdp(
     status: str = "optimum proved",
     **more: Any,
 ) -> dict[str, Any]:
-    """Write the problem, and beside it FILE.json with what its optimum means; returns what that holds.
+    """Write the problem, and beside it FILE.json with what its optimum means; returns
+    what that holds.
 
-    interval : (lower, upper) bounds of the loss as decimal text, rounded outward; None where none is
-    proved. status : what is proved; more : further entries of the JSON. Raises InputError for another
-    ending than .dat-s and .cbf, or where the format lacks one of the problem's cones.
+    interval : (lower, upper) bounds of the loss as decimal text, rounded outward; None
+    where none is proved. status : what is proved; more : further entries of the JSON.
+    Raises InputError for another ending than .dat-s and .cbf, or where the format lacks
+    one of the problem's cones.
     """
     check_format(path, any(c.kind == "exp" for c in sdp.conic.cones))
     sdpa = Path(path).name.endswith(_SDPA)
-    made = suited(sdp.conic, {"nonnegative", "psd"}) if sdpa else linear_objective(sdp.conic)
+    made = (
+        suited(sdp.conic, {"nonnegative", "psd"})
+        if sdpa
+        else linear_objective(sdp.conic)
+    )
     text = sdpa_text(made.problem) if sdpa else cbf_text(made.problem)
     write_text(path, text)
     about = {
@@ -74,9 +93,11 @@ def export_sdp(
         "scale": sdp.loss_scale**2,
         "lower": float(interval[0]) if interval else None,
         "upper": float(interval[1]) if interval else None,
-        "meaning": "objective = offset + scale * (optimum of the file); lower <= objective <= upper is "
-        "proved in exact arithmetic for the identification problem, whose numbers the file holds "
-        "rounded to doubles",
+        "meaning": (
+            "objective = offset + scale * (optimum of the file); lower <= objective <="
+            " upper is proved in exact arithmetic for the identification problem, whose"
+            " numbers the file holds rounded to doubles"
+        ),
         "variables": len(made.problem.q),
         "rows": len(made.problem.b),
         "nonzeros": int(made.problem.A.nnz),
@@ -95,13 +116,16 @@ def write_posed(
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Write the SDP that ``identify`` solves, centred at its answer, and beside it
-    OUT.json with what it means and the proved interval of the loss; returns what that holds.
+    OUT.json with what it means and the proved interval of the loss; returns what that
+    holds.
 
     method : None: the default, or for .dat-s, whose format lacks exponential cones, the one of
     :data:`SDPA_METHOD`. Raises InputError where the method solves no one-step SDP, the input cannot be
     used, or as :func:`check_format` does.
     """
-    method = method or (SDPA_METHOD if Path(out).name.endswith(".dat-s") else DEFAULT_METHOD)
+    method = method or (
+        SDPA_METHOD if Path(out).name.endswith(".dat-s") else DEFAULT_METHOD
+    )
     estimator = make_estimator(method)
     if not isinstance(estimator, LmiSdp):
         raise InputError(
@@ -115,11 +139,17 @@ def write_posed(
     progress("proving the optimum")
     fit = estimator.fit(task)
     proof, centre = proved(task, fit, certify(task, fit)[0], method), fit.theta
-    # Cones scaled as where our loop goes on from an answer: seen from the interior point csdp is 2e-6
-    # off on the TX40, 0 from here (0.03 to 0.3 of the way alike, on three arms).
+    # Cones scaled as where our loop goes on from an answer: seen from the interior
+    # point csdp is 2e-6 off on the TX40, 0 from here (0.03 to 0.3 of the way alike, on
+    # three arms).
     inside = centre + ATTEMPTS[1][0] * (interior_point(task, constraints) - centre)
-    sent, least = essential(constraints, objective), objective.least_squares.loss_scale(centre)
-    sdp = least_squares_sdp(objective, sent, inside, task.bound, centre, least_loss=least)
+    sent, least = (
+        essential(constraints, objective),
+        objective.least_squares.loss_scale(centre),
+    )
+    sdp = least_squares_sdp(
+        objective, sent, inside, task.bound, centre, least_loss=least
+    )
     return export_sdp(
         sdp,
         out,

@@ -7,12 +7,16 @@ ENDING, FILE, ABOUT = ".script", "payload.script", "payload for UR"
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """URScript: set_target_payload(m, cog, inertia): mass [kg], centre of gravity in the flange's frame
-    [m], inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it [kg m^2]; set_payload for older controllers."""
+    """URScript: set_target_payload(m, cog, inertia): mass [kg], centre of gravity in
+    the flange's frame [m], inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it [kg m^2];
+    set_payload for older controllers."""
     load = payload(estimate)
     cog = ", ".join(number(x) for x in load.com - options.flange)
     tensor = load.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     moments = ", ".join(number(x) for x in tensor)
     head = f"{number(load.mass)}, [{cog}]"
-    text = f"set_target_payload({head}, [{moments}])\n# before PolyScript 5.10: set_payload({head})\n"
+    text = (
+        f"set_target_payload({head}, [{moments}])\n# before PolyScript 5.10:"
+        f" set_payload({head})\n"
+    )
     return text.encode(), ()

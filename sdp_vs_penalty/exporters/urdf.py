@@ -1,7 +1,9 @@
-"""A URDF made from a model, or the user's own URDF with its inertials and friction replaced.
+"""A URDF made from a model, or the user's own URDF with its inertials and friction
+replaced.
 
-lxml parses and answers questions; where each element's tags lie in the bytes is scanned; new elements
-are spliced into these bytes, of which every other one stays: quotes, spaces in tags, line ends.
+lxml parses and answers questions; where each element's tags lie in the bytes is
+scanned; new elements are spliced into these bytes, of which every other one stays:
+quotes, spaces in tags, line ends.
 """
 
 import re
@@ -34,9 +36,11 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.robot.urdf import load_urdf, placed_links
 
-#: What may hold a < or > that is none of a tag's; then a whole tag, in which quotes may hold a >.
+#: What may hold a < or > that is none of a tag's; then a whole tag, in which quotes may
+#: hold a >.
 _MARKUP = re.compile(
-    rb"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|(?P<tag><(?:[^"'>]|"[^"]*"|'[^']*')*>)""", re.DOTALL
+    rb"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|(?P<tag><(?:[^"'>]|"[^"]*"|'[^']*')*>)""",
+    re.DOTALL,
 )
 Attributes = Mapping[str, str]
 Children = Mapping[str, Attributes]
@@ -48,29 +52,41 @@ class Document:
 
     source: bytes
     root: Any
-    #: element -> (start of the start tag, its end, start of the end tag or None for <a/>).
+    #: element -> (start of the start tag, its end, start of the end tag or None for
+    #: <a/>).
     spans: dict[Any, tuple[int, int, int | None]]
     _changes: list[tuple[int, int, bytes]] = field(default_factory=list)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """A file that :func:`load_urdf` has read; InputError where it has a document type, or is not
-        ASCII-like."""
+        """A file that :func:`load_urdf` has read; InputError where it has a document
+        type, or is not ASCII-like."""
         source = read_bytes(Path(path))
         if b"<!DOCTYPE" in source:
-            raise InputError("files with a <!DOCTYPE> are not edited", "remove it", path)
-        root = etree.fromstring(source, etree.XMLParser(resolve_entities=False, no_network=True))
+            raise InputError(
+                "files with a <!DOCTYPE> are not edited", "remove it", path
+            )
+        root = etree.fromstring(
+            source, etree.XMLParser(resolve_entities=False, no_network=True)
+        )
         encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
         if encoding not in ("UTF-8", "ASCII", "US-ASCII", "ISO-8859-1", "LATIN-1"):
-            raise InputError(f"the encoding {encoding} is not edited", "save the file as UTF-8", path)
+            raise InputError(
+                f"the encoding {encoding} is not edited", "save the file as UTF-8", path
+            )
         elements = [e for e in root.iter() if isinstance(e.tag, str)]
         return cls(source, root, dict(zip(elements, _spans(source), strict=True)))
 
     def put(
-        self, parent: Any, tag: str, attributes: Attributes, children: Children = MappingProxyType({})
+        self,
+        parent: Any,
+        tag: str,
+        attributes: Attributes,
+        children: Children = MappingProxyType({}),
     ) -> None:
-        """Put a child with these attributes, and children with theirs, in the place of the parent's own,
-        whose other attributes it keeps, or at the parent's end; each element on a line of its own."""
+        """Put a child with these attributes, and children with theirs, in the place of
+        the parent's own, whose other attributes it keeps, or at the parent's end; each
+        element on a line of its own."""
         found = parent.find(tag)
         made = etree.Element(tag, {} if found is None else dict(found.attrib))
         made.attrib.update(attributes)
@@ -89,10 +105,14 @@ class Document:
         line = newline + b"  " + text
         if closing is None:
             name = parent.tag.encode()
-            self._changes.append((end - 2, end, b">" + line + newline + b"</" + name + b">"))
+            self._changes.append(
+                (end - 2, end, b">" + line + newline + b"</" + name + b">")
+            )
             return
         place = max(len(self.source[:closing].rstrip(b" \t\r\n")), end)
-        self._changes.append((place, place, line + (b"" if place < closing else newline)))
+        self._changes.append(
+            (place, place, line + (b"" if place < closing else newline))
+        )
 
     def edited(self) -> bytes:
         """The file with all changes."""
@@ -129,27 +149,40 @@ ENDING, FILE, ABOUT = ".urdf", "robot.urdf", "for ROS and simulators"
 EDITS = True
 
 
-def write(estimate: Estimate, options: Options, drake: bool = False) -> tuple[bytes, tuple[str, ...]]:
-    """A URDF made from the model, or the user's own with the model's numbers, edited plainly."""
+def write(
+    estimate: Estimate, options: Options, drake: bool = False
+) -> tuple[bytes, tuple[str, ...]]:
+    """A URDF made from the model, or the user's own with the model's numbers, edited
+    plainly."""
     content = Content.plausible(estimate, options)
     robot, own = estimate.robot, options.urdf
-    made = make_urdf(robot, content, drake) if own is None else edit_urdf(own, robot, content)
+    made = (
+        make_urdf(robot, content, drake)
+        if own is None
+        else edit_urdf(own, robot, content)
+    )
     return made, content.left_out(armature=drake and own is None)
 
 
 def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
-    """A URDF of a model's kinematics, inertials, damping and friction; link frames on the joints.
+    """A URDF of a model's kinematics, inertials, damping and friction; link frames on
+    the joints.
 
-    drake : with a transmission a joint that carries the rotor's inertia in Drake's own tags.
+    drake : with a transmission a joint that carries the rotor's inertia in Drake's own
+    tags.
     """
-    root = etree.Element("robot", name=robot.name, nsmap={"drake": _DRAKE} if drake else None)
+    root = etree.Element(
+        "robot", name=robot.name, nsmap={"drake": _DRAKE} if drake else None
+    )
     element(root, "link", name="base_link")
     for part in parts(robot, content.links):
         own = element(element(root, "link", name=part.name), "inertial")
         for tag, attributes in inertial_tags(part.inertial).items():
             element(own, tag, **attributes)
         _joint(root, robot, part, content)
-    for name, armature in zip(robot.joint_names, content.armature, strict=True) if drake else ():
+    for name, armature in (
+        zip(robot.joint_names, content.armature, strict=True) if drake else ()
+    ):
         transmission = element(root, "transmission", name=f"{name}_transmission")
         element(transmission, "type", "transmission_interface/SimpleTransmission")
         element(transmission, "joint", name=name)
@@ -174,7 +207,9 @@ def _joint(root: Any, robot: Robot, part: Part, content: Content) -> None:
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
     own = element(root, "joint", name=joint.name, type=kind)
-    element(own, "origin", xyz=joint.placement[:3, 3], rpy=rpy_of(joint.placement[:3, :3]))
+    element(
+        own, "origin", xyz=joint.placement[:3, 3], rpy=rpy_of(joint.placement[:3, :3])
+    )
     element(own, "parent", link=part.parent)
     element(own, "child", link=part.name)
     element(own, "axis", xyz=joint.axis)
@@ -182,19 +217,26 @@ def _joint(root: Any, robot: Robot, part: Part, content: Content) -> None:
     if kind != "continuous":
         limits = {"lower": joint.lower, "upper": joint.upper, **limits}
     # URDF demands a number where a limit is unknown; these do not limit.
-    element(own, "limit", **{k: v if np.isfinite(v) else np.copysign(1e6, v) for k, v in limits.items()})
+    element(
+        own,
+        "limit",
+        **{k: v if np.isfinite(v) else np.copysign(1e6, v) for k, v in limits.items()},
+    )
     if (k := part.place) is not None:
-        element(own, "dynamics", damping=content.damping[k], friction=content.friction[k])
+        element(
+            own, "dynamics", damping=content.damping[k], friction=content.friction[k]
+        )
     else:
         leader, multiplier, offset = robot.leader(part.index)
         element(own, "mimic", joint=leader, multiplier=multiplier, offset=offset)
 
 
 def rpy_of(rotation: Array) -> Array:
-    """Angles of R = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding also where the pitch is 90 degrees.
+    """Angles of R = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding also where the pitch
+    is 90 degrees.
 
-    There roll and yaw turn about one axis; the roll is read after the other two are undone, so that
-    it makes up for whatever rounding did to the yaw.
+    There roll and yaw turn about one axis; the roll is read after the other two are
+    undone, so that it makes up for whatever rounding did to the yaw.
     """
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
@@ -204,17 +246,21 @@ def rpy_of(rotation: Array) -> Array:
 
 
 def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
-    """The user's URDF with this model's inertials, damping and friction, else byte for byte the same.
+    """The user's URDF with this model's inertials, damping and friction, else byte for
+    byte the same.
 
-    Links fixed to a moving one carry a mass of zero afterwards: theirs is part of the moving link's.
-    Raises InputError where the file's joints are not those of the model.
+    Links fixed to a moving one carry a mass of zero afterwards: theirs is part of the
+    moving link's. Raises InputError where the file's joints are not those of the model.
     """
     theirs, _ = load_urdf(path)
     order = _order(path, theirs, robot)
     links = _in_frames_of(path, theirs, robot, content.links, order)
     document = Document.read(path)
     there = {link.get("name"): link for link in document.root.findall("link")}
-    zero = {"mass": {"value": "0"}, "inertia": Inertial.of(np.zeros(10)).urdf_attributes}
+    zero = {
+        "mass": {"value": "0"},
+        "inertia": Inertial.of(np.zeros(10)).urdf_attributes,
+    }
     for theta, (own, *fixed) in zip(links, placed_links(path), strict=True):
         require_consistent(theta, f"{path}: link {(name := own[0].get('name'))!r}")
         document.put(there[name], "inertial", {}, inertial_tags(Inertial.of(theta)))
@@ -233,9 +279,17 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
 
 
 def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
-    """For each joint of the file's tree the model's: by name where all names agree, else in order."""
-    if (theirs.n, len(theirs.tree), theirs.links) != (mine.n, len(mine.tree), mine.links):
-        what = f"the file has {formatting.count(theirs.n, 'moving joint')}, the model {mine.n}"
+    """For each joint of the file's tree the model's: by name where all names agree,
+    else in order."""
+    if (theirs.n, len(theirs.tree), theirs.links) != (
+        mine.n,
+        len(mine.tree),
+        mine.links,
+    ):
+        what = (
+            f"the file has {formatting.count(theirs.n, 'moving joint')}, the model"
+            f" {mine.n}"
+        )
         raise InputError(what, _REMEDY, path)
     names = [joint.name for joint in mine.tree]
     if sorted(names) == sorted(joint.name for joint in theirs.tree):
@@ -243,13 +297,19 @@ def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
     return list(range(len(mine.tree)))
 
 
-def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, order: list[int]) -> Array:
-    """Standard parameters about the file's link frames; the joint axes must coincide at q = 0.
+def _in_frames_of(
+    path: str | Path, theirs: Robot, mine: Robot, links: Array, order: list[int]
+) -> Array:
+    """Standard parameters about the file's link frames; the joint axes must coincide at
+    q = 0.
 
-    A model's frames may sit elsewhere on the same axes (a DH table beside a URDF): with T the poses
-    of corresponding joint frames in the base, parameters move by T_file^-1 T_model.
+    A model's frames may sit elsewhere on the same axes (a DH table beside a URDF): with
+    T the poses of corresponding joint frames in the base, parameters move by T_file^-1
+    T_model.
     """
-    from_file, from_model = (r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine))
+    from_file, from_model = (
+        r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine)
+    )
     held, out = dict(zip(mine.link_joints, links, strict=True)), []
     near = 1e-4  # what rounded DH tables leave between two axes that are one [m, -]
     for index, (joint, k) in enumerate(zip(theirs.tree, order, strict=True)):
@@ -259,10 +319,18 @@ def _in_frames_of(path: str | Path, theirs: Robot, mine: Robot, links: Array, or
         apart = across if joint.kind == "revolute" else 0.0
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
         what = f"joint {joint.name!r} is not joint {other.name!r} of the model"
-        if joint.kind != other.kind or wrong_parent or np.linalg.norm(turned - joint.axis) > near:
-            raise InputError(f"{what} (another kind, parent or direction of its axis)", _REMEDY, path)
+        if (
+            joint.kind != other.kind
+            or wrong_parent
+            or np.linalg.norm(turned - joint.axis) > near
+        ):
+            raise InputError(
+                f"{what} (another kind, parent or direction of its axis)", _REMEDY, path
+            )
         if apart > near:
-            raise InputError(f"{what}: its axis lies {1e3 * apart:.3g} mm away", _REMEDY, path)
+            raise InputError(
+                f"{what}: its axis lies {1e3 * apart:.3g} mm away", _REMEDY, path
+            )
         if index in theirs.link_joints:
             same = np.array_equal(relation, np.eye(4))
             out.append(held[k] if same else inertia.transform(relation) @ held[k])

@@ -21,11 +21,15 @@ Handler = Callable[..., Any]
 
 
 def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
-    """An element with escaped text; ``style`` are its CSS classes, ``for_`` and ``aria_label`` work; an
-    attribute that is False is left out."""
+    """An element with escaped text; ``style`` are its CSS classes, ``for_`` and
+    ``aria_label`` work; an attribute that is False is left out."""
     made = TextElement(tag=name, text=text).classes(style)
-    given = {key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()}
-    made.props.update({key: value for key, value in given.items() if value is not False})
+    given = {
+        key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()
+    }
+    made.props.update(
+        {key: value for key, value in given.items() if value is not False}
+    )
     return made
 
 
@@ -41,11 +45,15 @@ def note(text: str) -> None:
 
 def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:
     """A button; key : by which focus finds it again after a redraw."""
-    made = tag("button", text, f"action {style}", type="button", data_key=key, **attributes)
+    made = tag(
+        "button", text, f"action {style}", type="button", data_key=key, **attributes
+    )
     return made.on("click", lambda _: do(), args=[])
 
 
-def tile(name: str, said: str, do: Handler, key: str, style: str = "", **attributes: Any) -> None:
+def tile(
+    name: str, said: str, do: Handler, key: str, style: str = "", **attributes: Any
+) -> None:
     """A large button with a name and what it stands for."""
     with button("", do, key, f"tile {style}", **attributes):
         tag("strong", name)
@@ -65,14 +73,19 @@ def choice(
     key: str,
     hidden_label: bool = False,
 ) -> None:
-    """A labelled <select>; options are (value, text), or texts that are their own values."""
+    """A labelled <select>; options are (value, text), or texts that are their own
+    values."""
     with tag("label", style="field"):
         tag("span", label, "unseen" if hidden_label else "")
         with tag("select", data_key=key, aria_label=label) as select:
             for option in options:
                 name, text = (option, option) if isinstance(option, str) else option
                 tag("option", text, value=name, selected=name == value)
-        select.on("change", lambda e: do(str(e.args)), js_handler="(e) => emit(e.target.value)")
+        select.on(
+            "change",
+            lambda e: do(str(e.args)),
+            js_handler="(e) => emit(e.target.value)",
+        )
 
 
 def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
@@ -82,30 +95,60 @@ def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
         with suppress(ValueError):  # the browser shows that it is no number
             do(max(0, int(text)))
 
-    text_field(label, str(value), take, key, style="field short", type="number", min="0", step="1")
+    text_field(
+        label,
+        str(value),
+        take,
+        key,
+        style="field short",
+        type="number",
+        min="0",
+        step="1",
+    )
 
 
 def text_field(
-    label: str, value: str, do: Callable[[str], Any], key: str, example: str = "", **how: Any
+    label: str,
+    value: str,
+    do: Callable[[str], Any],
+    key: str,
+    example: str = "",
+    **how: Any,
 ) -> None:
     """A labelled line of text; how : attributes of the <input>, and ``style`` of both."""
     with tag("label", style=how.pop("style", "field")):
         tag("span", label)
-        field = tag("input", data_key=key, value=value, placeholder=example, **{"type": "text", **how})
-        field.on("change", lambda e: do(str(e.args)), js_handler="(e) => emit(e.target.value)")
+        field = tag(
+            "input",
+            data_key=key,
+            value=value,
+            placeholder=example,
+            **{"type": "text", **how},
+        )
+        field.on(
+            "change",
+            lambda e: do(str(e.args)),
+            js_handler="(e) => emit(e.target.value)",
+        )
 
 
-def check(label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = "") -> None:
+def check(
+    label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = ""
+) -> None:
     """A labelled checkbox."""
     with tag("label", style="check", title=hint):
         box = tag("input", type="checkbox", data_key=key, checked=on)
-        box.on("change", lambda e: do(bool(e.args)), js_handler="(e) => emit(e.target.checked)")
+        box.on(
+            "change",
+            lambda e: do(bool(e.args)),
+            js_handler="(e) => emit(e.target.checked)",
+        )
         tag("span", label)
 
 
 def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
-    """A field for each of a verb's options (cli/options.py), with what is written in it; ``values``
-    follows, without the empty ones."""
+    """A field for each of a verb's options (cli/options.py), with what is written in
+    it; ``values`` follows, without the empty ones."""
 
     def put(name: str, text: str) -> None:
         if text.strip():
@@ -114,7 +157,11 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
             values.pop(name, None)
 
     for o in options:
-        key, now, write = f"option-{o.dest}", values.get(o.dest, ""), partial(put, o.dest)
+        key, now, write = (
+            f"option-{o.dest}",
+            values.get(o.dest, ""),
+            partial(put, o.dest),
+        )
         if o.nargs == 0:
             check(told(o), bool(now), lambda on, write=write: write("yes" * on), key)  # type: ignore[misc]
         else:
@@ -127,14 +174,20 @@ def told(option: Action) -> str:
 
 
 def drop(text: str, kind: str) -> None:
-    """A zone to drop files of a kind of SUFFIXES on, which is also a file chooser; workbench.js sends
-    them. Several runs at once, else one file."""
+    """A zone to drop files of a kind of SUFFIXES on, which is also a file chooser;
+    workbench.js sends them. Several runs at once, else one file."""
     accept, several = SUFFIXES[kind], kind == "runs"
     files = f"choose files: {', '.join(sorted(accept))}"
     hint = f"or {files}" if several else "drop a file here, or choose one"
     with tag("label", style="drop", data_drop=kind):
         files_of = {"type": "file", "accept": ",".join(accept), "data_send": kind}
-        tag("input", data_key=f"drop-{kind}", aria_label=text, multiple=several, **files_of)
+        tag(
+            "input",
+            data_key=f"drop-{kind}",
+            aria_label=text,
+            multiple=several,
+            **files_of,
+        )
         tag("strong", text)
         tag("span", hint)
 
@@ -153,15 +206,23 @@ def table(
     style: str,
     mark: int | None = None,
 ) -> None:
-    """The report's table, as one element however many cells: a browser looks at every element when any
-    one changes."""
-    ui.html(markup.table(headings, rows, caption=caption, style=style, mark=mark), sanitize=False)
+    """The report's table, as one element however many cells: a browser looks at every
+    element when any one changes."""
+    ui.html(
+        markup.table(headings, rows, caption=caption, style=style, mark=mark),
+        sanitize=False,
+    )
 
 
 def judged(models: Sequence[ModelStep]) -> None:
     """How good models are, a row each."""
-    names = [f"{k} {m.label}" if len(models) > 1 else m.label for k, m in enumerate(models, start=1)]
-    rows = [[name, *model.judged[1:]] for name, model in zip(names, models, strict=True)]
+    names = [
+        f"{k} {m.label}" if len(models) > 1 else m.label
+        for k, m in enumerate(models, start=1)
+    ]
+    rows = [
+        [name, *model.judged[1:]] for name, model in zip(names, models, strict=True)
+    ]
     table(["model", *JUDGED_HEADS], rows, "Models judged", "judged")
 
 

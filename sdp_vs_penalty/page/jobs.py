@@ -1,7 +1,8 @@
-"""What a worker can be asked to do: one function a job, from a request to an answer, both plain JSON.
+"""What a worker can be asked to do: one function a job, from a request to an answer,
+both plain JSON.
 
-Every job loads what it needs from files of the session's folder and leaves its runs and models there, so
-that a job that is killed has changed nothing.
+Every job loads what it needs from files of the session's folder and leaves its runs and
+models there, so that a job that is killed has changed nothing.
 """
 
 import json
@@ -45,7 +46,12 @@ from sdp_vs_penalty.reports.plots import POINTS
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
-from sdp_vs_penalty.signals.phases import filter_reach, motion_clocks, phase_windows, tracks_of
+from sdp_vs_penalty.signals.phases import (
+    filter_reach,
+    motion_clocks,
+    phase_windows,
+    tracks_of,
+)
 from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, hidden_runs
 
@@ -57,7 +63,9 @@ SPLIT = 0.7
 class Asked(dict[str, Any]):
     """A request, by its words; progress : hears what is being done."""
 
-    def __init__(self, words: Mapping[str, Any], progress: Progress = no_progress) -> None:
+    def __init__(
+        self, words: Mapping[str, Any], progress: Progress = no_progress
+    ) -> None:
         super().__init__(words)
         self.progress, self.begin = progress, time.perf_counter()
 
@@ -77,11 +85,16 @@ class Asked(dict[str, Any]):
     @property
     def how(self) -> dict[str, Any]:
         """What several verbs take."""
-        given = {"frozen": self.get("frozen"), "seed": self["seed"], "progress": self.progress}
+        given = {
+            "frozen": self.get("frozen"),
+            "seed": self["seed"],
+            "progress": self.progress,
+        }
         return {name: x for name, x in given.items() if x is not None}
 
     def number(self, name: str, default: float) -> float:
-        """A number that was written among the options. Raises InputError for another text."""
+        """A number that was written among the options. Raises InputError for another
+        text."""
         text = self["options"].get(name)
         return default if text is None else numbers(name.replace("_", " "), text, 1)[0]
 
@@ -93,7 +106,8 @@ class Asked(dict[str, Any]):
     def runs(self) -> Runs:
         """The runs for what each is used for, under their shown names.
 
-        A run of use "split" gives part of its motion to the first, the rest to the others.
+        A run of use "split" gives part of its motion to the first, the rest to the
+        others.
         """
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
@@ -111,7 +125,8 @@ class Asked(dict[str, Any]):
 
 
 def read(asked: Asked) -> Answer:
-    """files : {path, name} of each; those that can be used become runs, the others a sentence each."""
+    """files : {path, name} of each; those that can be used become runs, the others a
+    sentence each."""
     problem = asked.problem
     runs, refused, remarks = list[Answer](), list[str](), list[str]()
     for file in asked["files"]:
@@ -122,8 +137,14 @@ def read(asked: Asked) -> Answer:
                 warnings.simplefilter("always", Remark)
                 part = _loaded(asked, problem, path)
             remarks += [str(w.message) for w in heard if w.category is Remark]
-            for twin in (run for run in (*asked["runs"], *runs) if run["file"] == _file(part)):
-                raise InputError(f"holds the same samples as {twin['name']}", "name each run once", path)
+            for twin in (
+                run for run in (*asked["runs"], *runs) if run["file"] == _file(part)
+            ):
+                raise InputError(
+                    f"holds the same samples as {twin['name']}",
+                    "name each run once",
+                    path,
+                )
             runs.append(keep(asked, problem, part, file["name"]))
         except InputError as error:
             refused.append(str(error))
@@ -153,15 +174,24 @@ def _loaded(asked: Asked, problem: Problem, path: Path) -> Measurements:
 def look_again(asked: Asked) -> Answer:
     """The runs, checked for the robot as it is now."""
     problem = asked.problem
-    parts = ((load_measurements(asked.folder / run["file"]), run) for run in asked["runs"])
-    return {"runs": [keep(asked, problem, part, run["name"], run["use"]) for part, run in parts]}
+    parts = (
+        (load_measurements(asked.folder / run["file"]), run) for run in asked["runs"]
+    )
+    return {
+        "runs": [
+            keep(asked, problem, part, run["name"], run["use"]) for part, run in parts
+        ]
+    }
 
 
 def simulate(asked: Asked) -> Answer:
-    """Three runs and one for testing, with an effect hidden in them; the truth is not shown."""
+    """Three runs and one for testing, with an effect hidden in them; the truth is not
+    shown."""
     problem = asked.problem
     asked.progress("simulating four runs of 20 s")
-    hidden = [(asked["effect"], [j - 1 for j in asked["joints"]])] * (asked["effect"] != "none")
+    hidden = [(asked["effect"], [j - 1 for j in asked["joints"]])] * (
+        asked["effect"] != "none"
+    )
     made = hidden_runs(problem, hidden, asked["level"], asked["seed"])
     named = zip(RUN_FILES, made.runs, strict=True)
     runs = [keep(asked, problem, part, name) for name, part in named]
@@ -169,10 +199,13 @@ def simulate(asked: Asked) -> Answer:
 
 
 def mend(asked: Asked) -> Answer:
-    """What `check --fix` does to one of the runs: its repaired copy, and what was changed."""
+    """What `check --fix` does to one of the runs: its repaired copy, and what was
+    changed."""
     problem = asked.problem
     (given,) = (run for run in asked["runs"] if run["file"] == asked["file"])
-    part = replace(load_measurements(asked.folder / given["file"]), names=(given["name"],))
+    part = replace(
+        load_measurements(asked.folder / given["file"]), names=(given["name"],)
+    )
     asked.progress(f"repairing {given['name']}")
     (report,) = check(problem, part, thorough=False)
     name = f"{Path(given['name']).stem}_fixed.csv"
@@ -185,8 +218,8 @@ def keep(
 ) -> dict[str, Any]:
     """Write a run into the session's folder; what the page shows of it.
 
-    split : the windows of the use "split", by phase where the motion repeats, None where it does so too
-    fast.
+    split : the windows of the use "split", by phase where the motion repeats, None
+    where it does so too fast.
     """
     asked.progress(f"checking {name}")
     part = replace(part, names=(name,))
@@ -214,13 +247,20 @@ def _file(part: Measurements) -> str:
     return f"run-{part.data_hash[:16]}.npz"
 
 
-def _preview(problem: Problem, part: Measurements, mended: Measurements) -> dict[str, Any]:
-    """What the page shows of a run at once: t, q, dq, tau at some instants, the positions and torques
-    that the check would put there (NaN where it changes nothing), and the arm's poses."""
+def _preview(
+    problem: Problem, part: Measurements, mended: Measurements
+) -> dict[str, Any]:
+    """What the page shows of a run at once: t, q, dq, tau at some instants, the
+    positions and torques that the check would put there (NaN where it changes nothing),
+    and the arm's poses."""
     raw, there = (np.hstack([run.q, run.tau]) for run in (part, mended))
     if len(there) != len(raw):  # rows that were left out come between their neighbours
         ordered = np.all(np.diff(mended.t) > 0.0)
-        there = np.column_stack([np.interp(part.t, mended.t, x) for x in there.T]) if ordered else raw
+        there = (
+            np.column_stack([np.interp(part.t, mended.t, x) for x in there.T])
+            if ordered
+            else raw
+        )
     # What a picture shows of it.
     changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
     repaired = np.where(changed, there, np.nan)
@@ -234,15 +274,21 @@ def _preview(problem: Problem, part: Measurements, mended: Measurements) -> dict
     return arrays
 
 
-def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, float]]] | None:
+def _split(
+    problem: Problem, part: Measurements
+) -> dict[str, list[tuple[float, float]]] | None:
     """Windows to identify from and to test on, rounded so that a command can name them."""
     try:
         settings = problem.preprocessing.resolve(part)
-        reach = filter_reach(part, settings)  # half of it lies between: no filter sees both
+        reach = filter_reach(
+            part, settings
+        )  # half of it lies between: no filter sees both
     except InputError:  # no motion: the check says so
         return None
     (clock,) = motion_clocks(tracks_of(part))
-    windows = phase_windows(clock, float(part.t[-1] - part.t[0]), SPLIT, 0.5 * reach, 1.5 * reach)
+    windows = phase_windows(
+        clock, float(part.t[-1] - part.t[0]), SPLIT, 0.5 * reach, 1.5 * reach
+    )
     if windows is None:
         return None
     rounded = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
@@ -250,8 +296,8 @@ def _split(problem: Problem, part: Measurements) -> dict[str, list[tuple[float, 
 
 
 def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
-    """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the poses there, between
-    which the page interpolates."""
+    """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the
+    poses there, between which the page interpolates."""
     keep = np.unique(np.linspace(0, len(t) - 1, 160).astype(int))
     return t[keep], robot.poses(robot.tree_state(q[keep])[0]).astype(np.float32)
 
@@ -270,8 +316,9 @@ def robot(asked: Asked) -> Answer:
     both = settings.state_cutoff, settings.torque_cutoff
     cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
     known = (
-        f"Bounds on {bounds.sum()} of {bounds.size} link parameters; filters of states and torque: "
-        f"{', '.join(cutoffs)}. The stage Identify, or a folder with a problem.toml, sets others."
+        f"Bounds on {bounds.sum()} of {bounds.size} link parameters; filters of states"
+        f" and torque: {', '.join(cutoffs)}. The stage Identify, or a folder with a"
+        " problem.toml, sets others."
     )
     return {
         "title": own if problem.folder is None else problem.title,
@@ -311,7 +358,9 @@ def open_model(asked: Asked) -> Answer:
 
 def extend(asked: Asked) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
-    return summary(asked, add(asked.model, asked["effect"], asked.runs.train, **asked.how))
+    return summary(
+        asked, add(asked.model, asked["effect"], asked.runs.train, **asked.how)
+    )
 
 
 def find(asked: Asked) -> Answer:
@@ -334,33 +383,52 @@ def methods(asked: Asked) -> Answer:
         given["progress"] = lambda text, name=name: asked.progress(f"{name}: {text}")
         try:
             made = identify(current.problem, train, name, **given)
-            folds = asked["folds"] and cross_validate(current.problem, train, name, **given)
+            folds = asked["folds"] and cross_validate(
+                current.problem, train, name, **given
+            )
         except InputError as error:
             rows.append([name, str(error), *[""] * (len(sections.JUDGED_HEADS) - 1)])
             continue
-        row = sections.judged_row(compare({name: made}, runs.judge, noise_from=runs.whole)[0])
-        rows.append([*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])])
+        row = sections.judged_row(
+            compare({name: made}, runs.judge, noise_from=runs.whole)[0]
+        )
+        rows.append(
+            [*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])]
+        )
     unseen = ["error on unseen motion"] * bool(asked["folds"])
     return {"heads": ["method", *sections.JUDGED_HEADS, *unseen], "rows": rows}
 
 
 def take(asked: Asked) -> Answer:
-    """A file to take away: a run as it was used, the diagnosis, the report, or the model in the format
-    of the name's suffix; says which effects have no place in it."""
+    """A file to take away: a run as it was used, the diagnosis, the report, or the
+    model in the format of the name's suffix; says which effects have no place in it."""
     name, found = asked["name"], asked.get("findings")
     out, lost = asked.folder / name, tuple[str, ...]()
     asked.progress(f"writing {name}")
     if name.startswith("run-"):
-        save(load_measurements(asked.folder / asked["runs"][int(name[4:-4]) - 1]["file"]), out)
+        save(
+            load_measurements(
+                asked.folder / asked["runs"][int(name[4:-4]) - 1]["file"]
+            ),
+            out,
+        )
     elif name == "findings.json":
         write_text(out, json.dumps(found, indent=1, allow_nan=False) + "\n")
     elif name == "model.json":
         write_bytes(out, Path(asked["model"]).read_bytes())
     elif name == "report.html":
-        models, runs = {m["label"]: load_estimate(m["file"]) for m in asked["models"]}, asked.runs
-        how: dict[str, Any] = {"commands": asked["commands"], "progress": asked.progress}
+        models, runs = (
+            {m["label"]: load_estimate(m["file"]) for m in asked["models"]},
+            asked.runs,
+        )
+        how: dict[str, Any] = {
+            "commands": asked["commands"],
+            "progress": asked.progress,
+        }
         said = found and Diagnosis.from_dict(found)
-        write_report(models, runs.judge, out, noise_from=runs.whole, findings=said, **how)
+        write_report(
+            models, runs.judge, out, noise_from=runs.whole, findings=said, **how
+        )
     else:
         given = asked.get("urdf") if name == "robot.urdf" else None
         x, y, z = numbers("flange", asked.get("flange") or "0,0,0", 3)
@@ -372,8 +440,8 @@ def take(asked: Asked) -> Answer:
 def forward(asked: Asked) -> Answer:
     """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
 
-    Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf (F,), poses
-    (F, 2 joints, 4, 4), the measured arm before the simulated one.
+    Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf
+    (F,), poses (F, 2 joints, 4, 4), the measured arm before the simulated one.
     """
     estimate, drive = asked.model, asked["drive"]
     made = follow(estimate, asked.runs.judge, drive=drive, **asked.how)
@@ -382,20 +450,28 @@ def forward(asked: Asked) -> Answer:
         both, t = (free.measured, free.simulated.q), free.simulated.t
         (tf, one), (_, other) = (placed(estimate.robot, t, q) for q in both)
         arrays = {"t": t, "measured": both[0], "simulated": both[1], "tf": tf}
-        save_arrays(asked.folder / file, {**arrays, "poses": np.concatenate([one, other], axis=1)})
+        save_arrays(
+            asked.folder / file,
+            {**arrays, "poses": np.concatenate([one, other], axis=1)},
+        )
     heads, rows = made.table()
     return {
         "arrays": files,
-        "runs": [f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free],
-        **{name: getattr(made, name) for name in ("verdict", "explained", "units", "left_out")},
+        "runs": [
+            f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free
+        ],
+        **{
+            name: getattr(made, name)
+            for name in ("verdict", "explained", "units", "left_out")
+        },
         "heads": heads,
         "rows": rows,
     }
 
 
 def about(estimate: Estimate) -> dict[str, Any]:
-    """The parameters as the page shows them: rows, links, words and friction as in the report, and the
-    arm in 3D (:func:`drawn_arm`)."""
+    """The parameters as the page shows them: rows, links, words and friction as in the
+    report, and the arm in 3D (:func:`drawn_arm`)."""
     return {
         "rows": sections.standard_rows(estimate),
         "links": link_rows(estimate),
@@ -405,12 +481,15 @@ def about(estimate: Estimate) -> dict[str, Any]:
             for c in friction_curves(estimate)
         ],
         "certificate": sections.certificate_rows([estimate]),
-        **drawn_arm(estimate.robot, estimate.links if len(estimate.model.rigid_indices) else []),
+        **drawn_arm(
+            estimate.robot, estimate.links if len(estimate.model.rigid_indices) else []
+        ),
     }
 
 
 def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
-    """The arm in 3D: of each joint its parent and place there, of each link its joint and ellipsoid."""
+    """The arm in 3D: of each joint its parent and place there, of each link its joint
+    and ellipsoid."""
     bodies = []
     for k, (joint, link) in enumerate(zip(robot.link_joints, links, strict=False)):
         if (body := sections.half_axes(link)) is not None:
@@ -423,16 +502,23 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
 
 
 def summary(asked: Asked, estimate: Estimate) -> Answer:
-    """Save a model at ``out`` and its curves beside it; judge it on the runs: what makes a session's
-    ModelStep.
+    """Save a model at ``out`` and its curves beside it; judge it on the runs: what
+    makes a session's ModelStep.
 
-    Curves, an .npz a run, training runs first: t, torque, modelled, its motion q, dq, ddq, and tf (F,),
-    poses (F, joints, 4, 4) of some instants for the 3D view.
+    Curves, an .npz a run, training runs first: t, torque, modelled, its motion q, dq,
+    ddq, and tf (F,), poses (F, joints, 4, 4) of some instants for the 3D view.
     """
-    seconds, given, out = time.perf_counter() - asked.begin, asked.runs, Path(asked["out"])
+    seconds, given, out = (
+        time.perf_counter() - asked.begin,
+        asked.runs,
+        Path(asked["out"]),
+    )
     asked.progress("comparing measured with modelled")
     comparison = compare({"model": estimate}, given.judge, noise_from=given.whole)[0]
-    (arm, judge), (_, train) = driven(estimate, given.judge), driven(estimate, given.train)
+    (arm, judge), (_, train) = (
+        driven(estimate, given.judge),
+        driven(estimate, given.train),
+    )
     settings = estimate.preprocessing.resolve(judge)
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
     runs = [*train.runs(), *(judge.runs() if given.test is not None else ())]
@@ -441,25 +527,38 @@ def summary(asked: Asked, estimate: Estimate) -> Answer:
         motion = rows.motion
         found = {"torque": rows.torque, "modelled": predicted(rows, arm.theta)}
         found |= {name: getattr(motion, name) for name in ("q", "dq", "ddq")}
-        arrays = {"t": motion.t, **{name: x.astype(np.float32) for name, x in found.items()}}
+        arrays = {
+            "t": motion.t,
+            **{name: x.astype(np.float32) for name, x in found.items()},
+        }
         arrays["tf"], arrays["poses"] = placed(estimate.robot, motion.t, motion.q)
         save_arrays(out.with_name(f"{out.stem}-{k}.npz"), arrays)
     asked.progress("looking where it fails")
     try:
         failing = where_it_fails(estimate, judge, noise=comparison.noise)
         units = estimate.robot.torque_units
-        failures = [{**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])} for f in failing]
+        failures = [
+            {**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])}
+            for f in failing
+        ]
     except InputError:  # too short to say: the errors stand on their own
         failures = []
     estimate.save(out)
     names = [run.names[0] for run in runs]
-    parts = (f", {run.t[0]:.4g} to {run.t[-1]:.4g} s" for run in runs)  # where one name has several
+    parts = (
+        f", {run.t[0]:.4g} to {run.t[-1]:.4g} s" for run in runs
+    )  # where one name has several
     return {
         "file": str(out),
-        "runs": [n + part * (names.count(n) > 1) for n, part in zip(names, parts, strict=True)],
+        "runs": [
+            n + part * (names.count(n) > 1)
+            for n, part in zip(names, parts, strict=True)
+        ],
         "judged_on": list(judge.names),
         "method": estimate.method,
-        "effects": asked_effects(estimate.model.effects, estimate.details.get("shapes", ())),
+        "effects": asked_effects(
+            estimate.model.effects, estimate.details.get("shapes", ())
+        ),
         "comparison": comparison.to_dict(),
         "failures": failures,
         "judged": sections.judged_row(comparison),

@@ -34,24 +34,38 @@ from sdp_vs_penalty.reports.markup import LOOK as PICTURES
 _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
 _SHOWN = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
-_STYLE = f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({_SHOWN}) {{ display: block; }}"
-_LOOK = f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text()}</script>"
+_STYLE = (
+    f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({_SHOWN}) {{ display:"
+    " block; }"
+)
+_LOOK = (
+    f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text()}</script>"
+)
 
 
 def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) -> None:
-    """Serve the page to this computer until it is interrupted, to whoever has the printed address.
+    """Serve the page to this computer until it is interrupted, to whoever has the
+    printed address.
 
-    folder : whose runs and URDFs the page offers; port : None for any that is free; forms : by what they
-    are for, options of the command line that the page offers. Raises InputError for a folder that is
-    none or a port that is taken.
+    folder : whose runs and URDFs the page offers; port : None for any that is free;
+    forms : by what they are for, options of the command line that the page offers.
+    Raises InputError for a folder that is none or a port that is taken.
     """
     if folder is not None and not folder.is_dir():
-        raise InputError("not a folder", "name the folder with your runs, or leave it out", folder)
+        raise InputError(
+            "not a folder", "name the folder with your runs, or leave it out", folder
+        )
     try:  # listening: the browser may knock before the server answers
         listener = socket.create_server(("127.0.0.1", port or 0), backlog=128)
     except OSError as error:
-        taken = "is taken" if error.errno == errno.EADDRINUSE else f"fails ({error.strerror})"
-        raise InputError(f"--port {port}: {taken}", "choose another, or leave it out") from error
+        taken = (
+            "is taken"
+            if error.errno == errno.EADDRINUSE
+            else f"fails ({error.strerror})"
+        )
+        raise InputError(
+            f"--port {port}: {taken}", "choose another, or leave it out"
+        ) from error
     chosen = listener.getsockname()[1]
     sessions = Sessions(WorkerPool())
     os.environ["TMPDIR"] = str(sessions.root)  # for what workers keep while they work
@@ -59,14 +73,16 @@ def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) ->
     address = f"http://127.0.0.1:{chosen}/?{KEY}={key}"
     print(f"The workbench is at {address} (Ctrl-C ends it)", flush=True)
     nicegui_app.on_startup(sessions.pool.prepare)
-    # The server ends in order and then raises the signal again: leave by exit, so that what Python
-    # itself keeps for processes is taken away too.
+    # The server ends in order and then raises the signal again: leave by exit, so that
+    # what Python itself keeps for processes is taken away too.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     if hasattr(signal, "SIGHUP"):  # the terminal is closed: end as if asked to
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
     if browser:
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
-    logging.getLogger("engineio").setLevel(logging.CRITICAL)  # that a tab has lost its connection
+    logging.getLogger("engineio").setLevel(
+        logging.CRITICAL
+    )  # that a tab has lost its connection
     config = uvicorn.Config(
         guarded(make_app(sessions, folder, forms), chosen, key),
         log_level="error",
@@ -99,7 +115,11 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     @app.get("/")
     @app.get("/new")
     async def _enter(request: Request) -> Response:
-        closed = sessions.closed(request.cookies.get(_COOKIE)) if request.url.path == "/" else None
+        closed = (
+            sessions.closed(request.cookies.get(_COOKIE))
+            if request.url.path == "/"
+            else None
+        )
         try:
             session = closed or sessions.new()
         except InputError as error:
@@ -109,7 +129,9 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
         return response
 
     @app.put("/s/{token}/files")
-    async def _receive(session: Named, request: Request, name: str, kind: str) -> Response:
+    async def _receive(
+        session: Named, request: Request, name: str, kind: str
+    ) -> Response:
         return Response(status_code=await keep(session, request, name, kind))
 
     @app.post("/s/{token}/sent")
@@ -120,7 +142,9 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     async def _take(session: Named, name: str) -> Response:
         if name not in os.listdir(session.folder):
             raise HTTPException(404, "There is no such file.")
-        return FileResponse(session.folder / name, filename=name, headers={"cache-control": "no-store"})
+        return FileResponse(
+            session.folder / name, filename=name, headers={"cache-control": "no-store"}
+        )
 
     @ui.page("/s/{token}", title="sdp-vs-penalty workbench")
     async def _show(token: str) -> Response | None:
@@ -150,7 +174,10 @@ async def keep(session: Session, request: Request, given: str, kind: str) -> int
     name = shown_name(given)
     try:
         if kind != "runs" and session.task is not None:
-            what, remedy = "a job is running", "wait until it is done or cancel it, then drop it again"
+            what, remedy = (
+                "a job is running",
+                "wait until it is done or cancel it, then drop it again",
+            )
             raise InputError(what, remedy, name)
         path = await receive(session.folder, name, request.stream(), kind)
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too

@@ -1,4 +1,5 @@
-"""One tab: what it has chosen, read and identified, what is said of it, and how its jobs are done."""
+"""One tab: what it has chosen, read and identified, what is said of it, and how its
+jobs are done."""
 
 import asyncio
 import shlex
@@ -29,7 +30,8 @@ class Notice:
 
 @dataclass(frozen=True)
 class Working:
-    """A piece of work, of one or more jobs: what is done now, where it stands, since when [s]."""
+    """A piece of work, of one or more jobs: what is done now, where it stands, since
+    when [s]."""
 
     title: str = ""
     status: str = ""
@@ -40,12 +42,14 @@ class Working:
 class ModelStep:
     """One model of a session's history, judged: what ``summary`` of jobs.py says.
 
-    file : its model.json, beside it the .npz of each run's torques; runs : names of those, training runs
-    first, a part of a run by its seconds; judged_on : the runs behind comparison and failures (as
-    `compare --json` writes them); judged, about : what ``judged_row`` and :func:`about` say; label,
-    added : what it is called and the effects added to the step below, with the others held where frozen;
-    opened : the file that a person brought, if any; servo : whether it knows the servos of a log
-    without torque; findings : what it lacks, if it was diagnosed, and what `add` calls its curves.
+    file : its model.json, beside it the .npz of each run's torques; runs : names of
+    those, training runs first, a part of a run by its seconds; judged_on : the runs
+    behind comparison and failures (as `compare --json` writes them); judged, about :
+    what ``judged_row`` and :func:`about` say; label, added : what it is called and the
+    effects added to the step below, with the others held where frozen; opened : the
+    file that a person brought, if any; servo : whether it knows the servos of a log
+    without torque; findings : what it lacks, if it was diagnosed, and what `add` calls
+    its curves.
     """
 
     file: str
@@ -70,13 +74,15 @@ class ModelStep:
 
 @dataclass
 class Session:
-    """What one tab has chosen, read and identified, what is said of it, and all that can be done to it.
+    """What one tab has chosen, read and identified, what is said of it, and all that
+    can be done to it.
 
-    One job at a time: :meth:`start` begins one of the coroutines below. Kept while the server runs, also
-    of a closed tab.
+    One job at a time: :meth:`start` begins one of the coroutines below. Kept while the
+    server runs, also of a closed tab.
 
-    robot : the answer about it, with ``source``, or nothing; runs : see jobs.keep; history : models,
-    the last one current; undone : those that were left, the last one first to come back.
+    robot : the answer about it, with ``source``, or nothing; runs : see jobs.keep;
+    history : models, the last one current; undone : those that were left, the last one
+    first to come back.
     """
 
     token: str
@@ -119,14 +125,16 @@ class Session:
 
     @property
     def current(self) -> ModelStep:
-        """``model``, in steps that come after the first one. Raises InputError where there is none."""
+        """``model``, in steps that come after the first one. Raises InputError where
+        there is none."""
         if not self.history:
             raise InputError("No model yet", "identify one first")
         return self.history[-1]
 
     @property
     def meaningless(self) -> list[str]:
-        """What the check holds against identifying from the runs for training, a sentence each."""
+        """What the check holds against identifying from the runs for training, a
+        sentence each."""
         return [
             f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}"
             for run in self.runs
@@ -138,7 +146,9 @@ class Session:
     @property
     def found_for(self) -> int:
         """How many models there were when the last diagnosis was made; 0 without one."""
-        return max((k for k, m in enumerate(self.history, start=1) if m.findings), default=0)
+        return max(
+            (k for k, m in enumerate(self.history, start=1) if m.findings), default=0
+        )
 
     @property
     def findings(self) -> Diagnosis | None:
@@ -148,12 +158,18 @@ class Session:
     @property
     def added(self) -> set[str]:
         """Texts of the findings that are part of the current model."""
-        return {text for model in self.history[self.found_for :] for text in model.added}
+        return {
+            text for model in self.history[self.found_for :] for text in model.added
+        }
 
     def answer(self, job: str) -> dict[str, Any] | None:
         """What a job said of the current model, if it was asked."""
         found = self.answers.get(job)
-        return found if found and self.model and found["model"] == self.model.file else None
+        return (
+            found
+            if found and self.model and found["model"] == self.model.file
+            else None
+        )
 
     def recording(self, model: ModelStep, run: str) -> dict[str, Any]:
         """t, torque, modelled, q, dq, ddq, tf and poses of a run (jobs.py)."""
@@ -165,11 +181,15 @@ class Session:
             return dict(read)
 
     def commands(self) -> list[str]:
-        """The same on the command line, in the folder where the files of the shown names are."""
+        """The same on the command line, in the folder where the files of the shown
+        names are."""
         if not self.history:
             return []
         robot, first = self.robot["file"] or self.robot["source"], self.history[0]
-        data = ["--data", *(r["name"] for r in self.runs if r["use"] in ("train", "split"))]
+        data = [
+            "--data",
+            *(r["name"] for r in self.runs if r["use"] in ("train", "split")),
+        ]
         if len(self.runs) == 1 and self.runs[0]["use"] == "split":
             windows = self.runs[0]["split"]["train"]
             data += ["--window", ",".join(f"{a!r}:{b!r}" for a, b in windows)]
@@ -177,14 +197,30 @@ class Session:
         out = [["simulate", robot, *self.made_by]] if self.made_by else []
         name = first.opened or "model1.json"
         if not first.opened:
-            how = ["--method", first.method, "--effects", ",".join(first.effects), *seed]
+            how = [
+                "--method",
+                first.method,
+                "--effects",
+                ",".join(first.effects),
+                *seed,
+            ]
             how += ["--no-check"] if self.meaningless else []
             if gravity := self.robot["gravity"]:
                 how += ["--gravity", ",".join(f"{g:g}" for g in gravity)]
-            how += [w for k, v in self.options.items() for w in (f"--{k.replace('_', '-')}", v)]
+            how += [
+                w
+                for k, v in self.options.items()
+                for w in (f"--{k.replace('_', '-')}", v)
+            ]
             out.append(["identify", robot, *data, *how, "--out", name])
         for k, model in enumerate(self.history[1:], start=2):
-            what = [name, ",".join(model.added), *data, *seed, *["--frozen"] * model.frozen]
+            what = [
+                name,
+                ",".join(model.added),
+                *data,
+                *seed,
+                *["--frozen"] * model.frozen,
+            ]
             out.append(["add", *what, "--out", name := f"model{k}.json"])
         return [shlex.join(["sdp-vs-penalty", *words]) for words in out]
 
@@ -200,14 +236,17 @@ class Session:
             watcher.redraw()
 
     def say(self, *texts: str, error: bool = True) -> None:
-        """Show sentences, with names instead of where files are, in place of those before."""
+        """Show sentences, with names instead of where files are, in place of those
+        before."""
         own = {str(self.folder / run["file"]): run["name"] for run in self.runs}
         for path, name in {**self.names, **own, f"{self.folder}/": ""}.items():
             texts = tuple(text.replace(path, name) for text in texts)
         self.notice = Notice(texts, error) if texts else None
         self.changed()
 
-    def start(self, do: Callable[..., Coroutine[Any, Any, None]], *given: Any, **how: Any) -> None:
+    def start(
+        self, do: Callable[..., Coroutine[Any, Any, None]], *given: Any, **how: Any
+    ) -> None:
         """Begin one of the coroutines below, unless another one is at work."""
         if self.task is None:
             self.notice, self.working = None, Working()
@@ -215,7 +254,8 @@ class Session:
             self.task.add_done_callback(self._ended)
 
     def cancel(self) -> None:
-        """End the job that is being done, at once; nothing that was there before changes."""
+        """End the job that is being done, at once; nothing that was there before
+        changes."""
         if self.task is not None:
             self.task.cancel()
 
@@ -236,9 +276,17 @@ class Session:
     async def _job(self, title: str, job: str, **details: Any) -> dict[str, Any]:
         """The answer of a function of jobs.py."""
         self._doing(title=title, status="")
-        own = {name: getattr(self, name) for name in ("robot", "runs", "seed", "options")}
-        own |= {"job": job, "folder": str(self.folder), "model": self.model and self.model.file}
-        return await self.pool.run({**own, **details}, lambda text: self._doing(status=text))
+        own = {
+            name: getattr(self, name) for name in ("robot", "runs", "seed", "options")
+        }
+        own |= {
+            "job": job,
+            "folder": str(self.folder),
+            "model": self.model and self.model.file,
+        }
+        return await self.pool.run(
+            {**own, **details}, lambda text: self._doing(status=text)
+        )
 
     def _forget_models(self, why: str = "") -> list[str]:
         """Begin without one; what is said of it where there were some."""
@@ -248,18 +296,26 @@ class Session:
 
     def _refuse_meaningless(self) -> None:
         if self.meaningless and not self.anyway:
-            raise InputError(self.meaningless[0], 'repair it under Check, or tick "Identify anyway"')
+            raise InputError(
+                self.meaningless[0], 'repair it under Check, or tick "Identify anyway"'
+            )
 
     async def choose_robot(self, source: str, urdf: str | None = None) -> None:
-        """A built-in name, or the path of a URDF with its shown name; everything else starts anew."""
+        """A built-in name, or the path of a URDF with its shown name; everything else
+        starts anew."""
         self.names[source] = urdf or source
         answer = await self._job("Reading the robot", "robot", robot={"source": source})
         self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
-        self.runs, self.effects, self.method = [], list(answer["effects"]), DEFAULT_METHOD
+        self.runs, self.effects, self.method = (
+            [],
+            list(answer["effects"]),
+            DEFAULT_METHOD,
+        )
         self._forget_models()
 
     def read_arrived(self) -> None:
-        """Read the files that were dropped; after the job that is being done, if there is one."""
+        """Read the files that were dropped; after the job that is being done, if there
+        is one."""
         if self.arrived:
             self.start(self.read_files)
 
@@ -276,8 +332,11 @@ class Session:
                 if path.parent == self.folder:
                     path.unlink(missing_ok=True)
 
-    async def simulate(self, effect: str, joints: list[int], level: str, seed: int) -> None:
-        """The built-in data with an effect hidden in them, instead of the runs that are there."""
+    async def simulate(
+        self, effect: str, joints: list[int], level: str, seed: int
+    ) -> None:
+        """The built-in data with an effect hidden in them, instead of the runs that are
+        there."""
         how = {"effect": effect, "joints": joints, "level": level, "seed": seed}
         await self._take_runs("Simulating", "simulate", [], **how)
         at = ":" + "+".join(map(str, joints)) if joints else ""
@@ -287,9 +346,12 @@ class Session:
     async def _take_runs(
         self, title: str, job: str, before: list[dict[str, Any]], **details: Any
     ) -> None:
-        """The runs of a job's answer, after those ``before``; a name says what a run is for."""
+        """The runs of a job's answer, after those ``before``; a name says what a run is
+        for."""
         if not self.robot:
-            raise InputError("No robot is chosen", "choose it first, so that its joints are known")
+            raise InputError(
+                "No robot is chosen", "choose it first, so that its joints are known"
+            )
         answer = await self._job(title, job, runs=before, **details)
         new = answer["runs"]
         for run in new:
@@ -297,7 +359,11 @@ class Session:
         self.runs, self.made_by = [*before, *new], None
         if len(self.runs) == 1:  # one run alone is tested on its own end
             self.runs[0]["use"] = "split" if self.runs[0]["split"] else "train"
-        elif new and len(new) == len(self.runs) and all(run["use"] == "test" for run in new):
+        elif (
+            new
+            and len(new) == len(self.runs)
+            and all(run["use"] == "test" for run in new)
+        ):
             new[0]["use"] = "train"
         self.effects = list(answer.get("effects", self.effects))
         refused, said = answer.get("refused", ()), [*answer.get("remarks", ())]
@@ -310,12 +376,15 @@ class Session:
             self.refusals += 1
             self.say("Wait until the job is done, or cancel it.", error=False)
             return
-        runs = [{**run, "use": use} if run["file"] == file else run for run in self.runs]
+        runs = [
+            {**run, "use": use} if run["file"] == file else run for run in self.runs
+        ]
         self.runs = [run for run in runs if run["use"]]
         self.say(*self._forget_models("The runs have changed"), error=False)
 
     async def mount(self, gravity: str) -> None:
-        """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again, models dropped."""
+        """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again,
+        models dropped."""
         turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
         answer = await self._job("Turning the robot", "look_again", robot=turned)
         self.robot, self.runs = turned, answer["runs"]
@@ -334,16 +403,26 @@ class Session:
             raise InputError("No effect is chosen", "choose at least rigid_body")
         self._refuse_meaningless()
         asked = {"effects": ",".join(self.effects), "method": self.method}
-        self._begin(await self._step(f"Identifying by {self.method}", "fit", asked, label="identified"))
+        self._begin(
+            await self._step(
+                f"Identifying by {self.method}", "fit", asked, label="identified"
+            )
+        )
 
     async def open_model(self, path: str, name: str) -> None:
-        """Go on from a model.json, identified from other runs perhaps: how a payload is found."""
+        """Go on from a model.json, identified from other runs perhaps: how a payload is
+        found."""
         self.names[path] = name
         told = {"label": name, "opened": name}
-        self._begin(await self._step(f"Opening {name}", "open_model", {"model": path}, **told))
+        self._begin(
+            await self._step(f"Opening {name}", "open_model", {"model": path}, **told)
+        )
 
-    async def _step(self, title: str, job: str, asked: dict[str, Any], **told: Any) -> ModelStep:
-        """A model in a file of its own, by a function of jobs.py; told : what that does not say."""
+    async def _step(
+        self, title: str, job: str, asked: dict[str, Any], **told: Any
+    ) -> ModelStep:
+        """A model in a file of its own, by a function of jobs.py; told : what that does
+        not say."""
         out = self.folder / f"model-{len([*self.folder.glob('model-*.json')]) + 1}.json"
         return ModelStep(**await self._job(title, job, out=str(out), **asked), **told)
 
@@ -354,9 +433,13 @@ class Session:
     async def diagnose(self) -> None:
         """What the current model misses."""
         self._refuse_meaningless()
-        answer = await self._job("Looking for what is missing", "find", frozen=self.frozen)
+        answer = await self._job(
+            "Looking for what is missing", "find", frozen=self.frozen
+        )
         found = Diagnosis.from_dict(answer["diagnosis"])
-        self.history[-1] = replace(self.current, findings=found, curve_texts=answer["curves"])
+        self.history[-1] = replace(
+            self.current, findings=found, curve_texts=answer["curves"]
+        )
         self.new = "diagnose", "findings"
 
     async def add(self, texts: Sequence[str]) -> None:
@@ -365,8 +448,14 @@ class Session:
         steps = [self.current]
         for text in texts:
             asked = {"effect": text, "frozen": frozen, "model": steps[-1].file}
-            told: Any = {"label": f"+ {text.partition('@')[0]}", "added": (text,), "frozen": frozen}
-            steps.append(await self._step("Adding what was chosen", "extend", asked, **told))
+            told: Any = {
+                "label": f"+ {text.partition('@')[0]}",
+                "added": (text,),
+                "frozen": frozen,
+            }
+            steps.append(
+                await self._step("Adding what was chosen", "extend", asked, **told)
+            )
         self.history, self.undone = [*self.history, *steps[1:]], []
         self.new = "diagnose", "history"
 
@@ -376,7 +465,8 @@ class Session:
         self.answers[job] = {**await self._job(title, job, **on), "model": model}
 
     async def show_me(self) -> None:
-        """The whole job in small, on simulated runs with something hidden: the verb ``demo``."""
+        """The whole job in small, on simulated runs with something hidden: the verb
+        ``demo``."""
         await self.choose_robot(ARM)
         await self.simulate(HIDDEN, [self.robot["n"]], LEVEL, 7)
         await self.identify()
@@ -385,9 +475,13 @@ class Session:
         await self.add([f.text for f in self.findings.sure])
 
     async def take(
-        self, name: str, ready: Callable[[str], None], options: Mapping[str, str] | None = None
+        self,
+        name: str,
+        ready: Callable[[str], None],
+        options: Mapping[str, str] | None = None,
     ) -> None:
-        """Make a file to take away; ``ready`` hears its name. options : the flange, for a payload."""
+        """Make a file to take away; ``ready`` hears its name. options : the flange, for
+        a payload."""
         steps = enumerate(self.history, start=1)
         content = {
             "models": [{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
@@ -395,7 +489,9 @@ class Session:
             "findings": self.findings and self.findings.to_dict(),
             "urdf": self.robot["source"] if self.robot["file"] else None,
         }
-        answer = await self._job(f"Making {name}", "take", name=name, **content, **(options or {}))
+        answer = await self._job(
+            f"Making {name}", "take", name=name, **content, **(options or {})
+        )
         self.say(*answer["notice"], error=False)
         ready(name)
 

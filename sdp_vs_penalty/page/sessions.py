@@ -1,5 +1,6 @@
-"""All tabs of a server: sessions by their secret names, kept a while after a tab is closed; and what
-people drop there, kept under names of our own in a session's private folder."""
+"""All tabs of a server: sessions by their secret names, kept a while after a tab is
+closed; and what people drop there, kept under names of our own in a session's private
+folder."""
 
 import asyncio
 import contextlib
@@ -19,8 +20,9 @@ from sdp_vs_penalty.page.worker import LEAST, WorkerPool
 
 #: Bytes of all files of a session: those that a job's memory holds at least.
 LARGEST = LEAST
-#: How long a browser may be silent, sleep or wait for a busy computer [s]: a file that it sends is then
-#: refused, the work of a tab that was closed ends, and a tab that was asked for is not waited for.
+#: How long a browser may be silent, sleep or wait for a busy computer [s]: a file that
+#: it sends is then refused, the work of a tab that was closed ends, and a tab that was
+#: asked for is not waited for.
 SILENCE = 30.0
 
 #: By what is dropped.
@@ -28,30 +30,40 @@ SUFFIXES = {"runs": suffixes(), "robot": (".urdf", ".xml"), "model": (".json",)}
 
 
 def shown_name(given: str) -> str:
-    """What to call a file: the last part of its name without what cannot be printed; never a path.
+    """What to call a file: the last part of its name without what cannot be printed;
+    never a path.
 
     >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\\\temp\\\\run.csv"), shown_name("..")
     ('run 1.csv', 'run.csv', 'file')
     """
-    last = PureWindowsPath(given.replace("\0", "")).name  # takes / and \ and drives for separators
+    last = PureWindowsPath(
+        given.replace("\0", "")
+    ).name  # takes / and \ and drives for separators
     name = "".join(c for c in last if c.isprintable()).strip()
     if name in ("", ".", ".."):
         return "file"
     return name if len(name) <= 80 else f"{name[:40]}...{name[-36:]}"
 
 
-async def receive(folder: Path, name: str, chunks: AsyncIterator[bytes], kind: str) -> Path:
+async def receive(
+    folder: Path, name: str, chunks: AsyncIterator[bytes], kind: str
+) -> Path:
     """Write a file that arrives in pieces, whole or not at all.
 
-    name : as :func:`shown_name` made it; kind : of SUFFIXES.
-    Raises InputError for a suffix that nobody reads, and where the folder's files become too many bytes.
+    name : as :func:`shown_name` made it; kind : of SUFFIXES. Raises InputError for a
+    suffix that nobody reads, and where the folder's files become too many bytes.
     """
     suffix, allowed = Path(name).suffix.lower(), SUFFIXES.get(kind, ())
     if suffix not in allowed:
         raise InputError(
-            "files of this kind cannot be read", f"choose one of {', '.join(allowed)}", name
+            "files of this kind cannot be read",
+            f"choose one of {', '.join(allowed)}",
+            name,
         )
-    path, clock = folder / f"file-{secrets.token_hex(8)}{suffix}", asyncio.get_running_loop().time
+    path, clock = (
+        folder / f"file-{secrets.token_hex(8)}{suffix}",
+        asyncio.get_running_loop().time,
+    )
     try:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
         with open(os.open(path, flags, 0o600), "wb") as file:
@@ -59,14 +71,21 @@ async def receive(folder: Path, name: str, chunks: AsyncIterator[bytes], kind: s
                 async for chunk in chunks:
                     file.write(chunk)
                     file.flush()
-                    if sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()) > LARGEST:
+                    if (
+                        sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
+                        > LARGEST
+                    ):
                         what = f"a page takes {LARGEST // 2**20} MB of files"
-                        raise InputError(what, "start over, or use the command line", name)
+                        raise InputError(
+                            what, "start over, or use the command line", name
+                        )
                     patience.reschedule(clock() + SILENCE)
     except BaseException as error:
         path.unlink(missing_ok=True)
         if isinstance(error, TimeoutError):
-            raise InputError(f"nothing came for {SILENCE:g} s", "send it again", name) from error
+            raise InputError(
+                f"nothing came for {SILENCE:g} s", "send it again", name
+            ) from error
         raise
     return path
 
@@ -82,25 +101,36 @@ class Sessions:
 
     def __init__(self, pool: WorkerPool) -> None:
         self.pool = pool
-        for left in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*-*"):  # of servers that were killed
+        for left in Path(tempfile.gettempdir()).glob(
+            f"{_PREFIX}*-*"
+        ):  # of servers that were killed
             number = left.name.removeprefix(_PREFIX).split("-")[0]
             with contextlib.suppress(OSError, AttributeError):
-                if number.isdigit() and not lives(int(number)) and left.lstat().st_uid == os.getuid():
+                if (
+                    number.isdigit()
+                    and not lives(int(number))
+                    and left.lstat().st_uid == os.getuid()
+                ):
                     shutil.rmtree(left, ignore_errors=True)
         self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:
-        """An empty session, open from now on: a browser was sent there, and connects a while later.
+        """An empty session, open from now on: a browser was sent there, and connects a
+        while later.
 
         Raises InputError where as many tabs as there may be are open.
         """
-        closed = sorted((s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at)
+        closed = sorted(
+            (s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at
+        )
         for session in closed[MOST:]:
             del self._all[session.token]
             shutil.rmtree(session.folder, ignore_errors=True)
         if sum(map(_open, self._all.values())) >= MOST:
-            raise InputError(f"{MOST} tabs are open", "close one, and open this page again")
+            raise InputError(
+                f"{MOST} tabs are open", "close one, and open this page again"
+            )
         token = secrets.token_urlsafe(24)
         folder = self.root / token
         folder.mkdir(mode=0o700)
@@ -113,7 +143,11 @@ class Sessions:
     def closed(self, token: str | None) -> Session | None:
         """The session of this name if no tab shows it."""
         session = self._all.get(token or "")
-        return None if session is None or any(w.present for w in session.watchers) else session
+        return (
+            None
+            if session is None or any(w.present for w in session.watchers)
+            else session
+        )
 
     def close(self) -> None:
         """End the workers, and remove all files."""
@@ -122,6 +156,6 @@ class Sessions:
 
 
 def _open(session: Session) -> bool:
-    """Whether a tab shows it, or may be about to: on a busy computer many tabs lose their connection at
-    once, and come back."""
+    """Whether a tab shows it, or may be about to: on a busy computer many tabs lose
+    their connection at once, and come back."""
     return bool(session.watchers) or time.monotonic() - session.left_at < SILENCE

@@ -1,4 +1,5 @@
-"""What one tab looks at (joint, run, methods), and what its stages and their parts are made of."""
+"""What one tab looks at (joint, run, methods), and what its stages and their parts are
+made of."""
 
 from argparse import Action
 from collections.abc import Callable, Mapping, Sequence
@@ -21,9 +22,10 @@ Forms = Mapping[str, Sequence[Action]]
 class View:
     """The view state of one tab.
 
-    joint, run, span : what every part shows (span : seconds of the run, None for all of it); signal :
-    what the error is drawn against; followers : by part, what to call when they change; methods :
-    ticked for comparison; hiding : what the form for simulated runs holds.
+    joint, run, span : what every part shows (span : seconds of the run, None for all of
+    it); signal : what the error is drawn against; followers : by part, what to call
+    when they change; methods : ticked for comparison; hiding : what the form for
+    simulated runs holds.
     """
 
     session: Session
@@ -35,11 +37,18 @@ class View:
     span: tuple[float, float] | None = None
     signal: str = "dq"
     followers: dict[str, Callable[[], None]] = field(default_factory=dict)
-    methods: dict[str, bool] = field(default_factory=lambda: dict.fromkeys(METHODS, True))
+    methods: dict[str, bool] = field(
+        default_factory=lambda: dict.fromkeys(METHODS, True)
+    )
     folds: bool = False
     drive: str = ""
     hiding: dict[str, Any] = field(
-        default_factory=lambda: {"effect": HIDDEN, "joint": "0", "level": LEVEL, "seed": 7}
+        default_factory=lambda: {
+            "effect": HIDDEN,
+            "joint": "0",
+            "level": LEVEL,
+            "seed": 7,
+        }
     )
 
     def look(self, **at: Any) -> None:
@@ -58,25 +67,33 @@ class View:
                 ui.download.from_url(f"/s/{self.session.token}/take/{name}")
 
     def _own(self) -> list[Path]:
-        """The folder that the page was started with, and what lies in it; nothing from outside it."""
+        """The folder that the page was started with, and what lies in it; nothing from
+        outside it."""
         if self.folder is None:
             return []
         inside = self.folder.resolve()
-        return [inside, *(p for p in sorted(inside.iterdir()) if p.resolve().parent == inside)]
+        return [
+            inside,
+            *(p for p in sorted(inside.iterdir()) if p.resolve().parent == inside),
+        ]
 
     def folder_files(self, suffixes: tuple[str, ...]) -> list[Path]:
         """Files of that folder."""
-        return [p for p in self._own()[1:] if p.suffix.lower() in suffixes and p.is_file()][:50]
+        return [
+            p for p in self._own()[1:] if p.suffix.lower() in suffixes and p.is_file()
+        ][:50]
 
     def folder_problems(self) -> list[Path]:
-        """Folders in it, and itself, that hold a problem.toml: a robot with bounds and filters."""
+        """Folders in it, and itself, that hold a problem.toml: a robot with bounds and
+        filters."""
         return [p for p in self._own() if (p / "problem.toml").is_file()][:50]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a stage has come to, in a sentence; level : its colour, good, usable, bad or "" for none;
-    word : what it begins with. Only estimation/verdict.py grades a model (:func:`identified`)."""
+    """What a stage has come to, in a sentence; level : its colour, good, usable, bad or
+    "" for none; word : what it begins with. Only estimation/verdict.py grades a model
+    (:func:`identified`)."""
 
     level: str
     text: str
@@ -94,7 +111,8 @@ def identified(session: Session) -> Verdict | None:
 
 
 def spoken(text: str) -> str:
-    """A sentence of the command line's for the page, where a stage stands for the command.
+    """A sentence of the command line's for the page, where a stage stands for the
+    command.
 
     >>> spoken("Torque beyond the noise; `diagnose` names causes.")
     'Torque beyond the noise; Diagnose names causes.'
@@ -104,9 +122,10 @@ def spoken(text: str) -> str:
 
 @dataclass(frozen=True)
 class Part:
-    """anchor, title : where and what; ready : whether it is shown yet; depends : everything that its
-    content is made of, so that it is drawn anew only when that changes; draw : fills it: the function
-    that ``@partial(Part, ...)`` stands before."""
+    """anchor, title : where and what; ready : whether it is shown yet; depends :
+    everything that its content is made of, so that it is drawn anew only when that
+    changes; draw : fills it: the function that ``@partial(Part, ...)`` stands before.
+    """
 
     anchor: str
     title: str
@@ -117,8 +136,8 @@ class Part:
 
 @dataclass(frozen=True)
 class Stage:
-    """One screen. before : what comes first, while none of its parts is ready; verdict : the sentence
-    that it ends in, None while nothing can be judged."""
+    """One screen. before : what comes first, while none of its parts is ready; verdict
+    : the sentence that it ends in, None while nothing can be judged."""
 
     anchor: str
     title: str
@@ -130,7 +149,8 @@ class Stage:
 def after_model(
     anchor: str, title: str, also: Callable[[Session], Any] = lambda session: None
 ) -> Callable[[Callable[[View], None]], Part]:
-    """A part that is shown once there is a model; it depends on the models and on ``also``."""
+    """A part that is shown once there is a model; it depends on the models and on
+    ``also``."""
     ready = lambda session: session.model is not None  # noqa: E731
     depends = lambda session: ([model.file for model in session.history], also(session))  # noqa: E731
     return partial(Part, anchor, title, ready, depends)

@@ -1,4 +1,5 @@
-"""The page of one tab: header, the rail of stages, their screens, and the dock of what is going on."""
+"""The page of one tab: header, the rail of stages, their screens, and the dock of what
+is going on."""
 
 import itertools
 import json
@@ -23,7 +24,8 @@ class Workbench:
         self.view, self.session, self.client = view, view.session, view.client
         #: By place: what it was last drawn from.
         self._drawn: dict[int, str] = {}
-        #: By anchor: link, mark, section, sentence and end of a stage; a part and its body.
+        #: By anchor: link, mark, section, sentence and end of a stage; a part and its
+        #: body.
         self._at: dict[str, tuple[Any, ...]] = {}
         self._seen = view.session.new
         self._met = False
@@ -36,12 +38,22 @@ class Workbench:
             tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
         with tag("div", style="frame"):
             with tag("nav", style="stages", aria_label="Stages"):
-                links = [self._link(k, stage) for k, stage in enumerate(STAGES, start=1)]
+                links = [
+                    self._link(k, stage) for k, stage in enumerate(STAGES, start=1)
+                ]
             # NiceGUI's own layout is the main landmark.
             with tag("div", style="page", tabindex="-1") as self._main:
                 with tag("div", style="intro"):
-                    tag("h1", "Identify your robot, see what the model is missing, add it")
-                    tag("p", "Everything is computed on this computer, and no data leave it.", "lead")
+                    tag(
+                        "h1",
+                        "Identify your robot, see what the model is missing, add it",
+                    )
+                    tag(
+                        "p",
+                        "Everything is computed on this computer, and no data"
+                        " leave it.",
+                        "lead",
+                    )
                 for link, stage in zip(links, STAGES, strict=True):
                     self._at[stage.anchor] = *link, *self._screen(stage)
         skip.props["href"] = f"#{self._main.html_id}"
@@ -52,7 +64,9 @@ class Workbench:
     @property
     def present(self) -> bool:
         """Loading, or connected; a tab that was just closed is neither."""
-        return not self.client.is_deleted and (not self._met or self.client.has_socket_connection)
+        return not self.client.is_deleted and (
+            not self._met or self.client.has_socket_connection
+        )
 
     def redraw(self) -> None:
         """Draw anew what has changed, and nothing else."""
@@ -71,7 +85,9 @@ class Workbench:
             self._redraw_dock()
             # Bring what is new into sight.
             if (new := self.session.new) is not self._seen and new is not None:
-                ui.run_javascript(f"workbench.show({json.dumps(new[0])}, {json.dumps(new[1])})")
+                ui.run_javascript(
+                    f"workbench.show({json.dumps(new[0])}, {json.dumps(new[1])})"
+                )
             self._seen = new
 
     def _part(self, part: Part, ready: bool) -> None:
@@ -109,7 +125,10 @@ class Workbench:
     def _dock(self) -> None:
         with tag("div", style="dock", aria_label="Status", role="region"):
             self._said = tag("p", "", "unseen", role="status", aria_live="polite")
-            self._notices = {role: tag("div", style="notice", role=role) for role in ("alert", "status")}
+            self._notices = {
+                role: tag("div", style="notice", role=role)
+                for role in ("alert", "status")
+            }
             with tag("div", style="working") as self._working:
                 tag("div", style="runner", aria_hidden="true")
                 self._status = tag("span", "", "status", aria_hidden="true")
@@ -122,11 +141,16 @@ class Workbench:
             self._clock.text = f"{time.monotonic() - working.since:.0f} s"
 
     def _redraw_stage(self, stage: Stage) -> None:
-        """Its mark on the rail, the sentence that it ends in, and the way to the next one."""
+        """Its mark on the rail, the sentence that it ends in, and the way to the next
+        one."""
         session, following = self.session, _NEXT.get(stage)
         ready = any(part.ready(session) for part in stage.parts)
         verdict = (stage.verdict(session) if ready else None) or Verdict("", "")
-        on = ready and following is not None and any(p.ready(session) for p in following.parts)
+        on = (
+            ready
+            and following is not None
+            and any(p.ready(session) for p in following.parts)
+        )
         link, mark, section, above, end = self._at[stage.anchor]
         later = " later" * (not ready)
         link.classes(replace=f"{verdict.level}{later}")
@@ -144,7 +168,11 @@ class Workbench:
 
         def way() -> None:
             if on and following is not None:
-                style = "action primary" if verdict.text and verdict.level != "bad" else "action"
+                style = (
+                    "action primary"
+                    if verdict.text and verdict.level != "bad"
+                    else "action"
+                )
                 at = {"data_to": following.anchor, "data_key": f"next-{stage.anchor}"}
                 tag("a", f"Next: {following.title}", style, href="#", **at)
 
@@ -158,11 +186,15 @@ class Workbench:
         self._main.classes(replace="page" + " busy" * (working is not None))
         self._main.props["aria-busy"] = "false" if working is None else "true"
         if working is not None:
-            self._status.text = working.title + (f": {working.status}" if working.status else "")
+            self._status.text = working.title + (
+                f": {working.status}" if working.status else ""
+            )
             self._said.text = f"{working.title}."
         elif self._status.text:
             self._status.text, self._clock.text = "", ""
-            self._said.text = f"{self._said.text} Done." if session.notice is None else ""
+            self._said.text = (
+                f"{self._said.text} Done." if session.notice is None else ""
+            )
         for role, place in self._notices.items():
             notice = session.notice
             texts = notice.texts if notice and notice.error == (role == "alert") else ()

@@ -1,6 +1,7 @@
 """Workers: processes that do one job at a time, asked and answering through a pipe.
 
-One is always started in advance; cancelling a job kills its worker; each ends with the server.
+One is always started in advance; cancelling a job kills its worker; each ends with the
+server.
 """
 
 import asyncio
@@ -17,7 +18,8 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.parallel import end_with
 
-#: The least of the computer's memory that a job is given [bytes]: what a recording of an hour takes.
+#: The least of the computer's memory that a job is given [bytes]: what a recording of
+#: an hour takes.
 LEAST = 2**31
 
 
@@ -29,7 +31,8 @@ def memory() -> int:
 
 
 class JobProcess:
-    """A worker: a process that does one job after another, each within so much memory [bytes]."""
+    """A worker: a process that does one job after another, each within so much memory
+    [bytes]."""
 
     def __init__(self, limit: int) -> None:
         spawn = multiprocessing.get_context("spawn")
@@ -38,14 +41,24 @@ class JobProcess:
         self.process.start()
         end.close()
 
-    async def do(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
-        """The answer to a request; raises InputError: the worker's sentence, or that it was killed."""
+    async def do(
+        self, request: Mapping[str, Any], progress: Callable[[str], None]
+    ) -> dict[str, Any]:
+        """The answer to a request; raises InputError: the worker's sentence, or that it
+        was killed."""
         try:
             self.pipe.send(request)
-            while "progress" in (message := json.loads(await asyncio.to_thread(self.pipe.recv_bytes))):
+            while "progress" in (
+                message := json.loads(await asyncio.to_thread(self.pipe.recv_bytes))
+            ):
                 progress(message["progress"])
-        except (OSError, EOFError):  # the system ends processes that want too much memory
-            what = "the job was killed, probably for lack of memory; nothing was changed"
+        except (
+            OSError,
+            EOFError,
+        ):  # the system ends processes that want too much memory
+            what = (
+                "the job was killed, probably for lack of memory; nothing was changed"
+            )
             raise InputError(what, "use fewer or shorter runs") from None
         if "error" in message:
             raise InputError(message["error"])
@@ -58,12 +71,15 @@ class JobProcess:
         with contextlib.suppress(OSError, AttributeError):
             os.killpg(number, signal.SIGKILL)
         self.process.kill()
-        threading.Thread(target=self.process.join, daemon=True).start()  # leaves no zombie behind
+        threading.Thread(
+            target=self.process.join, daemon=True
+        ).start()  # leaves no zombie behind
 
 
 class WorkerPool:
-    """Where workers come from. at_once : jobs of all tabs together that run at once, the others wait;
-    by default as many as there are cores, and parts of the memory beside one for all else."""
+    """Where workers come from. at_once : jobs of all tabs together that run at once,
+    the others wait; by default as many as there are cores, and parts of the memory
+    beside one for all else."""
 
     def __init__(self, at_once: int | None = None) -> None:
         places = at_once or max(1, min(os.cpu_count() or 1, memory() // LEAST - 1))
@@ -76,9 +92,12 @@ class WorkerPool:
         """Start a worker in advance: it loads its libraries."""
         self._spare = JobProcess(self._limit)
 
-    async def run(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
-        """The answer to a request, once there is a place for it; cancelled, its worker is killed, and
-        nothing has changed. Raises InputError with the worker's sentence."""
+    async def run(
+        self, request: Mapping[str, Any], progress: Callable[[str], None]
+    ) -> dict[str, Any]:
+        """The answer to a request, once there is a place for it; cancelled, its worker
+        is killed, and nothing has changed. Raises InputError with the worker's
+        sentence."""
         if self._places.locked():
             progress("waiting for the jobs of other tabs")
         async with self._places:
@@ -98,7 +117,11 @@ class WorkerPool:
     def worker(self) -> JobProcess:
         """A worker that does nothing yet."""
         spare, self._spare = self._spare, None
-        return JobProcess(self._limit) if spare is None or not spare.process.is_alive() else spare
+        return (
+            JobProcess(self._limit)
+            if spare is None or not spare.process.is_alive()
+            else spare
+        )
 
     def close(self) -> None:
         self._closed = True
@@ -107,9 +130,12 @@ class WorkerPool:
 
 
 def main(server: Any, parent: int, limit: int) -> None:
-    """Do the jobs that come through a pipe, one after another, while the parent lives; each fails with a
-    sentence at the limit of memory [bytes], before it makes the computer swap."""
-    with contextlib.suppress(AttributeError):  # Ctrl-C is the server's; a kill reaches what a job starts
+    """Do the jobs that come through a pipe, one after another, while the parent lives;
+    each fails with a sentence at the limit of memory [bytes], before it makes the
+    computer swap."""
+    with contextlib.suppress(
+        AttributeError
+    ):  # Ctrl-C is the server's; a kill reaches what a job starts
         os.setsid()
     end_with(parent)
     os.dup2(2, 1)  # what a library prints is no matter of the server's
@@ -118,8 +144,12 @@ def main(server: Any, parent: int, limit: int) -> None:
 
         resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
 
-    def send(message: dict[str, Any]) -> None:  # arrays and numbers of NumPy as JSON has them
-        server.send_bytes(json.dumps(message, default=lambda array: array.tolist()).encode())
+    def send(
+        message: dict[str, Any],
+    ) -> None:  # arrays and numbers of NumPy as JSON has them
+        server.send_bytes(
+            json.dumps(message, default=lambda array: array.tolist()).encode()
+        )
 
     from sdp_vs_penalty.page import jobs  # takes seconds; a request may come meanwhile
 
@@ -145,5 +175,7 @@ def sentence(error: BaseException) -> str:
         error = InputError("Not enough memory", "use fewer or shorter runs")
     if not isinstance(error, InputError):
         what = f"Internal error ({type(error).__name__}: {error})"
-        error = InputError(what, "nothing was changed; try other data or settings, and report it")
+        error = InputError(
+            what, "nothing was changed; try other data or settings, and report it"
+        )
     return str(error)

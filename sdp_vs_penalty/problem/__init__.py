@@ -1,4 +1,5 @@
-"""What is known of a robot before anything is measured: bounds, nominal links, published values."""
+"""What is known of a robot before anything is measured: bounds, nominal links,
+published values."""
 
 from sdp_vs_penalty.plugins import surface
 

@@ -1,10 +1,12 @@
-"""Where each link's mass can be: from its geometry, stated bounds, its inertial, or the kinematics.
+"""Where each link's mass can be: from its geometry, stated bounds, its inertial, or the
+kinematics.
 
-Generous on purpose, because a body that is too small makes the truth infeasible. The margins: 20 % and
-3 cm around geometry (a shell leaves cables and screws out), twice the ellipsoid of uniform density that
-has a link's inertial, and balls around the joints that it bears and the corners of its bounds, of at
-least 10 cm, or 1 m where nothing but the joints is known.
-Nominal links are a plausible arm, known before anything is measured: never published estimates.
+Generous on purpose, because a body that is too small makes the truth infeasible. The
+margins: 20 % and 3 cm around geometry (a shell leaves cables and screws out), twice the
+ellipsoid of uniform density that has a link's inertial, and balls around the joints
+that it bears and the corners of its bounds, of at least 10 cm, or 1 m where nothing but
+the joints is known. Nominal links are a plausible arm, known before anything is
+measured: never published estimates.
 """
 
 from collections.abc import Sequence
@@ -20,12 +22,15 @@ from sdp_vs_penalty.robot.robot import Robot
 
 
 def link_bodies(
-    robot: Robot, centres: Array, given: Array, geometry: Sequence[Geometry | None] | None = None
+    robot: Robot,
+    centres: Array,
+    given: Array,
+    geometry: Sequence[Geometry | None] | None = None,
 ) -> tuple[Body, ...]:
     """The body of each link in its frame, from the best that is known of it.
 
-    centres (n, 3, 2) : bounds on the centre of mass [m], infinite where there is none; given (n, 10) :
-    standard parameters that came with the robot, zeros where none did.
+    centres (n, 3, 2) : bounds on the centre of mass [m], infinite where there is none;
+    given (n, 10) : standard parameters that came with the robot, zeros where none did.
     """
     reach = robot.link_reach()
     largest = c.FAR_MASS * max(float(reach.sum()), 1.0)
@@ -34,7 +39,10 @@ def link_bodies(
         shape = None if geometry is None else geometry[k]
         if shape is not None:  # in metres, and no marker of a place
             farthest = float(np.linalg.norm(shape.points, axis=1).max())
-            usable = float(np.ptp(shape.points, axis=0).max()) > c.LAYER and farthest < largest
+            usable = (
+                float(np.ptp(shape.points, axis=0).max()) > c.LAYER
+                and farthest < largest
+            )
             shape = shape if usable else None
         own = _uniform_ellipsoid(given[k], largest)
         corners = np.array(np.meshgrid(*centres[k])).reshape(3, -1).T
@@ -48,7 +56,9 @@ def link_bodies(
             out.append(around(balls(places, radius), "bounds"))
         elif own is not None:
             wide = own.mean(axis=0) + c.INERTIAL_MARGIN * (own - own.mean(axis=0))
-            places = balls(np.concatenate([joint_places(robot, k), own]), c.LEAST_RADIUS)
+            places = balls(
+                np.concatenate([joint_places(robot, k), own]), c.LEAST_RADIUS
+            )
             out.append(around(np.concatenate([wide, places]), "inertial"))
         else:
             wide = max(reach[k], c.DEFAULT_RADIUS)
@@ -57,16 +67,25 @@ def link_bodies(
 
 
 def joint_places(robot: Robot, link: int) -> Array:
-    """(k, 3) the link frame's origin and the joints that a link bears, its own too, over their strokes.
+    """(k, 3) the link frame's origin and the joints that a link bears, its own too,
+    over their strokes.
 
-    A frame may sit anywhere on its joint's axis: the link begins where the axis leaves the parent's.
+    A frame may sit anywhere on its joint's axis: the link begins where the axis leaves
+    the parent's.
     """
     carrier = robot.link_joints[link]
     own = robot.tree[carrier]
     into = np.linalg.inv(own.link_frame)
     before = float(own.axis @ own.placement[:3, :3].T @ own.placement[:3, 3])
     strokes = [
-        [0.0, *(x for x in (j.lower, j.upper) if j.kind == "prismatic" and np.isfinite(x))]
+        [
+            0.0,
+            *(
+                x
+                for x in (j.lower, j.upper)
+                if j.kind == "prismatic" and np.isfinite(x)
+            ),
+        ]
         for j in robot.tree
     ]
     places: list[Array] = [-s * own.axis for s in (before, *strokes[carrier])]
@@ -74,12 +93,15 @@ def joint_places(robot: Robot, link: int) -> Array:
         if child.parent == carrier:
             along = child.placement[:3, :3] @ child.axis
             places += [child.placement[:3, 3] + s * along for s in strokes[k]]
-    return np.concatenate([np.zeros((1, 3)), np.array(places) @ into[:3, :3].T + into[:3, 3]])
+    return np.concatenate(
+        [np.zeros((1, 3)), np.array(places) @ into[:3, :3].T + into[:3, 3]]
+    )
 
 
 def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
-    """(6, 3) points whose least ellipsoid is that of uniform density with these parameters (10,): what
-    its symmetric root makes of the unit vectors. Axes of a cylinder are the processor's choice."""
+    """(6, 3) points whose least ellipsoid is that of uniform density with these
+    parameters (10,): what its symmetric root makes of the unit vectors. Axes of a
+    cylinder are the processor's choice."""
     if not link[0] > 0.0:
         return None
     pseudo = inertia.pseudo_inertia(link)
@@ -96,9 +118,10 @@ def plausible_links(
 ) -> tuple[Array, tuple[str, ...]]:
     """Strictly consistent nominal links (n, 10), and where each comes from.
 
-    Those given where they are possible ("inertial"); a given mass whose moments are not keeps its
-    weight; else the link's geometry filled with :data:`DEFAULT_DENSITY` ("geometry"), else a tube with
-    half of each actuator at its ends ("kinematics"). The last two are drawn, not measured.
+    Those given where they are possible ("inertial"); a given mass whose moments are not
+    keeps its weight; else the link's geometry filled with :data:`DEFAULT_DENSITY`
+    ("geometry"), else a tube with half of each actuator at its ends ("kinematics"). The
+    last two are drawn, not measured.
     """
     out, sources, actuators = np.array(given, float), [], _actuators(robot)
     for i, reach in enumerate(robot.link_reach()):
@@ -106,40 +129,58 @@ def plausible_links(
         scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
         mass = out[i, 0]
         # Above what files' seven digits leave open.
-        if mass > 0.0 and np.linalg.eigvalsh(scaled)[0] > np.finfo(np.float32).eps * mass:
+        if (
+            mass > 0.0
+            and np.linalg.eigvalsh(scaled)[0] > np.finfo(np.float32).eps * mass
+        ):
             sources.append("inertial")
             continue
         body = None if bodies is None else bodies[i]
         seen = body is not None and body.source == "geometry"
         if body is not None and seen:
-            bare = (body.half_axes - c.LAYER) / c.GEOMETRY_MARGIN  # of what it is drawn around
-            second = (body.axes * bare**2 / 7.0) @ body.axes.T  # 5 for a ball, 9 for a box
-            half = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(bare)))  # where the surface is open
+            bare = (
+                body.half_axes - c.LAYER
+            ) / c.GEOMETRY_MARGIN  # of what it is drawn around
+            second = (
+                body.axes * bare**2 / 7.0
+            ) @ body.axes.T  # 5 for a ball, 9 for a box
+            half = 0.5 * (
+                4.0 / 3.0 * np.pi * float(np.prod(bare))
+            )  # where the surface is open
             volume = half if body.volume is None else body.volume
             drawn = _lump(c.DEFAULT_DENSITY * volume, body.centre, second)
         else:
             drawn = _tube(robot, i, reach, actuators)
         known = 0.0 < mass < np.inf
         sources.append("inertial" if known else "geometry" if seen else "kinematics")
-        out[i] = inertia.from_pseudo_inertia(drawn * (mass / drawn[3, 3] if known else 1.0))
+        out[i] = inertia.from_pseudo_inertia(
+            drawn * (mass / drawn[3, 3] if known else 1.0)
+        )
     return out, tuple(sources)
 
 
 def _lump(mass: float, centre: Array, second: Array) -> Array:
-    """(4, 4) pseudo-inertia of a mass [kg] about its centre [m] with second moments per mass [m^2]."""
+    """(4, 4) pseudo-inertia of a mass [kg] about its centre [m] with second moments per
+    mass [m^2]."""
     lifted = np.append(centre, 1.0)
     return mass * (np.pad(second, (0, 1)) + np.outer(lifted, lifted))
 
 
 def _actuators(robot: Robot) -> Array:
-    """Mass of each joint's actuator [kg], from its torque limit, or from the arm that it has to hold
-    where limits are missing or all the same (a placeholder); none for a sliding joint."""
+    """Mass of each joint's actuator [kg], from its torque limit, or from the arm that
+    it has to hold where limits are missing or all the same (a placeholder); none for a
+    sliding joint."""
     beyond = np.zeros(len(robot.tree))
     reach = dict(zip(robot.link_joints, robot.link_reach(), strict=True))
-    for k in reversed(range(len(robot.tree))):  # a joint's children come after it: theirs are known
+    for k in reversed(
+        range(len(robot.tree))
+    ):  # a joint's children come after it: theirs are known
         ahead = [beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k]
         beyond[k] = reach.get(k, 0.0) + max(ahead, default=0.0)
-    torque, limits = c.HOLDING * beyond**2, np.array([joint.effort for joint in robot.tree])
+    torque, limits = (
+        c.HOLDING * beyond**2,
+        np.array([joint.effort for joint in robot.tree]),
+    )
     turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
     if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
         torque = limits
@@ -148,7 +189,8 @@ def _actuators(robot: Robot) -> Array:
 
 
 def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
-    """(4, 4) pseudo-inertia of a tube between a link's joints with half of their actuators."""
+    """(4, 4) pseudo-inertia of a tube between a link's joints with half of their
+    actuators."""
     carrier = robot.link_joints[link]
     children = [k for k, joint in enumerate(robot.tree) if joint.parent == carrier]
     places = [np.zeros(3), *(robot.tree[k].placement[:3, 3] for k in children)]

@@ -1,4 +1,5 @@
-"""A problem from its name, a URDF file, or its folder: problem.toml, and the tables that it names.
+"""A problem from its name, a URDF file, or its folder: problem.toml, and the tables
+that it names.
 
 And the verb ``convert``: measurements of another program, for the robot of a problem.
 """
@@ -34,8 +35,9 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
-#: Every field of a problem.toml: each holds what its example does. Numbers in a list are one a joint
-#: beside a DH table, but for the vector of gravity and the two ends of a mass.
+#: Every field of a problem.toml: each holds what its example does. Numbers in a list
+#: are one a joint beside a DH table, but for the vector of gravity and the two ends of
+#: a mass.
 EXAMPLE = Path(__file__).with_name("example.toml").read_text(encoding="utf-8")
 _FIELDS = tomllib.loads(EXAMPLE)
 _NEEDED = re.findall(r"^(\w+) = .*# needed", EXAMPLE, re.MULTILINE)
@@ -44,24 +46,32 @@ _NEEDED = re.findall(r"^(\w+) = .*# needed", EXAMPLE, re.MULTILINE)
 def check_fields(
     data: Mapping[str, Any], fields: Mapping[str, Any] = _FIELDS, section: str = ""
 ) -> None:
-    """InputError naming the section and the field that is unknown, missing or of another kind than in
-    the example ``fields``; checked before anything is built."""
+    """InputError naming the section and the field that is unknown, missing or of
+    another kind than in the example ``fields``; checked before anything is built."""
     where = section or "the top level"
     for key in data:
         if key not in fields:
-            raise InputError(f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}")
+            raise InputError(
+                f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}"
+            )
     for key, like in fields.items():
         many, one = isinstance(like, list), like[0] if isinstance(like, list) else like
         if key == "kinematics" and key not in data:
             raise InputError(
-                "the section [kinematics] is missing", "give the robot's DH table or its URDF"
+                "the section [kinematics] is missing",
+                "give the robot's DH table or its URDF",
             )
         if key not in data:
             if key in _NEEDED and "urdf" not in data:
                 raise InputError(f"the field {key!r} is missing in {where}", "add it")
         elif isinstance(one, dict):
-            head, parts = f"[[{key}]]" if many else f"[{key}]", data[key] if many else [data[key]]
-            if not (isinstance(parts, list) and all(isinstance(x, dict) for x in parts)):
+            head, parts = (
+                f"[[{key}]]" if many else f"[{key}]",
+                data[key] if many else [data[key]],
+            )
+            if not (
+                isinstance(parts, list) and all(isinstance(x, dict) for x in parts)
+            ):
                 what = f"{key} is no {'list of sections' if many else 'section'}"
                 raise InputError(what, f"write {head} above its fields")
             for part in parts:
@@ -70,7 +80,9 @@ def check_fields(
             _check(f"{section} {key}".lstrip(), data[key], key, like, data)
 
 
-def _check(label: str, value: Any, key: str, like: Any, part: Mapping[str, Any]) -> None:
+def _check(
+    label: str, value: Any, key: str, like: Any, part: Mapping[str, Any]
+) -> None:
     """InputError for a value of another kind or length than its example."""
     several, one = isinstance(like, list), like[0] if isinstance(like, list) else like
     word = {str: "text", int: "whole number", float: "number"}[type(one)]
@@ -85,31 +97,43 @@ def _check(label: str, value: Any, key: str, like: Any, part: Mapping[str, Any])
     shown = like if fixed else part.get("a")
     if several and isinstance(shown, list) and len(value) != len(shown):
         needed = hint if fixed else "one per joint, as in a"
-        raise InputError(f"{label} has {len(value)} entries, {len(shown)} are needed", needed)
+        raise InputError(
+            f"{label} has {len(value)} entries, {len(shown)} are needed", needed
+        )
 
 
 def _shown(value: Any) -> str:
     """A value as TOML writes it, shortened."""
-    return "a section" if isinstance(value, dict) else json.dumps(value, default=str)[:40]
+    return (
+        "a section" if isinstance(value, dict) else json.dumps(value, default=str)[:40]
+    )
 
 
 def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     check_fields(data)
     kinematics = data["kinematics"]
     given: Array | None = None
-    geometry, gravity = None, tuple(map(float, kinematics.get("gravity", STANDARD_GRAVITY)))
+    geometry, gravity = (
+        None,
+        tuple(map(float, kinematics.get("gravity", STANDARD_GRAVITY))),
+    )
     if "urdf" in kinematics:
         robot, given = load_urdf(folder / kinematics["urdf"], gravity)
         geometry = link_geometry(folder / kinematics["urdf"])
     else:
         keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
-        limits = [{k: float(kinematics[k][i]) for k in keys} for i in range(len(kinematics["a"]))]
+        limits = [
+            {k: float(kinematics[k][i]) for k in keys}
+            for i in range(len(kinematics["a"]))
+        ]
         alpha = [np.pi * x for x in kinematics["alpha_over_pi"]]
         a, d, convention = (kinematics[key] for key in ("a", "d", "convention"))
         robot = Robot.from_dh(folder.name, a, alpha, d, convention, gravity, limits)
     if "mechanism" in data:
         if robot.mechanism is not None:
-            raise InputError("the URDF has mimic joints of its own", "leave out [mechanism]")
+            raise InputError(
+                "the URDF has mimic joints of its own", "leave out [mechanism]"
+            )
         section = data["mechanism"]
         massless = [int(k) for k in section.get("massless", ())]
         joints, mechanism = parse_mechanism(robot.tree, section["joints"], massless)
@@ -122,11 +146,18 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
     if data.get("links", robot.links) != robot.links:
         what = f"links = {data['links']}, the kinematics have {robot.links}"
         raise InputError(what, "correct links, or leave it out")
-    bounds, none, box = data.get("bounds", {}), np.zeros((robot.links, 10)), open_box(robot.links)
+    bounds, none, box = (
+        data.get("bounds", {}),
+        np.zeros((robot.links, 10)),
+        open_box(robot.links),
+    )
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
     low, high = (float(v) for v in bounds.get("total_mass", Problem.total_mass))
-    base, effects = data.get("base_parameters", {}).get("independent"), data.get("effects")
+    base, effects = (
+        data.get("base_parameters", {}).get("independent"),
+        data.get("effects"),
+    )
     problem = Problem(
         folder.name,
         data["title"],
@@ -134,23 +165,32 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         box,
         none,
         total_mass=(low, high),
-        cones=tuple(map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ()))),
+        cones=tuple(
+            map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ()))
+        ),
         torque_side=data.get("torque_side", Problem.torque_side),
         preprocessing=Preprocessing(**data.get("preprocessing", {})),
         independent=None if base is None else tuple(base),
         folder=folder,
         effects=None if effects is None else tuple(effects),
     )
-    bodies = link_bodies(robot, problem.centre_boxes, none if given is None else given, geometry)
+    bodies = link_bodies(
+        robot, problem.centre_boxes, none if given is None else given, geometry
+    )
     drawn = _ellipsoids_in_the_box(problem) if given is None else given
     nominal, sources = plausible_links(robot, drawn, bodies)
     if given is None:
-        sources = tuple("bounds" if source == "inertial" else source for source in sources)
-    return _within_masses(replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources))
+        sources = tuple(
+            "bounds" if source == "inertial" else source for source in sources
+        )
+    return _within_masses(
+        replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
+    )
 
 
 def _within_masses(problem: Problem) -> Problem:
-    """A nominal link outside of its mass bounds weighs their geometric mean, or the end that it has."""
+    """A nominal link outside of its mass bounds weighs their geometric mean, or the end
+    that it has."""
     links, (low, high) = problem.nominal_links, problem.box[:, 0].T
     new = np.clip(links[:, 0], low, high)
     middle = (new != links[:, 0]) & (low > 0.0) & np.isfinite(high)
@@ -161,8 +201,9 @@ def _within_masses(problem: Problem) -> Problem:
 def _ellipsoids_in_the_box(problem: Problem) -> Array:
     """Uniform solid ellipsoids that fill the centre-of-mass boxes.
 
-    Masses share the middle of the total-mass range in proportion to the boxes' surface; half axes
-    are those of the box, at least 6 cm. Links without a finite box stay zero (see plausible_links).
+    Masses share the middle of the total-mass range in proportion to the boxes' surface;
+    half axes are those of the box, at least 6 cm. Links without a finite box stay zero
+    (see plausible_links).
     """
     links, total = problem.robot.links, problem.total_mass
     if not np.isfinite(total[1]):
@@ -171,7 +212,9 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
     box = problem.box[:, 1:4]
     box = np.where(np.isfinite(box), box, np.stack([-com, com], axis=2))
     size, centre = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06), box.mean(axis=2)
-    for cone in problem.cones:  # a centre inside every cone: half way into the box, on the axis
+    for cone in (
+        problem.cones
+    ):  # a centre inside every cone: half way into the box, on the axis
         centre[cone.link - 1, ~cone.along] = 0.0
     surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
     mass = np.mean(total) * surface / surface.sum()
@@ -184,7 +227,8 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
 
 
 def _fill_box(box: Array, path: Path) -> None:
-    """Bounds from a table with columns parameter, lower, upper; names like m1, c1x, I1xx."""
+    """Bounds from a table with columns parameter, lower, upper; names like m1, c1x,
+    I1xx."""
     places = entries(len(box))
     for number, row in enumerate(read_table(path), start=2):
         name = row.get("parameter") or ""
@@ -193,11 +237,20 @@ def _fill_box(box: Array, path: Path) -> None:
             if np.isnan([lower, upper]).any():
                 raise ValueError
         except (ValueError, KeyError, TypeError):
-            what = f"row {number}: {name!r} has no bounds, or is no parameter of a link of this robot"
-            remedy = "write m1, c1x or I1xx under parameter, and numbers under lower and upper"
+            what = (
+                f"row {number}: {name!r} has no bounds, or is no parameter of a link of"
+                " this robot"
+            )
+            remedy = (
+                "write m1, c1x or I1xx under parameter, and numbers under lower and"
+                " upper"
+            )
             raise InputError(what, remedy, path) from None
         if not lower <= upper:
-            what = f"row {number}: {name} has its lower bound {lower:g} above its upper {upper:g}"
+            what = (
+                f"row {number}: {name} has its lower bound {lower:g} above its upper"
+                f" {upper:g}"
+            )
             raise InputError(what, "swap them", path)
         box[place] = lower, upper
 
@@ -223,10 +276,12 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
 
 
 def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> Problem:
-    """The problem of ``source``: a built-in name, a folder with a problem.toml, or a URDF file.
+    """The problem of ``source``: a built-in name, a folder with a problem.toml, or a
+    URDF file.
 
-    gravity : the gravity vector in the base frame [m/s^2], for a robot mounted otherwise.
-    Raises InputError where there is no such problem, or its files contradict themselves.
+    gravity : the gravity vector in the base frame [m/s^2], for a robot mounted
+    otherwise. Raises InputError where there is no such problem, or its files contradict
+    themselves.
     """
     path = Path(source)
     if str(source) in problem_names():
@@ -240,17 +295,21 @@ def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> 
         bodies = link_bodies(robot, box[:, 1:4], links, link_geometry(path))
         nominal, sources = plausible_links(robot, links, bodies)
         title = f"{robot.name} from {path.name}"
-        problem = Problem(robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources)
+        problem = Problem(
+            robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources
+        )
     else:
         remedy = (
-            f"name a folder with a problem.toml, a URDF file, or one of {', '.join(problem_names())}"
+            "name a folder with a problem.toml, a URDF file, or one of"
+            f" {', '.join(problem_names())}"
         )
         raise InputError(f"problem {str(source)!r} does not exist", remedy)
     return problem if gravity is None else problem.with_gravity(gravity)
 
 
 def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
-    """The same with other cut-offs [Hz] of the filters, "states,torque"; as it is for None."""
+    """The same with other cut-offs [Hz] of the filters, "states,torque"; as it is for
+    None."""
     if cutoffs is None:
         return problem
     state, torque = numbers("--filters", cutoffs, 2)
@@ -259,15 +318,20 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
 
 
 def with_bounds(problem: Problem, text: str | None) -> Problem:
-    """The same with other bounds, "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2]; as it is for None.
+    """The same with other bounds, "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2]; as it
+    is for None.
 
-    The names are those of a ``bounds.csv``, and ``total``; an end that is left out is none (a mass has
-    zero). A nominal link outside of its new mass comes to the middle. Raises InputError for another
-    text, a name of no link, or ends that are swapped.
+    The names are those of a ``bounds.csv``, and ``total``; an end that is left out is
+    none (a mass has zero). A nominal link outside of its new mass comes to the middle.
+    Raises InputError for another text, a name of no link, or ends that are swapped.
     """
     if text is None:
         return problem
-    places, box, total = entries(problem.robot.links), problem.box.copy(), problem.total_mass
+    places, box, total = (
+        entries(problem.robot.links),
+        problem.box.copy(),
+        problem.total_mass,
+    )
     for name, ends in (pairs("--bounds", text) or {}).items():
         low, _, high = ends.partition(":")
         mass = name.startswith(("m", "total"))
@@ -295,7 +359,8 @@ def convert(
     rate: float | None = None,
     scale: Mapping[str, str] | None = None,
 ) -> Measurements:
-    """Read measurements of another program, and write them in the format of ``out``'s suffix.
+    """Read measurements of another program, and write them in the format of ``out``'s
+    suffix.
 
     source : a .csv, .npz, .mat, .parquet, .mcap or .bag file, or a ROS 2 bag's folder; out : .csv, .npz,
         .parquet or .mat (default: nothing is written).
@@ -315,13 +380,22 @@ def convert(
         joints = as_problem(problem, "convert(problem=...)").robot.joint_names
     transmission = None
     if not isinstance(motors, bool):
-        transmission = parse_transmission(motors.split(",") if isinstance(motors, str) else motors)
+        transmission = parse_transmission(
+            motors.split(",") if isinstance(motors, str) else motors
+        )
     elif motors and problem is not None:
         transmission = as_problem(problem).robot.transmission
     if motors and transmission is None:
-        remedy = "name a problem that has one, or write each motor's position, such as 50 q1,30 q2"
+        remedy = (
+            "name a problem that has one, or write each motor's position, such as 50"
+            " q1,30 q2"
+        )
         raise InputError("no transmission is known", remedy, "convert(motors=True)")
-    run = read_headerless(source, rate) if rate else read_run(source, None, joints, topic, rename)
+    run = (
+        read_headerless(source, rate)
+        if rate
+        else read_run(source, None, joints, topic, rename)
+    )
     if scale:
         run = scaled(run, scale)
     if transmission is not None:

@@ -1,9 +1,10 @@
 """A shared problem definition: robot, bounds, nominal inertia, published values.
 
-A problem is a folder with a problem.toml (problems/ travels with the package), or a URDF file; all
-estimators read the same :class:`Problem`. Tables and files name a link's bounds m1, c1x, I1xx, as the
-paper prints them. model.json holds a problem whole, beside its robot: what it does not narrow is written
-down too, so that other defaults of a later version do not change the bounds of an old model.
+A problem is a folder with a problem.toml (problems/ travels with the package), or a
+URDF file; all estimators read the same :class:`Problem`. Tables and files name a link's
+bounds m1, c1x, I1xx, as the paper prints them. model.json holds a problem whole, beside
+its robot: what it does not narrow is written down too, so that other defaults of a
+later version do not change the bounds of an old model.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ class CentreOfMassCone(Plain):
     def __post_init__(self) -> None:
         require_known("centre_of_mass_cone axis", self.axis, ("x", "y", "z"))
         if not np.all(np.isfinite([self.radius, self.slope])):
-            raise InputError(f"the centre_of_mass_cone of link {self.link}", "correct its numbers")
+            raise InputError(
+                f"the centre_of_mass_cone of link {self.link}", "correct its numbers"
+            )
 
     @property
     def along(self) -> NDArray[np.bool_]:
@@ -57,7 +60,10 @@ class CentreOfMassCone(Plain):
     def constraint(self, indices: NDArray[np.intp]) -> Constraint:
         """The demand on the link's ten parameters, which sit at ``indices`` of theta."""
         coefficients = np.zeros((4, 3))
-        coefficients[0, 0], coefficients[1:, 0] = self.radius, np.where(self.along, self.slope, 0.0)
+        coefficients[0, 0], coefficients[1:, 0] = (
+            self.radius,
+            np.where(self.along, self.slope, 0.0),
+        )
         coefficients[1:, 1:] = np.eye(3)[:, ~self.along]
         who = "centre of mass cone", f"link {self.link}", indices[:4]
         return build.linear(*who, coefficients, np.zeros(3), "soc")
@@ -117,7 +123,10 @@ class Problem(Shown):
         }
         for name, (value, *more) in shapes.items():
             if value is not None and np.shape(value) != (n, *more):
-                what = f"the {name} are of another robot than {self.robot.name} ({n} links)"
+                what = (
+                    f"the {name} are of another robot than {self.robot.name} ({n}"
+                    " links)"
+                )
                 raise InputError(what, "give one a link")
         if not np.all(self.box[..., 0] <= self.box[..., 1]):
             raise InputError("a bound has its lower end above its upper", "swap them")
@@ -131,17 +140,31 @@ class Problem(Shown):
 
     @cached_property
     def link_defaults(self) -> Array:
-        """(n, 2) largest mass [kg] and radius [m] of each link where nothing narrower is known."""
+        """(n, 2) largest mass [kg] and radius [m] of each link where nothing narrower
+        is known."""
         if self.defaults is not None:
             return self.defaults
-        mass, known = self.nominal_links[:, 0], np.where(np.isfinite(self._centres), self._centres, 0.0)
+        mass, known = (
+            self.nominal_links[:, 0],
+            np.where(np.isfinite(self._centres), self._centres, 0.0),
+        )
         reach = np.maximum(self.robot.link_reach(), known.max(axis=1))
         joints = [self.robot.tree[k] for k in self.robot.link_joints]
-        stroke = np.array([j.upper - j.lower if j.kind == "prismatic" else 0.0 for j in joints])
-        # The given inertials' own extent: the root mean square distance of the mass from the frame.
-        second = np.trace(inertia.pseudo_inertia(self.nominal_links)[:, :3, :3], axis1=1, axis2=2)
-        extent = np.sqrt(np.maximum(np.where(mass > 0.0, second, 0.0) / or_one(mass), 0.0))
-        least = np.full(len(mass), c.DEFAULT_RADIUS), np.where(np.isfinite(stroke), stroke, 0.0)
+        stroke = np.array(
+            [j.upper - j.lower if j.kind == "prismatic" else 0.0 for j in joints]
+        )
+        # The given inertials' own extent: the root mean square distance of the mass
+        # from the frame.
+        second = np.trace(
+            inertia.pseudo_inertia(self.nominal_links)[:, :3, :3], axis1=1, axis2=2
+        )
+        extent = np.sqrt(
+            np.maximum(np.where(mass > 0.0, second, 0.0) / or_one(mass), 0.0)
+        )
+        least = (
+            np.full(len(mass), c.DEFAULT_RADIUS),
+            np.where(np.isfinite(stroke), stroke, 0.0),
+        )
         radius = np.max([(1.0 + c.RADIUS_SHARE) * reach, *least, 2.0 * extent], axis=0)
         largest = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * mass)
         return np.column_stack([largest, radius])
@@ -151,11 +174,14 @@ class Problem(Shown):
         """Where the mass of each link can be, in the link frame."""
         if self.bodies is not None:
             return self.bodies
-        return link_bodies(self.robot, self.centre_boxes, np.zeros((self.robot.links, 10)))
+        return link_bodies(
+            self.robot, self.centre_boxes, np.zeros((self.robot.links, 10))
+        )
 
     @property
     def centre_boxes(self) -> Array:
-        """(n, 3, 2) bounds on each centre of mass [m], from the box, else from the cones."""
+        """(n, 3, 2) bounds on each centre of mass [m], from the box, else from the
+        cones."""
         box, known = self.box[:, 1:4], self._centres
         return np.where(np.isfinite(box), box, np.stack([-known, known], axis=2))
 
@@ -167,14 +193,17 @@ class Problem(Shown):
 
     @property
     def default_effects(self) -> tuple[str, ...]:
-        """Those that the problem names, else the usual four and the rotors' inertia, unless the torque
-        is known to be measured on the link side. Else links would have to be heavy enough to make it: a
-        UR10e's come out at 60 kg instead of 28. On the Panda, link side, its size comes out as 0. Where
-        nobody knows the side, one joint's cannot be told from what it moves, and is left out.
+        """Those that the problem names, else the usual four and the rotors' inertia,
+        unless the torque is known to be measured on the link side. Else links would
+        have to be heavy enough to make it: a UR10e's come out at 60 kg instead of 28.
+        On the Panda, link side, its size comes out as 0. Where nobody knows the side,
+        one joint's cannot be told from what it moves, and is left out.
         """
         if self.effects is not None:
             return self.effects
-        geared = self.torque_side == "motor" or (self.torque_side == "unknown" and self.robot.n > 1)
+        geared = self.torque_side == "motor" or (
+            self.torque_side == "unknown" and self.robot.n > 1
+        )
         return DEFAULT_EFFECTS + (("rotor_inertia",) if geared else ())
 
     def _summary(self) -> Summary:
@@ -186,15 +215,19 @@ class Problem(Shown):
             ("default effects", ", ".join(self.default_effects)),
         ]
 
-    def model(self, effects: str | Sequence[str] | Sequence[Effect] | None = None) -> Model:
-        """The model of this robot with effects given by name, as objects, or the defaults."""
+    def model(
+        self, effects: str | Sequence[str] | Sequence[Effect] | None = None
+    ) -> Model:
+        """The model of this robot with effects given by name, as objects, or the
+        defaults."""
         chosen: Any = self.default_effects if effects is None else effects
         if isinstance(chosen, str) or any(isinstance(e, str) for e in chosen):
             chosen = parse_effects(chosen, self.robot)
         return Model(self.robot, tuple(chosen), gains=self.gains)
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
-        """Same robot, other mounting; drops the named base parameters if gravity's direction changed."""
+        """Same robot, other mounting; drops the named base parameters if gravity's
+        direction changed."""
         robot = replace(self.robot, gravity=tuple(map(float, gravity)))
         turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
         independent = None if turned else self.independent
@@ -212,7 +245,9 @@ class Problem(Shown):
                 if np.isfinite(lower) or np.isfinite(upper)
             ]
         masses = model.rigid_indices[::10]
-        if len(masses) and (self.total_mass[0] > 0.0 or np.isfinite(self.total_mass[1])):
+        if len(masses) and (
+            self.total_mass[0] > 0.0 or np.isfinite(self.total_mass[1])
+        ):
             signs, ends = _interval(*self.total_mass)
             rows = np.tile(signs, (len(masses), 1))
             convex.append(build.linear("total mass", "robot", masses, rows, ends))
@@ -223,10 +258,12 @@ class Problem(Shown):
     def parameter_bound(self, model: Model) -> Array:
         """(p,) numbers B with |theta_k| <= B_k for every feasible theta.
 
-        Follows from the convex constraints; the certificate's lower bound needs it in directions
-        that the data do not determine.
+        Follows from the convex constraints; the certificate's lower bound needs it in
+        directions that the data do not determine.
         """
-        bound = np.concatenate([np.full(len(e.parameters), e.range) for e in model.effects])
+        bound = np.concatenate(
+            [np.full(len(e.parameters), e.range) for e in model.effects]
+        )
         if len(links := model.rigid_indices.reshape(-1, 10)):
             mass, com, moment = self.link_sizes
             bound[links[:, 0]], bound[links[:, 1:4]] = mass, mass[:, None] * com
@@ -243,14 +280,19 @@ class Problem(Shown):
 
     @cached_property
     def published(self) -> Mapping[str, list[dict[str, str]]]:
-        """The paper's tables that belong to this problem, by name ("table_III"), as text cells."""
+        """The paper's tables that belong to this problem, by name ("table_III"), as
+        text cells."""
         if self.folder is None:
             return {}
-        return {p.stem: read_table(p) for p in sorted((self.folder / "published").glob("*.csv"))}
+        return {
+            p.stem: read_table(p)
+            for p in sorted((self.folder / "published").glob("*.csv"))
+        }
 
     @cached_property
     def _centres(self) -> Array:
-        """(n, 3) bounds of |c| from the box and the cones [m]; infinite where there is none."""
+        """(n, 3) bounds of |c| from the box and the cones [m]; infinite where there is
+        none."""
         com = np.abs(self.box[:, 1:4]).max(axis=2)
         for cone in self.cones:
             link, across = cone.link - 1, ~cone.along
@@ -262,22 +304,28 @@ class Problem(Shown):
 
     @cached_property
     def _boxed(self) -> NDArray[np.bool_]:
-        """(n,) whether the bounds on centre of mass and moments alone bound the link's inertia."""
+        """(n,) whether the bounds on centre of mass and moments alone bound the link's
+        inertia."""
         known = np.column_stack([self.box[:, [4, 6, 9], 1], self._centres])
         return np.asarray(np.isfinite(known).all(axis=1))
 
     @cached_property
     def link_sizes(self) -> tuple[Array, Array, Array]:
-        """For every feasible link: bounds on mass (n,), |c| and moments about the frame (n, 3)."""
+        """For every feasible link: bounds on mass (n,), |c| and moments about the frame
+        (n, 3)."""
         mass, radius = self.link_defaults.T[..., None]
         mass = np.where(np.isfinite(self.box[:, :1, 1]), self.box[:, :1, 1], mass)
         mass, full = np.minimum(mass, self.total_mass[1]), self._boxed[:, None]
         square = np.where(full, self._centres, 0.0) ** 2
-        moments = self.box[:, [4, 6, 9], 1] + mass * (square.sum(axis=1, keepdims=True) - square)
+        moments = self.box[:, [4, 6, 9], 1] + mass * (
+            square.sum(axis=1, keepdims=True) - square
+        )
         com = np.where(full, self._centres, np.minimum(self._centres, radius))
         return mass[:, 0], com, np.where(full, moments, mass * radius**2)
 
-    def _link_constraints(self, link: int, indices: NDArray[np.intp]) -> list[Constraint]:
+    def _link_constraints(
+        self, link: int, indices: NDArray[np.intp]
+    ) -> list[Constraint]:
         name, box = f"link {link + 1}", self.box[link]
         mass, com, _ = (x[link] for x in self.link_sizes)
         out = [build.pseudo_inertia(name, indices)]
@@ -289,19 +337,30 @@ class Problem(Shown):
             signs, coefficients = np.array([1.0, -1.0])[ends], np.zeros((4, k))
             coefficients[0] = -signs * box[1 + axes, ends]
             coefficients[1 + axes, np.arange(k)] = signs
-            out.append(build.linear("centre of mass", name, indices[:4], coefficients, np.zeros(k)))
-        out += [cone.constraint(indices) for cone in self.cones if cone.link == link + 1]
+            out.append(
+                build.linear(
+                    "centre of mass", name, indices[:4], coefficients, np.zeros(k)
+                )
+            )
+        out += [
+            cone.constraint(indices) for cone in self.cones if cone.link == link + 1
+        ]
         if self._boxed[link]:
-            # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <= upper.
+            # J_aa <= upper + m max(c_b^2 + c_c^2): the convex consequence of I_aa <=
+            # upper.
             square = com**2
             coefficients = np.zeros((4, 3))
             coefficients[0] = square.sum() - square
             coefficients[1:] = -np.eye(3)
             upper = box[[4, 6, 9], 1]
-            out.append(build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper))
+            out.append(
+                build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper)
+            )
         else:
             ball = np.diag([*np.full(3, -1.0 / self.link_defaults[link, 1] ** 2), 1.0])
-            out.append(build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball))
+            out.append(
+                build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball)
+            )
         return out
 
 
@@ -313,34 +372,51 @@ def open_box(links: int, mass: float = 0.0) -> Array:
 
 
 def _interval(lower: float, upper: float) -> tuple[Array, Array]:
-    """Coefficients and constant of x - lower >= 0 and upper - x >= 0; infinite ends left out."""
+    """Coefficients and constant of x - lower >= 0 and upper - x >= 0; infinite ends
+    left out."""
     both = np.array([[1.0, -1.0], [-lower, upper]])
     signs, constants = both[:, np.isfinite(both[1])]
     return signs, constants
 
 
 #: A link's ten barycentric parameters, in our order.
-_BARYCENTRIC = ("m{}", "c{}x", "c{}y", "c{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
+_BARYCENTRIC = (
+    "m{}",
+    "c{}x",
+    "c{}y",
+    "c{}z",
+    "I{}xx",
+    "I{}xy",
+    "I{}yy",
+    "I{}xz",
+    "I{}yz",
+    "I{}zz",
+)
 
 
 def barycentric_names(link: int) -> tuple[str, ...]:
-    """The names of a link's (from 1) mass, centre of mass and inertia about it, in our order."""
+    """The names of a link's (from 1) mass, centre of mass and inertia about it, in our
+    order."""
     return tuple(name.format(link) for name in _BARYCENTRIC)
 
 
 def entries(links: int) -> dict[str, tuple[int, int]]:
     """Where each name stands in a problem's box: link (from 0) and entry."""
     names = (barycentric_names(link + 1) for link in range(links))
-    return {name: (link, k) for link, own in enumerate(names) for k, name in enumerate(own)}
+    return {
+        name: (link, k) for link, own in enumerate(names) for k, name in enumerate(own)
+    }
 
 
 def problem_to_dict(problem: Problem) -> dict[str, Any]:
-    """Plain JSON; a bound that is infinite is null, a parameter without bounds is left out.
+    """Plain JSON; a bound that is infinite is null, a parameter without bounds is left
+    out.
 
-    bounds : [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx [kg m^2]);
-    link_defaults : a link's largest mass [kg] and radius [m] where these bounds leave it open;
-    bodies : the ellipsoid in which a link's mass lies, in its frame [m], and what it is known from;
-    nominal_from : the same of the nominal links; gains : of the torque channels, where they are known.
+    bounds : [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx [kg
+    m^2]); link_defaults : a link's largest mass [kg] and radius [m] where these bounds
+    leave it open; bodies : the ellipsoid in which a link's mass lies, in its frame [m],
+    and what it is known from; nominal_from : the same of the nominal links; gains : of
+    the torque channels, where they are known.
     """
     places = entries(problem.robot.links).items()
     bounds = {name: [finite(x) for x in problem.box[place]] for name, place in places}
@@ -352,21 +428,28 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "bounds": {name: pair for name, pair in bounds.items() if pair != [None, None]},
         "total_mass": [finite(x) for x in problem.total_mass],
         "centre_of_mass_cones": [cone.to_dict() for cone in problem.cones],
-        "link_defaults": [{"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()],
+        "link_defaults": [
+            {"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()
+        ],
         "bodies": [body.to_dict() for body in problem.link_bodies],
         "nominal_links": problem.nominal_links.tolist(),
-        "nominal_from": None if problem.nominal_from is None else list(problem.nominal_from),
+        "nominal_from": (
+            None if problem.nominal_from is None else list(problem.nominal_from)
+        ),
         "gains": None if problem.gains is None else list(problem.gains),
         "preprocessing": asdict(problem.preprocessing),
-        "base_parameters": None if problem.independent is None else list(problem.independent),
+        "base_parameters": (
+            None if problem.independent is None else list(problem.independent)
+        ),
     }
 
 
 def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
-    """The same problem to the last bit of its constraints; its folder, if it had one, is not known.
+    """The same problem to the last bit of its constraints; its folder, if it had one,
+    is not known.
 
-    Raises InputError for bounds that contradict themselves or the robot, KeyError, TypeError or
-    ValueError for a field that is missing or of another kind.
+    Raises InputError for bounds that contradict themselves or the robot, KeyError,
+    TypeError or ValueError for a field that is missing or of another kind.
     """
     places, box = entries(robot.links), open_box(robot.links)
     for name, pair in data["bounds"].items():
@@ -374,9 +457,15 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
             what = f"bounds: {name!r} is no parameter of a link of this robot"
             raise InputError(what, "write the file anew")
         box[places[name]] = _ends(pair)
-    texts, base, drawn = _texts(data["effects"]), data["base_parameters"], data["nominal_from"]
+    texts, base, drawn = (
+        _texts(data["effects"]),
+        data["base_parameters"],
+        data["nominal_from"],
+    )
     parse_effects(texts, robot)
-    defaults = _finite("link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]])
+    defaults = _finite(
+        "link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]]
+    )
     if not np.all(defaults > 0.0):
         what = "link_defaults: a mass or a radius is not above 0"
         raise InputError(what, "correct it, or write the file anew")
@@ -396,13 +485,19 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
         defaults=defaults,
         bodies=tuple(map(Body.from_dict, data["bodies"])),
         nominal_from=None if drawn is None else _texts(drawn),
-        gains=tuple(_finite("gains", data["gains"]).tolist()) if data.get("gains") else None,
+        gains=(
+            tuple(_finite("gains", data["gains"]).tolist())
+            if data.get("gains")
+            else None
+        ),
     )
 
 
 def _ends(pair: Sequence[float | None]) -> tuple[float, float]:
     low, high = pair
-    return -np.inf if low is None else float(low), np.inf if high is None else float(high)
+    return -np.inf if low is None else float(low), (
+        np.inf if high is None else float(high)
+    )
 
 
 def _finite(what: str, rows: Any) -> Array:

@@ -1,8 +1,10 @@
-"""Published parameter values of a problem, in our parameters, and the list of the paper's errata.
+"""Published parameter values of a problem, in our parameters, and the list of the
+paper's errata.
 
-The published tables (problems/<name>/published) are never edited. Where one contradicts the others,
-errata.toml beside them says so and, if a number is concerned, what follows from the other tables.
-Real measurements, where they are at hand, are never replaced silently.
+The published tables (problems/<name>/published) are never edited. Where one contradicts
+the others, errata.toml beside them says so and, if a number is concerned, what follows
+from the other tables. Real measurements, where they are at hand, are never replaced
+silently.
 """
 
 import os
@@ -27,9 +29,11 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory
 
 @dataclass(frozen=True)
 class Erratum:
-    """One contradiction in the paper: where it is, what is printed, what follows from the rest.
+    """One contradiction in the paper: where it is, what is printed, what follows from
+    the rest.
 
-    cell : table, row, column and value of the corrected number, or None where no cell is concerned.
+    cell : table, row, column and value of the corrected number, or None where no cell
+    is concerned.
     """
 
     number: int
@@ -44,8 +48,13 @@ def errata(problem: Problem) -> list[Erratum]:
     """The errata that concern a problem, by number."""
     if problem.folder is None or not (problem.folder / "errata.toml").is_file():
         return []
-    entries = tomllib.loads((problem.folder / "errata.toml").read_text(encoding="utf-8"))["erratum"]
-    return [Erratum(problem=problem.name, **e) for e in sorted(entries, key=lambda e: e["number"])]
+    entries = tomllib.loads(
+        (problem.folder / "errata.toml").read_text(encoding="utf-8")
+    )["erratum"]
+    return [
+        Erratum(problem=problem.name, **e)
+        for e in sorted(entries, key=lambda e: e["number"])
+    ]
 
 
 def published_cell(
@@ -68,12 +77,18 @@ def box_tables(problem: Problem) -> list[str]:
     ]
 
 
-def published_values(problem: Problem, column: str, corrected: bool = True) -> dict[str, float]:
+def published_values(
+    problem: Problem, column: str, corrected: bool = True
+) -> dict[str, float]:
     """Barycentric values by their printed names (m1, c1x, I1xx); an empty cell is NaN."""
     values = {}
     for name in box_tables(problem):
         for row in problem.published[name]:
-            text = published_cell(problem, name, row, column, corrected) if column in row else ""
+            text = (
+                published_cell(problem, name, row, column, corrected)
+                if column in row
+                else ""
+            )
             values[row["parameter"]] = float(text) if text else np.nan
     return values
 
@@ -81,29 +96,37 @@ def published_values(problem: Problem, column: str, corrected: bool = True) -> d
 def published_links(problem: Problem, column: str, corrected: bool = True) -> Array:
     """(n, 10) standard parameters of a published column ("p_hat", "delta", "p_real").
 
-    A cell that the paper leaves empty because the value does not matter becomes the middle of its
-    bounds. Raises InputError where the problem has no such column.
+    A cell that the paper leaves empty because the value does not matter becomes the
+    middle of its bounds. Raises InputError where the problem has no such column.
     """
     values = published_values(problem, column, corrected)
     if all(np.isnan(v) for v in values.values()):
         what = f"problem {problem.name}: no published parameters {column!r}"
         raise InputError(what, "choose another problem")
     links = range(1, len(problem.box) + 1)
-    rows = np.array([[values[name] for name in barycentric_names(link)] for link in links])
+    rows = np.array(
+        [[values[name] for name in barycentric_names(link)] for link in links]
+    )
     empty = np.isnan(rows)
     rows[empty] = problem.box[empty].mean(axis=1)
     return inertia.standard_from_barycentric(rows)
 
 
 def published_friction(problem: Problem, table: str) -> Array:
-    """(n, 3) phi_1, phi_2, phi_3 of a table with one row a constant and one column a joint."""
+    """(n, 3) phi_1, phi_2, phi_3 of a table with one row a constant and one column a
+    joint."""
     rows = {row["parameter"]: row for row in problem.published[table]}
     joints = [f"joint_{j + 1}" for j in range(problem.robot.n)]
-    return np.array([[float(rows[f"phi_{k}"][joint]) for k in (1, 2, 3)] for joint in joints])
+    return np.array(
+        [[float(rows[f"phi_{k}"][joint]) for k in (1, 2, 3)] for joint in joints]
+    )
 
 
-def published_trajectory(problem: Problem, settings: Mapping[str, Any]) -> FourierTrajectory:
-    """The exciting trajectory of a table with rows a_1.., b_1.., q_0 and one column a joint."""
+def published_trajectory(
+    problem: Problem, settings: Mapping[str, Any]
+) -> FourierTrajectory:
+    """The exciting trajectory of a table with rows a_1.., b_1.., q_0 and one column a
+    joint."""
     rows = {row["coefficient"]: row for row in problem.published[settings["table"]]}
 
     def values(name: str) -> list[float]:
@@ -111,12 +134,17 @@ def published_trajectory(problem: Problem, settings: Mapping[str, Any]) -> Fouri
 
     harmonics = range(1, 1 + sum(name.startswith("a_") for name in rows))
     a, b = (np.array([values(f"{x}_{k}") for k in harmonics]).T for x in "ab")
-    frequency, blend, duration = (float(settings[x]) for x in ("frequency_over_pi", "blend", "duration"))
-    return FourierTrajectory(a, b, np.array(values("q_0")), np.pi * frequency, blend, duration)
+    frequency, blend, duration = (
+        float(settings[x]) for x in ("frequency_over_pi", "blend", "duration")
+    )
+    return FourierTrajectory(
+        a, b, np.array(values("q_0")), np.pi * frequency, blend, duration
+    )
 
 
 def real_data_folder() -> Path | None:
-    """The folder that SDP_VS_PENALTY_DATA names, else shared/data beside a checkout, else None.
+    """The folder that SDP_VS_PENALTY_DATA names, else shared/data beside a checkout,
+    else None.
 
     Raises InputError where the variable names a folder that does not exist.
     """
@@ -124,21 +152,39 @@ def real_data_folder() -> Path | None:
     if named:
         folder = Path(named)
         if not folder.is_dir():
-            raise InputError(f"{VARIABLE} names {named}, which is not a folder", "correct or unset it")
+            raise InputError(
+                f"{VARIABLE} names {named}, which is not a folder",
+                "correct or unset it",
+            )
         return folder
     checkout = Path(__file__).parents[2]
     folder = checkout.parent / "shared" / "data"
-    return folder if (checkout / "pyproject.toml").is_file() and folder.is_dir() else None
+    return (
+        folder if (checkout / "pyproject.toml").is_file() and folder.is_dir() else None
+    )
 
 
 def real_file(problem: str, name: str) -> Path | None:
     """One of the files about a robot, None without it."""
     folder = real_data_folder()
-    return folder / problem / name if folder and (folder / problem / name).is_file() else None
+    return (
+        folder / problem / name
+        if folder and (folder / problem / name).is_file()
+        else None
+    )
 
 
 def measured_runs(problem: str) -> dict[str, Measurements]:
-    """The runs that authors publish of a robot, by name; none where a file of theirs is not at hand."""
+    """The runs that authors publish of a robot, by name; none where a file of theirs is
+    not at hand."""
     wanted = DATASETS[problem].files if problem in DATASETS else ()
-    files = [file for file in (real_file(problem, f.name) for f in wanted) if file is not None]
-    return converted(problem, files[0].parent) if files and len(files) == len(wanted) else {}
+    files = [
+        file
+        for file in (real_file(problem, f.name) for f in wanted)
+        if file is not None
+    ]
+    return (
+        converted(problem, files[0].parent)
+        if files and len(files) == len(wanted)
+        else {}
+    )

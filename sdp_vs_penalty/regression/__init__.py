@@ -3,5 +3,7 @@
 from sdp_vs_penalty.plugins import surface
 
 __getattr__ = surface(
-    __name__, black_box="BlackBox load_answers", regression="LeastSquares Regression compress triangular"
+    __name__,
+    black_box="BlackBox load_answers",
+    regression="LeastSquares Regression compress triangular",
 )

@@ -1,4 +1,5 @@
-"""Base parameters by name: the standard parameter each one leads with, and its whole symbol."""
+"""Base parameters by name: the standard parameter each one leads with, and its whole
+symbol."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,12 +19,14 @@ from sdp_vs_penalty.robot.inertia import parameter_names
 def base_parameters(
     model: Model, independent: Sequence[str] | None = None
 ) -> tuple[Array, tuple[int, ...]]:
-    """The structural base parameters of a robot: pi = B theta, with B (b, 10 n) for rigid links.
+    """The structural base parameters of a robot: pi = B theta, with B (b, 10 n) for
+    rigid links.
 
-    Their torque regressor is theta's independent columns (Gautier, J. Robotic Systems 1991): with
-    Y_d = Y_b K for the dependent ones, pi = theta_b + K theta_d. ``independent`` names the
-    parameters to keep (otherwise the pivoting of a QR of random states chooses). Returns B and the
-    indices of theta_b. Raises InputError where those named are not independent.
+    Their torque regressor is theta's independent columns (Gautier, J. Robotic Systems
+    1991): with Y_d = Y_b K for the dependent ones, pi = theta_b + K theta_d.
+    ``independent`` names the parameters to keep (otherwise the pivoting of a QR of
+    random states chooses). Returns B and the indices of theta_b. Raises InputError
+    where those named are not independent.
     """
     robot = model.robot
     stacked = robot.random_columns
@@ -33,15 +36,17 @@ def base_parameters(
     for name in independent:
         if name not in rigid:
             raise InputError(
-                f"base_parameters: {name!r} is no parameter of a link", "write names like Izz1"
+                f"base_parameters: {name!r} is no parameter of a link",
+                "write names like Izz1",
             )
     return structure(stacked, tuple(rigid.index(name) for name in independent))
 
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """What makes torque of a whole model: rows (b, p) of combinations of theta (p,), base parameters of
-    the links first, then every other parameter; their names, and the parameters that lead them."""
+    """What makes torque of a whole model: rows (b, p) of combinations of theta (p,),
+    base parameters of the links first, then every other parameter; their names, and the
+    parameters that lead them."""
 
     rows: Array
     names: list[str]
@@ -49,21 +54,30 @@ class BaseParameters:
 
 
 def base_rows(problem: Problem, model: Model) -> BaseParameters:
-    """The base parameters of a model, those of the links with the names that the problem gives them."""
+    """The base parameters of a model, those of the links with the names that the
+    problem gives them."""
     p = len(model.parameters)
     rigid, present = model.rigid_indices, {e.name for e in model.effects}
-    # A rotor acts like inertia of the first links, an offset like the weight of a link that slides
-    # upright: their common combinations are what counts.
-    alike = {"rotor_inertia"} | ({"torque_offset"} if "m" in model.robot.position_units else set())
+    # A rotor acts like inertia of the first links, an offset like the weight of a link
+    # that slides upright: their common combinations are what counts.
+    alike = {"rotor_inertia"} | (
+        {"torque_offset"} if "m" in model.robot.position_units else set()
+    )
     if len(rigid) and present & alike:
-        part = Model(model.robot, tuple(e for e in model.effects if e.name in ("rigid_body", *alike)))
+        part = Model(
+            model.robot,
+            tuple(e for e in model.effects if e.name in ("rigid_body", *alike)),
+        )
         names = [p.name for p in model.parameters]
         places = np.array([names.index(q.name) for q in part.parameters])
         states = part.robot.random_states
         motion = Motion(np.zeros(len(states[0])), *states)
         stacked = np.swapaxes(part.wide(motion), 0, 1).reshape(-1, len(places))
-        # Of columns that stand for each other the first leads, whatever rounding says: links first.
-        matrix, lead = structure(stacked, preference=np.linspace(1.0, 1.0 - 1e-4, len(places)))
+        # Of columns that stand for each other the first leads, whatever rounding says:
+        # links first.
+        matrix, lead = structure(
+            stacked, preference=np.linspace(1.0, 1.0 - 1e-4, len(places))
+        )
         kept = [int(places[k]) for k in lead]
     elif len(rigid):
         try:
@@ -86,9 +100,11 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
 def structure(
     stacked: Array, kept: tuple[int, ...] | None = None, preference: Array | float = 1.0
 ) -> tuple[Array, tuple[int, ...]]:
-    """B and the independent columns of stacked ones (N, k): ``kept``, or what a pivoted QR chooses of
-    them, at unit norm times ``preference`` (k,)."""
-    stacked = triangular([stacked])  # the same columns' lengths and angles, in as many rows as columns
+    """B and the independent columns of stacked ones (N, k): ``kept``, or what a pivoted
+    QR chooses of them, at unit norm times ``preference`` (k,)."""
+    stacked = triangular(
+        [stacked]
+    )  # the same columns' lengths and angles, in as many rows as columns
     norms = np.linalg.norm(stacked, axis=0)
     unseen = norms <= 1e-10 * norms.max()
     scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms)) * preference
@@ -98,19 +114,26 @@ def structure(
         kept = tuple(sorted(int(k) for k in pivots[:rank]))
     elif len(kept) != rank or np.linalg.matrix_rank(scaled[:, kept], tol=1e-9) != rank:
         raise InputError(
-            f"base_parameters: the {len(kept)} named are not the robot's {rank} independent ones",
+            f"base_parameters: the {len(kept)} named are not the robot's {rank}"
+            " independent ones",
             "leave the list out to let the program choose",
         )
-    dependence = np.asarray(np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0], float)
+    dependence = np.asarray(
+        np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0], float
+    )
     dependence[np.abs(dependence) < 1e-10] = 0.0
     return dependence, kept
 
 
 def base_parameter_symbols(problem: Problem) -> dict[str, str]:
-    """Each base parameter written out in standard parameters, "Izz2 - 0.64 m2", by the independent one
-    (Izz1, mx2, ...) that leads it."""
+    """Each base parameter written out in standard parameters, "Izz2 - 0.64 m2", by the
+    independent one (Izz1, mx2, ...) that leads it."""
     base, kept = base_parameters(problem.model("rigid_body"), problem.independent)
-    rigid = [name for link in range(1, problem.robot.links + 1) for name in parameter_names(link)]
+    rigid = [
+        name
+        for link in range(1, problem.robot.links + 1)
+        for name in parameter_names(link)
+    ]
     out = {}
     for row, lead in zip(base, kept, strict=True):
         terms = enumerate(zip(row, rigid, strict=True))

@@ -1,8 +1,10 @@
-"""Gravity torques and inertia matrices of a robot whose dynamics can be asked for but not seen.
+"""Gravity torques and inertia matrices of a robot whose dynamics can be asked for but
+not seen.
 
-A manufacturer's library answers g(q) and M(q) at any configuration. Both are linear in the standard
-parameters, so that their values at many configurations determine the base parameters: the reverse
-engineering of Gaz, Flacco, De Luca (ICRA 2014, 2016) and of Gaz et al. 2019, sec. III.
+A manufacturer's library answers g(q) and M(q) at any configuration. Both are linear in
+the standard parameters, so that their values at many configurations determine the base
+parameters: the reverse engineering of Gaz, Flacco, De Luca (ICRA 2014, 2016) and of Gaz
+et al. 2019, sec. III.
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ from sdp_vs_penalty.robot.robot import Robot
 class BlackBox:
     """What a black box answered at K configurations.
 
-    q (K, n) rad or m; gravity (K, n) joint torques at rest, N m or N; mass_matrix (K, n, n)
-    symmetric joint-space inertia, kg m^2; names : where the answers come from.
+    q (K, n) rad or m; gravity (K, n) joint torques at rest, N m or N; mass_matrix (K,
+    n, n) symmetric joint-space inertia, kg m^2; names : where the answers come from.
     """
 
     q: Array
@@ -62,13 +64,18 @@ class BlackBox:
 
 
 def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
-    """The black box in an .npz file with arrays q (K, n), gravity (K, n), mass_matrix (K, n, n), by its
-    path or a list of that; None for anything else, which may be measured runs.
+    """The black box in an .npz file with arrays q (K, n), gravity (K, n), mass_matrix
+    (K, n, n), by its path or a list of that; None for anything else, which may be
+    measured runs.
 
-    Raises InputError where an array is missing, has another shape or holds no finite numbers, where the
-    inertia matrices are not symmetric, and where such a file is one of several.
+    Raises InputError where an array is missing, has another shape or holds no finite
+    numbers, where the inertia matrices are not symmetric, and where such a file is one
+    of several.
     """
-    paths, found = list(source) if isinstance(source, list | tuple) else [source], list[Path]()
+    paths, found = (
+        list(source) if isinstance(source, list | tuple) else [source],
+        list[Path](),
+    )
     for path in (Path(x) for x in paths if isinstance(x, str | Path)):
         # Of a damaged file whoever reads it as measurements says what is wrong.
         with suppress(zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
@@ -79,11 +86,17 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
         return None
     path = found[0]
     if len(paths) > 1:
-        raise InputError(f"a black box is identified from one file, not {len(paths)}", "name one", path)
+        raise InputError(
+            f"a black box is identified from one file, not {len(paths)}",
+            "name one",
+            path,
+        )
     arrays = numeric_arrays(path)
     q = arrays.get("q", np.zeros(0))
     if q.ndim != 2 or not q.size:
-        raise InputError(f"array q has shape {q.shape}", "give one row a configuration", path)
+        raise InputError(
+            f"array q has shape {q.shape}", "give one row a configuration", path
+        )
     shapes = {"q": q.shape, "gravity": q.shape, "mass_matrix": (*q.shape, q.shape[1])}
     for name, shape in shapes.items():
         if name not in arrays:
@@ -91,7 +104,11 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
             raise InputError(f"array {name} is missing", wanted, path)
         a = arrays[name]
         if a.shape != shape:
-            raise InputError(f"array {name} has shape {a.shape}", f"with this q give it {shape}", path)
+            raise InputError(
+                f"array {name} has shape {a.shape}",
+                f"with this q give it {shape}",
+                path,
+            )
         bad = np.argwhere(~np.isfinite(a))
         if len(bad):
             what = f"array {name}, configuration {bad[0][0] + 1}: not a finite number"
@@ -101,7 +118,9 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     matrices = arrays["mass_matrix"]
     difference = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2))
     worst = int(np.argmax(difference))
-    if difference[worst] > 1e-3 * np.abs(matrices).max():  # a library prints a few digits
+    if (
+        difference[worst] > 1e-3 * np.abs(matrices).max()
+    ):  # a library prints a few digits
         what = f"array mass_matrix, configuration {worst + 1}: not symmetric"
         raise InputError(what, "give M(q) in full", path)
     return BlackBox(q, arrays["gravity"], matrices, (path.name,))
@@ -110,9 +129,10 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
 def compress_black_box(box: BlackBox, model: Model) -> Regression:
     """Gravity rows and upper-triangle entries of M(q), reduced to one factor a joint.
 
-    Row i of M(q) (its entries j >= i) and of g(q) belong to joint i: M(q)_ij is the torque on joint
-    i from a unit acceleration of joint j, without gravity. Raises InputError for a model with
-    effects other than the rigid body, which such answers do not contain.
+    Row i of M(q) (its entries j >= i) and of g(q) belong to joint i: M(q)_ij is the
+    torque on joint i from a unit acceleration of joint j, without gravity. Raises
+    InputError for a model with effects other than the rigid body, which such answers do
+    not contain.
     """
     if [effect.name for effect in model.effects] != ["rigid_body"]:
         raise InputError(
@@ -122,7 +142,9 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     robot, n = model.robot, model.robot.n
     rest = np.zeros_like(box.q)
     gravity = robot.regressor(box.q, rest, rest)
-    inertial = [robot.regressor(box.q, rest, rest + unit) - gravity for unit in np.eye(n)]
+    inertial = [
+        robot.regressor(box.q, rest, rest + unit) - gravity for unit in np.eye(n)
+    ]
     factors = []
     for joint, links in enumerate(robot.subtree):
         columns = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
@@ -131,5 +153,9 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
             np.column_stack([rows[:, joint, columns], values])
             for rows, values in [(gravity, box.gravity[:, joint]), *sides]
         ]
-        factors.append(Factor(joint, 0, columns, triangular(stack), sum(map(len, stack))))
-    return Regression(model.parameters, n, ((0, 0.0, 0.0),), tuple(factors), oversampling=1.0)
+        factors.append(
+            Factor(joint, 0, columns, triangular(stack), sum(map(len, stack)))
+        )
+    return Regression(
+        model.parameters, n, ((0, 0.0, 0.0),), tuple(factors), oversampling=1.0
+    )

@@ -1,23 +1,27 @@
-"""Instrumental variables as an ordinary regression: the noise of the regressor leaves the estimate.
+"""Instrumental variables as an ordinary regression: the noise of the regressor leaves
+the estimate.
 
-With columns Z that share the signal of the columns X of tau = X theta + error and not their noise, the
-estimate solves Z'(tau - X theta^) = 0 (Young 2011, ch. 7; Janot, Vandanjon, Gautier, IEEE Trans. Control
-Systems Technology 2014). In
+With columns Z that share the signal of the columns X of tau = X theta + error and not
+their noise, the estimate solves Z'(tau - X theta^) = 0 (Young 2011, ch. 7; Janot,
+Vandanjon, Gautier, IEEE Trans. Control Systems Technology 2014). In
 
     tau^ = tau - X theta^ + Z theta^,     min |tau^ - Z theta|^2
 
-it is the minimiser, the residual there is that of tau = X theta^, and the scores are the instruments':
-the rows [Z, tau^] are a regression like any other. Constraints, weights, intervals and cross-validation
-need not know; the problem stays convex. tau^ is linear in the compressed rows [Z, X, tau].
+it is the minimiser, the residual there is that of tau = X theta^, and the scores are
+the instruments': the rows [Z, tau^] are a regression like any other. Constraints,
+weights, intervals and cross-validation need not know; the problem stays convex. tau^ is
+linear in the compressed rows [Z, X, tau].
 
-A servo's error e = q_cmd - q has a second instrument. In kp e = L theta every residual becomes smaller
-where kp and theta do: least squares shrink the joints that others hardly feel to nothing, whatever is
-left is noise or the model's error. The instrument of e is therefore the error that the model itself
-makes, e^ = L theta^ / kp^: in [e^, L] the direction (kp^, theta^) is empty, and what remains are the
-normal equations of |e - L theta / kp|^2, where a scale changes nothing.
+A servo's error e = q_cmd - q has a second instrument. In kp e = L theta every residual
+becomes smaller where kp and theta do: least squares shrink the joints that others
+hardly feel to nothing, whatever is left is noise or the model's error. The instrument
+of e is therefore the error that the model itself makes, e^ = L theta^ / kp^: in [e^, L]
+the direction (kp^, theta^) is empty, and what remains are the normal equations of |e -
+L theta / kp|^2, where a scale changes nothing.
 
-With torque logged the command itself is the motion of the instruments: the controller brings the noise
-of q into the motion, not into the command. How well a loop follows decides only how much they tell.
+With torque logged the command itself is the motion of the instruments: the controller
+brings the noise of q into the motion, not into the command. How well a loop follows
+decides only how much they tell.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,8 +36,9 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 
-#: One joint's rows in one block: the joint, the parameters (k,) of Z and X, and both with their torques,
-#: which differ where parameters are known: (r, k + 1) [Z, tau_Z] and [X, tau].
+#: One joint's rows in one block: the joint, the parameters (k,) of Z and X, and both
+#: with their torques, which differ where parameters are known: (r, k + 1) [Z, tau_Z]
+#: and [X, tau].
 Instrumented = tuple[int, NDArray[np.intp], Array, Array]
 
 
@@ -53,8 +58,9 @@ def commanded_motion(measured: Measurements) -> Measurements:
 
 
 def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
-    """The rows of a run that holds a simulated motion (positions "qsim"), with the same columns on that
-    motion before them: [Z, tau_Z, X], those of Z counted behind the model's."""
+    """The rows of a run that holds a simulated motion (positions "qsim"), with the same
+    columns on that motion before them: [Z, tau_Z, X], those of Z counted behind the
+    model's."""
     p = len(model.parameters)
     for rows, other in zip(run.rows(model), run.simulated.rows(model), strict=True):
         both = [
@@ -62,7 +68,9 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
                 np.concatenate([z.indices + p, [2 * p], x.indices]),
                 np.column_stack([z.columns, torque, x.columns]),
             )
-            for z, torque, x in zip(other.columns, other.torque.T, rows.columns, strict=True)
+            for z, torque, x in zip(
+                other.columns, other.torque.T, rows.columns, strict=True
+            )
         ]
         yield replace(rows, columns=both)
 
@@ -70,22 +78,28 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
 def instrumented(
     model: Model, factors: Sequence[tuple[int, NDArray[np.intp], Array]]
 ) -> list[tuple[NDArray[np.intp], Array]]:
-    """Of each factor (joint, its columns' parameters, rows) the model's parameters (k,) and the rows
-    (r, k + 1) [Z, tau^]."""
+    """Of each factor (joint, its columns' parameters, rows) the model's parameters (k,)
+    and the rows (r, k + 1) [Z, tau^]."""
     p = len(model.parameters)
     parts = []
-    for joint, indices, rows in factors:  # columns without instruments serve as their own
+    for (
+        joint,
+        indices,
+        rows,
+    ) in factors:  # columns without instruments serve as their own
         k = len(indices) // 2 if np.any(indices >= p) else len(indices)
         parts.append((joint, indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]))
     own, theta = _estimate(model, parts)
     pairs = zip(parts, own, strict=True)
     return [
-        (at, np.column_stack([Z, X[:, -1] + (Z - X[:, :-1]) @ theta[at]])) for (_, at, _, X), Z in pairs
+        (at, np.column_stack([Z, X[:, -1] + (Z - X[:, :-1]) @ theta[at]]))
+        for (_, at, _, X), Z in pairs
     ]
 
 
 def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
-    """The instruments of each part, and theta^ (p,), joints weighted by their residuals."""
+    """The instruments of each part, and theta^ (p,), joints weighted by their
+    residuals."""
     theta, p = model.reference if model.drives.any() else None, len(model.parameters)
 
     def residuals(theta: Array) -> Array:
@@ -96,11 +110,17 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         return out
 
     def instruments(f: Instrumented) -> Array:
-        """(r, k) Z, with the errors that the model of theta makes in place of the servo's."""
+        """(r, k) Z, with the errors that the model of theta makes in place of the
+        servo's."""
         joint, indices, both, _ = f
         Z, at = both[:, :-1], model.error_gains[joint]
         own = np.flatnonzero(indices == at)
-        if theta is None or not len(own) or not np.any(Z[:, own[0]]) or theta[at] <= 0.0:
+        if (
+            theta is None
+            or not len(own)
+            or not np.any(Z[:, own[0]])
+            or theta[at] <= 0.0
+        ):
             return Z
         rest, Z = theta[indices], Z.copy()
         rest[own[0]] = 0.0
@@ -120,8 +140,11 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
             right[indices] += weighted @ X[:, -1]
         size = np.sqrt(np.diag(zz))
         seen = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
-        values, vectors = np.linalg.eigh(zz[np.ix_(seen, seen)] / np.outer(size[seen], size[seen]))
-        # Where the instruments' columns, of unit norm, are shorter noise of X alone would decide.
+        values, vectors = np.linalg.eigh(
+            zz[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
+        )
+        # Where the instruments' columns, of unit norm, are shorter noise of X alone
+        # would decide.
         told = values > 1e-6**2 * values.max(initial=0.0)
         V = vectors[:, told] / size[seen, None]
         found = np.zeros(p)

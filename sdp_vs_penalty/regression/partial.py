@@ -1,4 +1,5 @@
-"""Partial regression: what columns show, and what least squares in them leave of others.
+"""Partial regression: what columns show, and what least squares in them leave of
+others.
 
 And non-linear least squares within bounds, where the residual comes with its Jacobian.
 """
@@ -10,15 +11,17 @@ import scipy.linalg
 
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Singular values below this share of the largest, at columns of unit norm, are rounding [-].
+#: Singular values below this share of the largest, at columns of unit norm, are
+#: rounding [-].
 UNSEEN = 1e-9
 
 
 def visible(A: Array) -> tuple[Array, Array]:
-    """Directions V (p, k) of theta that the columns A (r, p) show, and what they make, A V = U (r, k),
-    with U'U = 1.
+    """Directions V (p, k) of theta that the columns A (r, p) show, and what they make,
+    A V = U (r, k), with U'U = 1.
 
-    Columns are brought to unit norm first; of smaller norm than 1e-10 of the largest they show nothing.
+    Columns are brought to unit norm first; of smaller norm than 1e-10 of the largest
+    they show nothing.
     """
     norms = np.linalg.norm(A, axis=0)
     seen = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
@@ -30,16 +33,16 @@ def visible(A: Array) -> tuple[Array, Array]:
 
 
 def smallest(A: Array, b: Array, near: Array | float = 0.0) -> Array:
-    """The theta (p,) nearest to ``near`` that minimises |A theta - b|: moved in the directions that
-    A (r, p) shows, columns at unit norm."""
+    """The theta (p,) nearest to ``near`` that minimises |A theta - b|: moved in the
+    directions that A (r, p) shows, columns at unit norm."""
     U, V = visible(A)
     start = np.broadcast_to(near, A.shape[1])
     return np.asarray(start + V @ (U.T @ (b - A @ start)))
 
 
 def deviations(A: Array) -> Array:
-    """(p,) standard deviations of least squares in columns A (r, p) whose rows have noise one; infinite
-    where they do not determine a parameter."""
+    """(p,) standard deviations of least squares in columns A (r, p) whose rows have
+    noise one; infinite where they do not determine a parameter."""
     U, V = visible(A)
     known = np.einsum("kr,rk->k", V, U.T @ A) > 1.0 - 1e-6
     return np.where(known, np.linalg.norm(V, axis=1), np.inf)
@@ -59,7 +62,8 @@ def span(A: Array) -> Array:
 
 
 def partialled(A: Array, others: Array) -> Array:
-    """(r, ...) what least squares in the columns A (r, p) leave of other columns (r, ...)."""
+    """(r, ...) what least squares in the columns A (r, p) leave of other columns (r,
+    ...)."""
     U = span(A)
     return np.asarray(others - U @ (U.T @ others))
 
@@ -67,8 +71,8 @@ def partialled(A: Array, others: Array) -> Array:
 def in_turn(
     at: Callable[[Array], tuple[Array, Array]],
 ) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """Residual and Jacobian as SciPy asks for them, one after the other at the same x, of ``at``, which
-    computes them together; once for each x."""
+    """Residual and Jacobian as SciPy asks for them, one after the other at the same x,
+    of ``at``, which computes them together; once for each x."""
     asked, answer = np.full(1, np.nan), (np.zeros(0), np.zeros(0))
 
     def both(x: Array) -> tuple[Array, Array]:
@@ -88,11 +92,12 @@ def least_squares(
     ftol: float,
     steps: int,
 ) -> tuple[Array, Array, Array]:
-    """x (p,), residual r (m,) and Jacobian J (m, p) at the least |r(x)|^2 with low <= x <= high.
+    """x (p,), residual r (m,) and Jacobian J (m, p) at the least |r(x)|^2 with low <= x
+    <= high.
 
-    at : r and J of x, which it computes together; ends : low and high (p,); xtol, ftol, steps : as
-    ``scipy.optimize.least_squares`` takes them (trust region reflective: Branch, Coleman, Li, SIAM J.
-    Scientific Computing 1999).
+    at : r and J of x, which it computes together; ends : low and high (p,); xtol, ftol,
+    steps : as ``scipy.optimize.least_squares`` takes them (trust region reflective:
+    Branch, Coleman, Li, SIAM J. Scientific Computing 1999).
     """
     from scipy import optimize
 
@@ -100,7 +105,13 @@ def least_squares(
     # SciPy's reflected step, which it discards, and its step along a gradient of 0.
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         found = optimize.least_squares(
-            residual, np.clip(start, *ends), jacobian, bounds=ends, xtol=xtol, ftol=ftol,
-            gtol=None, max_nfev=steps,
-        )  # fmt: skip
+            residual,
+            np.clip(start, *ends),
+            jacobian,
+            bounds=ends,
+            xtol=xtol,
+            ftol=ftol,
+            gtol=None,
+            max_nfev=steps,
+        )
     return found.x, found.fun, found.jac

@@ -1,4 +1,5 @@
-"""The data, compressed: per joint and time block one triangular factor, exact and additive.
+"""The data, compressed: per joint and time block one triangular factor, exact and
+additive.
 
 For the rows Y theta = tau of one joint in one block, the QR factorisation
 
@@ -32,8 +33,8 @@ from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
 @dataclass(frozen=True)
 class Factor:
-    """One joint's rows in one block: [Y tau] (r, k + 1) for the k columns ``indices``, as a triangle
-    where there are more than twice k + 1."""
+    """One joint's rows in one block: [Y tau] (r, k + 1) for the k columns ``indices``,
+    as a triangle where there are more than twice k + 1."""
 
     joint: int
     block: int
@@ -48,9 +49,11 @@ TimeBlock: TypeAlias = tuple[int, float, float]
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """The whole data as one problem: loss(theta) = |R theta - rho|^2 + residual_norm^2 [(N m)^2].
+    """The whole data as one problem: loss(theta) = |R theta - rho|^2 + residual_norm^2
+    [(N m)^2].
 
-    R (r, p), rho (r,), residual_norm >= 0, tau_squared = |tau|^2 (weighted), rows: how many it holds.
+    R (r, p), rho (r,), residual_norm >= 0, tau_squared = |tau|^2 (weighted), rows: how
+    many it holds.
     """
 
     R: Array
@@ -65,7 +68,8 @@ class LeastSquares:
     ) -> LeastSquares:
         """That of rows [Y, tau] given as arrays (k, p + 1) whose triangle is formed.
 
-        tau_squared: |tau|^2 where it is not that of these rows, as where some hold a prior.
+        tau_squared: |tau|^2 where it is not that of these rows, as where some hold a
+        prior.
         """
         triangle = triangular(stack)
         p = triangle.shape[1] - 1
@@ -99,7 +103,8 @@ class LeastSquares:
         return 2.0 * self.R.T @ (self.R @ np.asarray(theta, float) - self.rho)
 
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
-        """The same plus weight |theta_k / scale_k|^2 summed over k; infinite scale: no prior on k."""
+        """The same plus weight |theta_k / scale_k|^2 summed over k; infinite scale: no
+        prior on k."""
         size = np.asarray(scale, float)
         rows = np.diag(1.0 / size)[np.isfinite(size)]
         return self.observing(rows, np.zeros(len(rows)), weight)
@@ -119,10 +124,11 @@ class LeastSquares:
 
     @property
     def own_torque(self) -> Array:
-        """(p,) distance of each column from the span of all others [torque per unit of parameter].
+        """(p,) distance of each column from the span of all others [torque per unit of
+        parameter].
 
-        What a unit of the parameter makes that no other parameter can cancel: 1 / sqrt of the
-        diagonal of (R^T R)^-1, zero for what the data do not determine.
+        What a unit of the parameter makes that no other parameter can cancel: 1 / sqrt
+        of the diagonal of (R^T R)^-1, zero for what the data do not determine.
         """
         return 1.0 / deviations(self.R)
 
@@ -135,7 +141,8 @@ class Regression:
     joints: int
     blocks: tuple[TimeBlock, ...]
     factors: tuple[Factor, ...]
-    #: Rows per independent sample: filtered rows are decimated to a multiple of their bandwidth.
+    #: Rows per independent sample: filtered rows are decimated to a multiple of their
+    #: bandwidth.
     oversampling: float = 2.0
 
     @property
@@ -143,15 +150,17 @@ class Regression:
         return len(self.parameters)
 
     def select(self, blocks: Iterable[int]) -> Regression:
-        """Only these blocks, by index; one that comes k times (in a bootstrap resample) counts as k: its
-        rows times sqrt(k)."""
+        """Only these blocks, by index; one that comes k times (in a bootstrap resample)
+        counts as k: its rows times sqrt(k)."""
         numbers, counts = np.unique(np.fromiter(blocks, np.intp), return_counts=True)
         place, factors = {block: k for k, block in enumerate(numbers.tolist())}, []
         for f in (f for f in self.factors if f.block in place):
             count = int(counts[new := place[f.block]])
             triangle = f.triangle if count == 1 else float(np.sqrt(count)) * f.triangle
             factors.append(Factor(f.joint, new, f.indices, triangle, count * f.rows))
-        return replace(self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors))
+        return replace(
+            self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors)
+        )
 
     def keeping(self, wanted: NDArray[np.bool_]) -> Regression:
         """The same of only the wanted (p,) parameters; rows keep their order."""
@@ -163,16 +172,21 @@ class Regression:
             keep = wanted[f.indices]
             rows = f.triangle[:, np.append(keep, True)]
             factors.append(replace(f, indices=place[f.indices[keep]], triangle=rows))
-        parameters = tuple(q for q, keep in zip(self.parameters, wanted, strict=True) if keep)
+        parameters = tuple(
+            q for q, keep in zip(self.parameters, wanted, strict=True) if keep
+        )
         return replace(self, parameters=parameters, factors=tuple(factors))
 
     def beside(self, fixed: Array) -> Regression:
-        """The same in the other parameters when the first ones are ``fixed``: rows keep their order."""
+        """The same in the other parameters when the first ones are ``fixed``: rows keep
+        their order."""
         k = len(fixed)
         factors = []
         for f in self.factors:
             own = f.indices < k
-            torque = f.triangle[:, -1] - f.triangle[:, :-1][:, own] @ fixed[f.indices[own]]
+            torque = (
+                f.triangle[:, -1] - f.triangle[:, :-1][:, own] @ fixed[f.indices[own]]
+            )
             rows = np.column_stack([f.triangle[:, :-1][:, ~own], torque])
             factors.append(replace(f, indices=f.indices[~own] - k, triangle=rows))
         return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
@@ -184,27 +198,42 @@ class Regression:
         for joint in range(self.joints):
             parts = [f for f in self.factors if f.joint == joint] or [none]
             triangle = triangular([f.triangle for f in parts])
-            merged.append(Factor(joint, 0, parts[0].indices, triangle, sum(f.rows for f in parts)))
+            merged.append(
+                Factor(joint, 0, parts[0].indices, triangle, sum(f.rows for f in parts))
+            )
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
-        """The stack over joints, joint j's rows multiplied by weights[j] (default: all 1)."""
-        scale, stack = np.ones(self.joints) if weights is None else np.asarray(weights, float), []
+        """The stack over joints, joint j's rows multiplied by weights[j] (default: all
+        1)."""
+        scale, stack = (
+            np.ones(self.joints) if weights is None else np.asarray(weights, float),
+            [],
+        )
         for factor in self.per_joint:
             stack.append(np.zeros((len(factor.triangle), self.p + 1)))
-            stack[-1][:, [*factor.indices, self.p]] = scale[factor.joint] * factor.triangle
+            stack[-1][:, [*factor.indices, self.p]] = (
+                scale[factor.joint] * factor.triangle
+            )
         return LeastSquares.stacked(stack, sum(f.rows for f in self.per_joint))
 
-    def by_joint(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp], Array]]:
-        """Of each joint its number, its columns' parameters (k,), the blocks that show it, and their
-        rows (B, r, k + 1), of zeros where a block has fewer."""
+    def by_joint(
+        self,
+    ) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp], Array]]:
+        """Of each joint its number, its columns' parameters (k,), the blocks that show
+        it, and their rows (B, r, k + 1), of zeros where a block has fewer."""
         for joint in range(self.joints):
-            own, rows = [f for f in self.factors if f.joint == joint], dict[int, list[Array]]()
+            own, rows = (
+                [f for f in self.factors if f.joint == joint],
+                dict[int, list[Array]](),
+            )
             for f in own:  # several runs may show one fold
                 rows.setdefault(f.block, []).append(f.triangle)
             if own:
                 stacks = [x[0] if len(x) == 1 else np.vstack(x) for x in rows.values()]
-                each = np.zeros((len(stacks), max(map(len, stacks)), stacks[0].shape[1]))
+                each = np.zeros(
+                    (len(stacks), max(map(len, stacks)), stacks[0].shape[1])
+                )
                 for place, stack in zip(each, stacks, strict=True):
                     place[: len(stack)] = stack
                 yield joint, own[0].indices, np.array(list(rows)), each
@@ -212,7 +241,10 @@ class Regression:
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
         x = np.asarray(theta, float)
-        left = (f.triangle[:, :-1] @ x[f.indices] - f.triangle[:, -1] for f in self.per_joint)
+        left = (
+            f.triangle[:, :-1] @ x[f.indices] - f.triangle[:, -1]
+            for f in self.per_joint
+        )
         return np.array([float(own @ own) for own in left])
 
     def joint_rows(self) -> NDArray[np.int64]:
@@ -221,7 +253,8 @@ class Regression:
 
 
 def triangular(parts: Sequence[Array]) -> Array:
-    """The R factor of the stacked matrices, with a non-negative diagonal; at most square."""
+    """The R factor of the stacked matrices, with a non-negative diagonal; at most
+    square."""
     r: Array = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
     sign = np.where(np.diagonal(r) < 0, -1.0, 1.0)
     r[: len(sign)] *= sign[:, None]
@@ -229,7 +262,8 @@ def triangular(parts: Sequence[Array]) -> Array:
 
 
 def _folded(rows: Array) -> Array:
-    """A triangle where rows are more than twice as many as columns: fewer cost less as they are."""
+    """A triangle where rows are more than twice as many as columns: fewer cost less as
+    they are."""
     return triangular([rows]) if len(rows) > 2 * rows.shape[1] else rows
 
 
@@ -238,12 +272,15 @@ def compress(
 ) -> Regression:
     """Reduce the runs to factors; memory does not grow with their length.
 
-    blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5 s each);
-    workers : who does it, a run each; the factors come back and are merged in the order of the runs.
+    blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5
+    s each); workers : who does it, a run each; the factors come back and are merged in
+    the order of the runs.
     """
     spans = [(float(run.t[0]), float(run.t[-1])) for run in runs.measurements.runs()]
     counts = [max(1, min(blocks_per_run, int((b - a) / 0.5))) for a, b in spans]
-    edges = tuple(np.linspace(a, b, n + 1) for (a, b), n in zip(spans, counts, strict=True))
+    edges = tuple(
+        np.linspace(a, b, n + 1) for (a, b), n in zip(spans, counts, strict=True)
+    )
     found = compress_cells(runs, model, _TimeBlocks(edges), workers)
     return found.select(sorted({f.block for f in found.factors}))
 
@@ -256,7 +293,11 @@ class _TimeBlocks:
 
     @property
     def places(self) -> list[TimeBlock]:
-        return [(k, a, b) for k, own in enumerate(self.edges) for a, b in pairwise(own.tolist())]
+        return [
+            (k, a, b)
+            for k, own in enumerate(self.edges)
+            for a, b in pairwise(own.tolist())
+        ]
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
         first = sum(len(edges) - 1 for edges in self.edges[:run])
@@ -264,7 +305,8 @@ class _TimeBlocks:
 
 
 class Cells(Protocol):
-    """places : run, start and stop [s] of each block; cell : the blocks (M,) of a run's instants t."""
+    """places : run, start and stop [s] of each block; cell : the blocks (M,) of a run's
+    instants t."""
 
     @property
     def places(self) -> Sequence[TimeBlock]: ...
@@ -275,7 +317,8 @@ class Cells(Protocol):
 def compress_cells(
     runs: FilteredRuns, model: Model, folds: Cells, workers: Workers = ALONE
 ) -> Regression:
-    """The same with one block for each cell (of folds by phase), whichever runs and periods show it."""
+    """The same with one block for each cell (of folds by phase), whichever runs and
+    periods show it."""
     one = partial(_cells_of_run, model=model, folds=folds)
     found = workers.map(one, list(enumerate(runs.runs)))
     factors = [factor for own, _ in found for factor in own]
@@ -288,7 +331,13 @@ def compress_cells(
             for f, (own, whole) in zip(factors, made, strict=True)
         ]
     oversampling = rows / sum(samples for _, samples in found)
-    return Regression(model.parameters, model.robot.n, tuple(folds.places), tuple(factors), oversampling)
+    return Regression(
+        model.parameters,
+        model.robot.n,
+        tuple(folds.places),
+        tuple(factors),
+        oversampling,
+    )
 
 
 def _cells_of_run(
@@ -296,7 +345,11 @@ def _cells_of_run(
 ) -> tuple[list[Factor], float]:
     """One run's factors by cell, and its independent samples."""
     (index, run), count, found = numbered, 0, dict[tuple[int, int], Factor]()
-    of_run = instrumented_rows(run, model) if "qsim" in run.run.commanded else run.rows(model)
+    of_run = (
+        instrumented_rows(run, model)
+        if "qsim" in run.run.commanded
+        else run.rows(model)
+    )
     for rows in of_run:
         count += len(rows.torque)
         _take(found, rows, folds.cell(index, rows.motion.t))
@@ -304,13 +357,22 @@ def _cells_of_run(
     return factors, count / run.rows_per_sample
 
 
-def _take(found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]) -> None:
-    """Add rows to factors by block and joint, each to the block that ``owner`` (M,) says."""
+def _take(
+    found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]
+) -> None:
+    """Add rows to factors by block and joint, each to the block that ``owner`` (M,)
+    says."""
     order = np.argsort(owner, kind="stable")
     blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
-        both = np.column_stack([columns.columns, rows.torque[:, joint]]).take(order, axis=0)
-        for block, piece in zip(blocks.tolist(), np.split(both, begin[1:]), strict=True):
-            old = found.get((block, joint), Factor(joint, block, columns.indices, both[:0], 0))
+        both = np.column_stack([columns.columns, rows.torque[:, joint]]).take(
+            order, axis=0
+        )
+        for block, piece in zip(
+            blocks.tolist(), np.split(both, begin[1:]), strict=True
+        ):
+            old = found.get(
+                (block, joint), Factor(joint, block, columns.indices, both[:0], 0)
+            )
             piece, count = np.vstack([old.triangle, piece]), old.rows + len(piece)
             found[block, joint] = replace(old, triangle=_folded(piece), rows=count)

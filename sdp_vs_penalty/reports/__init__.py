@@ -56,7 +56,8 @@ def report(
     forward: bool = False,
     progress: Progress = no_progress,
 ) -> Verdict:
-    """Write a report, one HTML file that needs nothing else; returns its verdict on the last model.
+    """Write a report, one HTML file that needs nothing else; returns its verdict on the
+    last model.
 
     models : an Estimate or a model.json, a sequence of them in the order in which effects were added,
         or a mapping from names to them; measurements : the runs to judge them on, whatever
@@ -86,16 +87,22 @@ def report(
     drive: Drive = "torque" if runs.torque_logged else "servo"
     steps = None if forward else 100  # of the free runs together: a fifth of a second
     try:
-        ahead: Following | str = follow(last, runs, drive=drive, steps=steps, progress=progress)
+        ahead: Following | str = follow(
+            last, runs, drive=drive, steps=steps, progress=progress
+        )
     except InputError as error:
         ahead = str(error)
     progress("looking where it fails")
     failures = {
-        name: where_it_fails(named[name], runs, filtered.settings, noise=comparisons[0].noise)
+        name: where_it_fails(
+            named[name], runs, filtered.settings, noise=comparisons[0].noise
+        )
         for name in dict.fromkeys((comparisons[0].name, comparisons[-1].name))
     }
     checks = _checks(named, runs)
-    material = Material(named, runs, comparisons, judged, failures, checks, ahead, commands, said)
+    material = Material(
+        named, runs, comparisons, judged, failures, checks, ahead, commands, said
+    )
     progress("drawing")
     made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]
     title = f"{material.last.robot.name}: identified dynamics"
@@ -103,7 +110,9 @@ def report(
     return material.verdict
 
 
-def _checks(models: Mapping[str, Estimate], runs: Measurements) -> dict[str, list[dict[str, Any]]]:
+def _checks(
+    models: Mapping[str, Estimate], runs: Measurements
+) -> dict[str, list[dict[str, Any]]]:
     """What the check says of each run: as a model keeps it of its own, else asked now."""
     kept: dict[str, Any] = {}
     for model in models.values():
@@ -116,11 +125,17 @@ def _checks(models: Mapping[str, Estimate], runs: Measurements) -> dict[str, lis
         from sdp_vs_penalty.checks import check  # takes longer to import than to draw
 
         asked = check(problem, concatenate(fresh), thorough=False)
-    said = {run.names[0]: kept[run.data_hash] for run in runs.runs() if run.data_hash in kept}
+    said = {
+        run.names[0]: kept[run.data_hash]
+        for run in runs.runs()
+        if run.data_hash in kept
+    }
     return said | {report.run: [f.to_dict() for f in report.issues] for report in asked}
 
 
 def check_name(out: Path) -> None:
     """InputError for a file to write that is no HTML file."""
     if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError("the report is an HTML file", "choose a name that ends in .html", out)
+        raise InputError(
+            "the report is an HTML file", "choose a name that ends in .html", out
+        )

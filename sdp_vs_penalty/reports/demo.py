@@ -1,6 +1,8 @@
-"""The main job in small: a simulated arm with something hidden, from its log to a better model.
+"""The main job in small: a simulated arm with something hidden, from its log to a
+better model.
 
-The verb ``demo`` and the page's button "Show me" take the same steps as anybody with a real arm.
+The verb ``demo`` and the page's button "Show me" take the same steps as anybody with a
+real arm.
 """
 
 from dataclasses import dataclass
@@ -20,7 +22,8 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.reports import plotly_script, report
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
-#: The arm, what is hidden on its last joint, how strongly, and the methods side by side.
+#: The arm, what is hidden on its last joint, how strongly, and the methods side by
+#: side.
 ARM, HIDDEN, LEVEL = "panda", "presliding_hysteresis", "strong"
 METHODS = ("ols", "penalty", "lmi-sdp")
 #: Names of the runs: to identify from, and to judge on.
@@ -29,8 +32,9 @@ RUNS = ("run1.csv", "run2.csv", "test.csv")
 
 @dataclass(frozen=True)
 class Demo:
-    """compared : each method's model judged on motion that it has not seen; failures, found : of the
-    last one; after : that model with what was found added; truth : what was hidden."""
+    """compared : each method's model judged on motion that it has not seen; failures,
+    found : of the last one; after : that model with what was found added; truth : what
+    was hidden."""
 
     compared: list[Comparison]
     failures: Failures
@@ -41,16 +45,20 @@ class Demo:
 
 
 def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) -> Demo:
-    """Simulate, identify by three methods, look where the model fails, diagnose, add; all in ``folder``.
+    """Simulate, identify by three methods, look where the model fails, diagnose, add;
+    all in ``folder``.
 
-    It will hold run1.csv, run2.csv, test.csv, model.json, better.json and report.html. No step knows
-    what was hidden. Raises InputError where the folder cannot be written, or plotly is missing.
+    It will hold run1.csv, run2.csv, test.csv, model.json, better.json and report.html.
+    No step knows what was hidden. Raises InputError where the folder cannot be written,
+    or plotly is missing.
     """
     folder = Path(folder)
     plotly_script()  # nothing is worked out for a report that cannot be written
     problem = load_problem(ARM)
     progress("simulating three runs")
-    made = hidden_runs(problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS))
+    made = hidden_runs(
+        problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS)
+    )
     for name, run in zip(RUNS, made.runs, strict=True):
         save(run, folder / name)
     train, test = concatenate(list(made.train)), made.test
@@ -66,11 +74,22 @@ def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) ->
     progress("adding it")
     better = add(model, found, train, seed=seed) if found.effects else model
     *compared, after = compare({**models, "with what was found": better}, test)
-    for name, estimate, judged in (("model", model, compared[-1]), ("better", better, after)):
+    for name, estimate, judged in (
+        ("model", model, compared[-1]),
+        ("better", better, after),
+    ):
         estimate.provenance["verdict"] = judged.verdict.to_dict()
         estimate.provenance.update({"data": list(RUNS[:-1]), "checked": True})
         estimate.save(folder / f"{name}.json")
     progress("writing the report")
     named = {"before": model, "after": better}
-    report(named, test, folder / "report.html", commands=["sdp-vs-penalty demo"], findings=found)
-    return Demo(compared, failures, found, better, after, f"{HIDDEN} on joint {problem.robot.n}")
+    report(
+        named,
+        test,
+        folder / "report.html",
+        commands=["sdp-vs-penalty demo"],
+        findings=found,
+    )
+    return Demo(
+        compared, failures, found, better, after, f"{HIDDEN} on joint {problem.robot.n}"
+    )

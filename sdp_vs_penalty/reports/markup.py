@@ -1,5 +1,5 @@
-"""The markup that the report's sections and the page are made of: tables, error over noise as bars,
-causes as a heat map."""
+"""The markup that the report's sections and the page are made of: tables, error over
+noise as bars, causes as a heat map."""
 
 import base64
 import gzip
@@ -19,7 +19,10 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: How bars and legends look.
 LOOK = (Path(__file__).parent / "pictures.css").read_text()
-_COLOURS = "#D55E00 #56B4E9 #E69F00 #CC79A7 #009E73 #0072B2 #8A6FDF #7A5C2E #5B8C5A #A0522D #888888"
+_COLOURS = (
+    "#D55E00 #56B4E9 #E69F00 #CC79A7 #009E73 #0072B2 #8A6FDF #7A5C2E #5B8C5A #A0522D"
+    " #888888"
+)
 #: Of each cause the colour of its stretches; the last is for those without one.
 SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
 
@@ -33,28 +36,39 @@ def bars(
     what: str = "Error",
     chosen: int | None = None,
 ) -> str:
-    """A bar a joint, cut at the noise floor: the error over it, before in grey and after in colour.
+    """A bar a joint, cut at the noise floor: the error over it, before in grey and
+    after in colour.
 
-    before, after, floor (n,) [N m or N] : RMS errors, after None where there is one model alone; floor,
-    or one of it, None where it is not known: errors stand in their units then, against the largest;
-    joints : their numbers, by default 1, 2, ...; what : the error's name; chosen : the joint (from 0)
-    that is shown where each is a button.
+    before, after, floor (n,) [N m or N] : RMS errors, after None where there is one
+    model alone; floor, or one of it, None where it is not known: errors stand in their
+    units then, against the largest; joints : their numbers, by default 1, 2, ...; what
+    : the error's name; chosen : the joint (from 0) that is shown where each is a
+    button.
     """
     known = floor is not None and all(floor)
     scale = np.array(floor if known else [1.0] * len(before), float)
-    olds, news = (np.array(x, float) / scale for x in (before, before if after is None else after))
+    olds, news = (
+        np.array(x, float) / scale for x in (before, before if after is None else after)
+    )
     largest = max(*olds, *news, 1.5 if known else 0.0, 1e-300)
     rows = []
     for j, (old, new) in enumerate(zip(olds, news, strict=True)):
         unit = "" if known else f" {plain_unit(units[j])}"
         said = f"{new:.3g}{unit}" if after is None else f"{old:.3g} → {new:.3g}{unit}"
         change = new / old - 1.0 if old > 0.0 else 0.0
-        kind = "better" if change < -CHANGES else "worse" if change > CHANGES else "same"
-        note = "" if after is None else f'<td class="change {kind}">{change_of(old, new)}</td>'
+        kind = (
+            "better" if change < -CHANGES else "worse" if change > CHANGES else "same"
+        )
+        note = (
+            ""
+            if after is None
+            else f'<td class="change {kind}">{change_of(old, new)}</td>'
+        )
         sizes = {"alone": new} if after is None else {"before": old, "after": new}
         sizes |= {"noise": 1.0} if known else {}
         shapes = "".join(
-            f'<i class="{k}" style="--wide:{x / largest:.4f}"></i>' for k, x in sizes.items()
+            f'<i class="{k}" style="--wide:{x / largest:.4f}"></i>'
+            for k, x in sizes.items()
         )
         name = f"joint {joints[j] if joints else j + 1}"
         if chosen is not None:
@@ -68,11 +82,15 @@ def bars(
     caption = "over the noise floor of each joint; grey: noise" if known else ""
     caption = f"{what} {caption or '(RMS) of each joint; noise floor unknown'}"
     caption += "" if after is None else "; upper bar before, lower after"
-    return f'<table class="bars"><caption>{caption}</caption><tbody>{"".join(rows)}</tbody></table>'
+    return (
+        "<table"
+        f' class="bars"><caption>{caption}</caption><tbody>{"".join(rows)}</tbody></table>'
+    )
 
 
 def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:
-    """By sure finding the share of each joint's held-out error variance that it takes away."""
+    """By sure finding the share of each joint's held-out error variance that it takes
+    away."""
     out: dict[str, list[float]] = {}
     for f in () if diagnosis is None else diagnosis.effects:
         row = out.setdefault(f"found: {f.effect}", [0.0] * n) if f.sure else []
@@ -85,12 +103,18 @@ def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:
 def heat_rows(
     failures: Sequence[Mapping[str, Any]], found: Mapping[str, Sequence[float]]
 ) -> list[tuple[str, list[float]]]:
-    """Causes and findings with each joint's share, those that explain nothing anywhere left out.
+    """Causes and findings with each joint's share, those that explain nothing anywhere
+    left out.
 
     failures : of each joint `held_out_shares`, as JointFailure.to_dict() has it."""
     names = failures[0]["held_out_shares"] if failures else {}
-    every = {**found, **{name: [f["held_out_shares"][name] for f in failures] for name in names}}
-    return [(name, list(shares)) for name, shares in every.items() if _per_cent(max(shares))]
+    every = {
+        **found,
+        **{name: [f["held_out_shares"][name] for f in failures] for name in names},
+    }
+    return [
+        (name, list(shares)) for name, shares in every.items() if _per_cent(max(shares))
+    ]
 
 
 def _per_cent(share: float) -> str:
@@ -105,16 +129,20 @@ def heat_map(
     n: int,
     shown_by: Mapping[str, str] | None = None,
 ) -> str:
-    """A table whose rows are causes, whose columns joints; darker explains more of the joint's error.
+    """A table whose rows are causes, whose columns joints; darker explains more of the
+    joint's error.
 
-    shown_by : the signal that shows a cause: cells are buttons then (data-joint, data-signal)."""
+    shown_by : the signal that shows a cause: cells are buttons then (data-joint,
+    data-signal)."""
 
     def cell(name: str, j: int, share: float) -> str:
         said = _per_cent(share)
         if shown_by is None:
             return said
         told = f"joint {j}, {escape(name)}: {100.0 * share:.0f} %"
-        look = f'data-key="heat-{escape(name)}-{j}" data-signal="{shown_by.get(name, "")}"'
+        look = (
+            f'data-key="heat-{escape(name)}-{j}" data-signal="{shown_by.get(name, "")}"'
+        )
         kind = f'type="button" class="action cell" aria-label="{told}"'
         return f'<button {kind} data-joint="{j}" {look}>{said}</button>'
 
@@ -122,11 +150,15 @@ def heat_map(
     body = ""
     for name, shares in rows:
         cells = "".join(
-            f'<td style="--share:{s:.2f}">{cell(name, j, s)}</td>' for j, s in enumerate(shares, 1)
+            f'<td style="--share:{s:.2f}">{cell(name, j, s)}</td>'
+            for j, s in enumerate(shares, 1)
         )
         body += f'<tr><th scope="row">{escape(name)}</th>{cells}</tr>'
     if not rows:
-        body = f'<tr><td colspan="{n + 1}">No cause explains 1 % of any joint\'s error.</td></tr>'
+        body = (
+            f'<tr><td colspan="{n + 1}">No cause explains 1 % of any joint\'s'
+            " error.</td></tr>"
+        )
     head = f'<thead><tr><th scope="col">cause \\ joint</th>{heads}</tr></thead>'
     unseen = "" if shown_by is None else ' class="unseen"'
     caption = f"<caption{unseen}>{escape(title)}</caption>"
@@ -136,24 +168,37 @@ def heat_map(
 def legend(causes: Sequence[str]) -> str:
     """The colours of the causes that are shown."""
     chips = "".join(
-        f'<span><i style="background:{SHADES.get(c, SHADES["no cause seen"])}"></i>{escape(c)}</span>'
+        "<span><i"
+        f' style="background:{SHADES.get(c, SHADES["no cause seen"])}"></i>{escape(c)}</span>'
         for c in causes
     )
-    return f'<p class="legend">Shaded where the error is large: {chips}</p>' if causes else ""
+    return (
+        f'<p class="legend">Shaded where the error is large: {chips}</p>'
+        if causes
+        else ""
+    )
 
 
 def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]]:
-    """Plotly shapes behind the curves of both panels of a torque's figure; stretches : first and last
-    instant on the figure, and the cause."""
+    """Plotly shapes behind the curves of both panels of a torque's figure; stretches :
+    first and last instant on the figure, and the cause."""
     return [
         {
-            "type": "rect", "layer": "below", "line": {"width": 0}, "opacity": 0.18,
-            "xref": f"x{panel}", "yref": f"y{panel} domain", "x0": a, "x1": b, "y0": 0, "y1": 1,
+            "type": "rect",
+            "layer": "below",
+            "line": {"width": 0},
+            "opacity": 0.18,
+            "xref": f"x{panel}",
+            "yref": f"y{panel} domain",
+            "x0": a,
+            "x1": b,
+            "y0": 0,
+            "y1": 1,
             "fillcolor": SHADES.get(cause, SHADES["no cause seen"]),
         }
         for panel in ("", "2")
         for a, b, cause in stretches
-    ]  # fmt: skip
+    ]
 
 
 def text(sentence: str) -> str:
@@ -176,20 +221,31 @@ def table(
 ) -> str:
     """A table that scrolls inside its frame; its first column names the rows.
 
-    numbers_from : columns from there on are numbers and stand right; caption : what it is, for those who
-    do not see it; style : its CSS classes; mark : a column of words, each the class of its row.
+    numbers_from : columns from there on are numbers and stand right; caption : what it
+    is, for those who do not see it; style : its CSS classes; mark : a column of words,
+    each the class of its row.
     """
 
     def cells(row: Sequence[object], head: bool) -> str:
-        tags = ("th scope=col" if head else "td" if k else "th scope=row" for k in range(len(row)))
+        tags = (
+            "th scope=col" if head else "td" if k else "th scope=row"
+            for k in range(len(row))
+        )
         sides = (" class=number" if k >= numbers_from else "" for k in range(len(row)))
         both = zip(tags, sides, row, strict=True)
-        return "".join(f"<{tag}{side}>{marked(cell)}</{tag[:2]}>" for tag, side, cell in both)
+        return "".join(
+            f"<{tag}{side}>{marked(cell)}</{tag[:2]}>" for tag, side, cell in both
+        )
 
     looks = ("" if mark is None else f" class={escape(str(row[mark]))}" for row in rows)
-    body = "".join(f"<tr{look}>{cells(row, False)}</tr>" for look, row in zip(looks, rows, strict=True))
+    body = "".join(
+        f"<tr{look}>{cells(row, False)}</tr>"
+        for look, row in zip(looks, rows, strict=True)
+    )
     head = f"<thead><tr>{cells(headings, True)}</tr></thead>"
-    return framed(caption, f'<table class="{style}">{head}<tbody>{body}</tbody></table>')
+    return framed(
+        caption, f'<table class="{style}">{head}<tbody>{body}</tbody></table>'
+    )
 
 
 def framed(caption: str, inner: str) -> str:
@@ -199,8 +255,9 @@ def framed(caption: str, inner: str) -> str:
 
 
 def figure(plot: Figure, caption: str = "", height: int = 215, group: str = "") -> str:
-    """A figure as data, which the page's script draws when it is about to be seen; those of a
-    group are zoomed in time together, and a name that is hidden in one is hidden in all."""
+    """A figure as data, which the page's script draws when it is about to be seen;
+    those of a group are zoomed in time together, and a name that is hidden in one is
+    hidden in all."""
     if group:
         plot.update_layout(meta={"group": group})
     data = packed(styled(plot, height).to_json())
@@ -217,14 +274,18 @@ def packed(text: str) -> str:
     return base64.b64encode(gzip.compress(text.encode(), 4, mtime=0)).decode()
 
 
-#: How the page looks, and what draws a figure once it is about to be seen, one at a time.
-_STYLE, _DRAW = (f"\n{(Path(__file__).parent / name).read_text()}" for name in ("look.css", "draw.js"))
+#: How the page looks, and what draws a figure once it is about to be seen, one at a
+#: time.
+_STYLE, _DRAW = (
+    f"\n{(Path(__file__).parent / name).read_text()}"
+    for name in ("look.css", "draw.js")
+)
 _STYLE = f"{_STYLE}\n{LOOK}"
 
 
 def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> str:
-    """A whole HTML document; sections : anchor, title and body, in which everything is escaped;
-    ``script`` is plotly's, embedded once."""
+    """A whole HTML document; sections : anchor, title and body, in which everything is
+    escaped; ``script`` is plotly's, embedded once."""
     links, bodies = "", ""
     for at, name, body in sections:
         links += f'<a href="#{at}">{escape(name)}</a>'
@@ -234,17 +295,21 @@ def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> s
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         # Nothing is loaded from anywhere, whatever the data say.
         '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
-        "script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:\">"
+        "script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src"
+        ' data: blob:">'
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
         f"<body><main><h1>{escape(title)}</h1><nav>{links}</nav>{bodies}</main>"
-        # Last, so that text and tables are there before the script is unpacked and read.
-        f'<script type="application/gzip" id="plotly">{packed(_unwrapped(script))}</script>'
+        # Last, so that text and tables are there before the script is unpacked and
+        # read.
+        '<script type="application/gzip"'
+        f' id="plotly">{packed(_unwrapped(script))}</script>'
         f"<script>{_DRAW}</script></body></html>\n"
     )
 
 
 def _unwrapped(script: str) -> str:
-    """Plotly's script without the function around it, which a browser reads twice: 2.1 s, not 1.3."""
+    """Plotly's script without the function around it, which a browser reads twice: 2.1
+    s, not 1.3."""
     head, begins, rest = script.partition("() => {\n")
     body, ends, _ = rest.rpartition("return Plotly;")
     known = begins and ends and body.startswith('"use strict";var Plotly=')

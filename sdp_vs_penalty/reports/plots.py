@@ -17,7 +17,8 @@ from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on white and black.
+#: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on
+#: white and black.
 MEASURED = "#888888"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
 
@@ -26,29 +27,50 @@ POINTS = 800
 
 
 class Figure:
-    """A figure as plain data for plotly's script, by the names that plotly.py has for its parts, which
-    checks every property against the whole of its schema: a tenth of a second a figure.
+    """A figure as plain data for plotly's script, by the names that plotly.py has for
+    its parts, which checks every property against the whole of its schema: a tenth of a
+    second a figure.
 
-    data : traces; layout : everything else; a ``title`` may be a text. Panels stand beside each other in
-    ``columns``, or below each other in ``rows``, ``gap`` apart; rows share one time axis.
+    data : traces; layout : everything else; a ``title`` may be a text. Panels stand
+    beside each other in ``columns``, or below each other in ``rows``, ``gap`` apart;
+    rows share one time axis.
     """
 
     def __init__(self, columns: int = 1, rows: int = 1, gap: float = 0.12) -> None:
         self.data = list[dict[str, Any]]()
-        grid = {"rows": rows, "columns": columns, "pattern": "independent", "xgap": gap, "ygap": gap}
+        grid = {
+            "rows": rows,
+            "columns": columns,
+            "pattern": "independent",
+            "xgap": gap,
+            "ygap": gap,
+        }
         self.layout: dict[str, Any] = {"grid": grid} if rows * columns > 1 else {}
         for k in range(rows - 1):
-            self.update_axes("x", k, matches=f"x{_number(rows - 1)}", showticklabels=False)
+            self.update_axes(
+                "x", k, matches=f"x{_number(rows - 1)}", showticklabels=False
+            )
 
     def add(self, kind: str, panel: int = 0, **properties: Any) -> Figure:
         """Another trace of a kind, such as "scatter", in a panel (from 0)."""
-        axes = {"xaxis": f"x{_number(panel)}", "yaxis": f"y{_number(panel)}"} if panel else {}
+        axes = (
+            {"xaxis": f"x{_number(panel)}", "yaxis": f"y{_number(panel)}"}
+            if panel
+            else {}
+        )
         self.data.append({"type": kind, **properties, **axes})
         return self
 
-    def add_band(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, panel: int = 0) -> Figure:
+    def add_band(
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, panel: int = 0
+    ) -> Figure:
         """Grey from low to high (k,)."""
-        edge = {"mode": "lines", "line": {"width": 0}, "showlegend": False, "hoverinfo": "skip"}
+        edge = {
+            "mode": "lines",
+            "line": {"width": 0},
+            "showlegend": False,
+            "hoverinfo": "skip",
+        }
         fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
         return self.add("scatter", panel, x=x, y=high, **edge).add(
             "scatter", panel, x=x, y=low, **fill, **edge
@@ -64,7 +86,8 @@ class Figure:
         return self.update_layout(**{f"{letter}axis{_number(panel)}": changes})
 
     def to_json(self) -> str:
-        """For plotly's script; numbers of arrays in single precision, which is finer than any screen."""
+        """For plotly's script; numbers of arrays in single precision, which is finer
+        than any screen."""
         every = {"data": self.data, "layout": self.layout}
         return json.dumps(every, default=_packed, separators=(",", ":"))
 
@@ -94,8 +117,8 @@ def _packed(values: Array) -> Any:
 
 @dataclass(frozen=True)
 class Curves:
-    """One run behind the filters: t (M,) [s] as it is drawn; torque (M, n) measured; modelled : (M, n)
-    by model."""
+    """One run behind the filters: t (M,) [s] as it is drawn; torque (M, n) measured;
+    modelled : (M, n) by model."""
 
     t: Array
     torque: Array
@@ -103,7 +126,8 @@ class Curves:
 
 
 def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, Array]:
-    """At most ``points`` of the curve y(x): the lowest and the highest of each stretch, in order.
+    """At most ``points`` of the curve y(x): the lowest and the highest of each stretch,
+    in order.
 
     Drawn at that many pixels it looks as all of it would; every peak stays.
 
@@ -121,20 +145,34 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
 
 
 def shifts(times: Sequence[Array]) -> list[float]:
-    """What is added to each run's clock [s] where runs follow each other on one axis, a second apart."""
+    """What is added to each run's clock [s] where runs follow each other on one axis, a
+    second apart."""
     lengths = [float(t[-1] - t[0]) + 1.0 for t in times]
     return [sum(lengths[:k]) - float(t[0]) for k, t in enumerate(times)]
 
 
-def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = True) -> Figure:
-    """Measured and modelled torque of a joint (from 0) and what is left, run after run; ``beside`` : at
-    the right of the torques, else below them."""
+def torque_figure(
+    runs: Sequence[Curves], joint: int, unit: str, beside: bool = True
+) -> Figure:
+    """Measured and modelled torque of a joint (from 0) and what is left, run after run;
+    ``beside`` : at the right of the torques, else below them."""
     plot = Figure(columns=2, gap=0.16) if beside else Figure(rows=2)
 
-    def curve(t: Array, values: Array, name: str, colour: str, shown: bool, panel: int = 0) -> None:
+    def curve(
+        t: Array, values: Array, name: str, colour: str, shown: bool, panel: int = 0
+    ) -> None:
         x, y = envelope(t, values)
         look = {"line": {"color": colour, "width": 2.0 if colour == MEASURED else 1.2}}
-        plot.add("scatter", panel, x=x, y=y, name=name, legendgroup=name, showlegend=shown, **look)
+        plot.add(
+            "scatter",
+            panel,
+            x=x,
+            y=y,
+            name=name,
+            legendgroup=name,
+            showlegend=shown,
+            **look,
+        )
 
     for index, run in enumerate(runs):
         measured = run.torque[:, joint]
@@ -153,20 +191,33 @@ def torque_figure(runs: Sequence[Curves], joint: int, unit: str, beside: bool = 
 def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
     """A curve (k,) with a band from low to high (k,)."""
     line = {"color": COLOURS[0]}
-    return Figure().add_band(x, low, high).add("scatter", x=x, y=y, line=line, showlegend=False)
+    return (
+        Figure()
+        .add_band(x, low, high)
+        .add("scatter", x=x, y=y, line=line, showlegend=False)
+    )
 
 
-def missing_figure(curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()) -> Any:
-    """A measured curve with its band, over two variables by colour, and where measurements lie; units :
-    of the joints' torques; motions : these measurements, with the modelled torque."""
+def missing_figure(
+    curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()
+) -> Any:
+    """A measured curve with its band, over two variables by colour, and where
+    measurements lie; units : of the joints' torques; motions : these measurements, with
+    the modelled torque."""
     over = [Variable.parse(v) for v in curve.of]
     names = [f"{v} [{plain_unit(v.unit(units))}]" for v in over]
     unit = plain_unit(units[curve.joint - 1])
-    along = [np.concatenate([v.along(motion) for motion in motions]) for v in over if motions]
+    along = [
+        np.concatenate([v.along(motion) for motion in motions]) for v in over if motions
+    ]
     rows = [x[np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))] for x in along]
     if len(names) == 1:
         plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
-        shade: dict[str, Any] = {"marker": {"color": MEASURED}, "opacity": 0.3, "nbinsx": 60}
+        shade: dict[str, Any] = {
+            "marker": {"color": MEASURED},
+            "opacity": 0.3,
+            "nbinsx": 60,
+        }
         for x in rows:
             plot.add("histogram", x=x, yaxis="y2", name="rows", **shade)
         plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"})
@@ -174,13 +225,21 @@ def missing_figure(curve: Curve, units: Sequence[str], motions: Sequence[Motion]
         return plot.update_axes("y", 0, title=f"joint {curve.joint} [{unit}]")
     half = 0.5 * (curve.upper - curve.lower)
     told = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
-    marker = {"color": curve.torque, "colorscale": "RdBu", "symbol": "square", "size": 11}
+    marker = {
+        "color": curve.torque,
+        "colorscale": "RdBu",
+        "symbol": "square",
+        "size": 11,
+    }
     marker["colorbar"] = {"title": {"text": unit}}
     plot, (x, y) = Figure(), curve.points.T
     known: dict[str, Any] = {"mode": "markers", "name": "missing torque and its band"}
     plot.add("scatter", x=x, y=y, marker=marker, text=told, **known)
     if rows:
-        look: dict[str, Any] = {"mode": "markers", "marker": {"size": 2, "color": MEASURED}}
+        look: dict[str, Any] = {
+            "mode": "markers",
+            "marker": {"size": 2, "color": MEASURED},
+        }
         plot.add("scatter", x=rows[0], y=rows[1], name="rows", **look)
     return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
 
@@ -188,8 +247,11 @@ def missing_figure(curve: Curve, units: Sequence[str], motions: Sequence[Motion]
 def friction_figure(
     velocity: ArrayLike, torque: ArrayLike, half: ArrayLike, joint: int, unit: str
 ) -> Any:
-    """Friction torque (k,) of a joint (from 0) over its velocity (k,), and half its 95 % band (k,)."""
-    plot = band_figure(velocity, torque, np.subtract(torque, half), np.add(torque, half))
+    """Friction torque (k,) of a joint (from 0) over its velocity (k,), and half its 95
+    % band (k,)."""
+    plot = band_figure(
+        velocity, torque, np.subtract(torque, half), np.add(torque, half)
+    )
     speed = "m/s" if unit == "N" else "rad/s"
     plot.update_axes("x", title=f"velocity [{speed}]")
     plot.update_axes("y", title=f"joint {joint + 1} [{plain_unit(unit)}]")
@@ -197,7 +259,8 @@ def friction_figure(
 
 
 def styled(plot: Any, height: int) -> Any:
-    """The plot in colours that suit a light and a dark page alike, its menus not on its legend."""
+    """The plot in colours that suit a light and a dark page alike, its menus not on its
+    legend."""
     plot.update_layout(
         height=height,
         margin={"l": 55, "r": 15, "t": 30, "b": 45},
@@ -207,6 +270,11 @@ def styled(plot: Any, height: int) -> Any:
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
         hovermode="closest",
     )
-    axis = {"gridcolor": "rgba(128,128,128,0.25)", "zerolinecolor": "rgba(128,128,128,0.5)"}
+    axis = {
+        "gridcolor": "rgba(128,128,128,0.25)",
+        "zerolinecolor": "rgba(128,128,128,0.5)",
+    }
     axis["exponentformat"] = "e"  # not 50µ of a radian
-    return plot.update_layout(template={"layout": {"xaxis": axis, "yaxis": axis}})  # of every panel
+    return plot.update_layout(
+        template={"layout": {"xaxis": axis, "yaxis": axis}}
+    )  # of every panel

@@ -33,11 +33,12 @@ from sdp_vs_penalty.simulation.follow import Following
 class Material:
     """Everything that the sections show, computed once.
 
-    models : by name, in the order in which effects were added; the last one is looked at closely;
-    judged : of each model the filtered rows of each run, and their modelled torque (M, n); failures : of
-    the first model and of the last; checks : of each run, what Issue.to_dict() says; forward : the last
-    model run forward, or the sentence why it cannot; commands : that made this report; diagnosis : of
-    one of the models, where there is one.
+    models : by name, in the order in which effects were added; the last one is looked
+    at closely; judged : of each model the filtered rows of each run, and their modelled
+    torque (M, n); failures : of the first model and of the last; checks : of each run,
+    what Issue.to_dict() says; forward : the last model run forward, or the sentence why
+    it cannot; commands : that made this report; diagnosis : of one of the models, where
+    there is one.
     """
 
     models: Mapping[str, Estimate]
@@ -58,7 +59,9 @@ class Material:
     def verdict(self) -> Verdict:
         """That of the last model."""
         ahead = "" if isinstance(self.forward, str) else self.forward.verdict
-        missing = "" if self.diagnosis is None else still_missing(self.diagnosis, self.last)
+        missing = (
+            "" if self.diagnosis is None else still_missing(self.diagnosis, self.last)
+        )
         return self.comparisons[-1].verdict_with(missing, ahead)
 
     @property
@@ -67,7 +70,8 @@ class Material:
         return self.comparisons[-1].name
 
 
-#: What :func:`judged_row` says after the model's name; possible : its links can exist, within bounds.
+#: What :func:`judged_row` says after the model's name; possible : its links can exist,
+#: within bounds.
 JUDGED_HEADS = ("verdict", "error %", "worst/noise", "possible", "thinnest mm", "gap")
 
 
@@ -82,10 +86,18 @@ def judged_row(c: Comparison) -> list[str]:
 
 
 def verdict(material: Material) -> str:
-    """How good the last model is, what became of each joint's error, and each model in a line."""
-    said, first, last = material.verdict, material.comparisons[0], material.comparisons[-1]
+    """How good the last model is, what became of each joint's error, and each model in
+    a line."""
+    said, first, last = (
+        material.verdict,
+        material.comparisons[0],
+        material.comparisons[-1],
+    )
     several = len(material.comparisons) > 1
-    body = f'<p class="verdict {said.grade.replace(" ", "-")}">{markup.marked(said.headline)}</p>'
+    body = (
+        '<p class="verdict'
+        f' {said.grade.replace(" ", "-")}">{markup.marked(said.headline)}</p>'
+    )
     if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
         body += f"<p><b>{escape(changed[0].upper() + changed[1:])}</b></p>"
     after, units = last.rmse if several else None, material.last.robot.torque_units
@@ -94,33 +106,49 @@ def verdict(material: Material) -> str:
     body += table(("verdict", "grade", "why"), lines, numbers_from=3)
     if said.remark:
         body += text(said.remark)
-    body += table(("model", *JUDGED_HEADS), list(map(judged_row, material.comparisons)), numbers_from=2)
+    body += table(
+        ("model", *JUDGED_HEADS),
+        list(map(judged_row, material.comparisons)),
+        numbers_from=2,
+    )
     m = material.measurements
     seconds = sum(float(run.t[-1] - run.t[0]) for run in m.runs())
     body += text(
-        f"{material.last.robot.name}, {formatting.count(material.last.robot.n, 'joint')}. Judged on "
-        f"{formatting.count(len(m.names), 'run')}, {len(m.t)} samples, {seconds:.3g} s: "
-        f"{', '.join(m.names)}. Measured and modelled torques passed the same low-pass at "
-        f"{material.comparisons[0].band_hz:.3g} Hz."
+        f"{material.last.robot.name},"
+        f" {formatting.count(material.last.robot.n, 'joint')}. Judged on"
+        f" {formatting.count(len(m.names), 'run')}, {len(m.t)} samples, {seconds:.3g}"
+        f" s: {', '.join(m.names)}. Measured and modelled torques passed the same"
+        f" low-pass at {material.comparisons[0].band_hz:.3g} Hz."
     )
     return body
 
 
 def torques(material: Material) -> str:
     """Measured and modelled torque of each joint, and what is left."""
-    units, first = material.last.robot.torque_units, material.judged[material.comparisons[0].name]
+    units, first = (
+        material.last.robot.torque_units,
+        material.judged[material.comparisons[0].name],
+    )
     moved = plots.shifts([run.motion.t for run, _ in first])
-    modelled = [{name: each[k][1] for name, each in material.judged.items()} for k in range(len(first))]
+    modelled = [
+        {name: each[k][1] for name, each in material.judged.items()}
+        for k in range(len(first))
+    ]
     runs = [
         plots.Curves(run.motion.t + shift, run.torque, of)
         for (run, _), shift, of in zip(first, moved, modelled, strict=True)
     ]
     failing = material.failures[material.comparisons[0].name]
-    causes = [c for c in markup.SHADES if any(s.cause == c for f in failing for s in f.stretches)]
+    causes = [
+        c
+        for c in markup.SHADES
+        if any(s.cause == c for f in failing for s in f.stretches)
+    ]
     body = text(
-        "Left: measured and modelled torque. Right: the errors on the same time axis. Click a name to "
-        f"hide it, drag to look closer. Grey band: where 95 % of the errors of {material.name} "
-        "should lie, given its parameters' uncertainty and what it left of its own training runs."
+        "Left: measured and modelled torque. Right: the errors on the same time axis."
+        " Click a name to hide it, drag to look closer. Grey band: where 95 % of the"
+        f" errors of {material.name} should lie, given its parameters' uncertainty and"
+        " what it left of its own training runs."
     )
     body += markup.legend(causes)
     bands = _bands(material, moved)
@@ -141,13 +169,16 @@ def torques(material: Material) -> str:
 
 
 def _bands(material: Material, moved: Sequence[float]) -> list[tuple[Array, Array]]:
-    """Of each run instants (m,) on the figures' axis and half the last model's band (m, n) there."""
+    """Of each run instants (m,) on the figures' axis and half the last model's band (m,
+    n) there."""
     plant = material.comparisons[-1].estimate  # without its drives
     theta, known = plant.theta, plant.uncertainty
     bands = []
     for (rows, _), shift in zip(material.judged[material.name], moved, strict=True):
         t = rows.motion.t + shift
-        keep = np.unique(np.linspace(0, len(t) - 1, min(len(t), plots.POINTS)).astype(int))
+        keep = np.unique(
+            np.linspace(0, len(t) - 1, min(len(t), plots.POINTS)).astype(int)
+        )
         few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
         half = NORMAL_95 * np.hypot(known.band(theta, few)[1], known.torque_noise)
         bands.append((t[keep], half))
@@ -155,11 +186,14 @@ def _bands(material: Material, moved: Sequence[float]) -> list[tuple[Array, Arra
 
 
 def history(material: Material) -> str:
-    """What each model added, and the error of every joint, model by model, above the noise."""
+    """What each model added, and the error of every joint, model by model, above the
+    noise."""
     compared, made, known = material.comparisons, [], set[str]()
     for name, estimate in material.models.items():
         new = ", ".join(e.brief for e in estimate.model.effects if e.text not in known)
-        made.append((name, estimate.method, len(estimate.theta), new or "the same effects"))
+        made.append(
+            (name, estimate.method, len(estimate.theta), new or "the same effects")
+        )
         known |= {e.text for e in estimate.model.effects}
     body = table(("model", "method", "parameters", "new effects"), made, numbers_from=4)
     names, errors = [f"RMSE {c.name}" for c in compared], [c.rmse for c in compared]
@@ -171,17 +205,26 @@ def history(material: Material) -> str:
 
 
 def forward(material: Material) -> str:
-    """The last model run forward: after one step, 0.1 s ahead, and freely from the first state."""
+    """The last model run forward: after one step, 0.1 s ahead, and freely from the
+    first state."""
     made = material.forward
     if isinstance(made, str):
         return text(f"{material.name} cannot be simulated: {made}")
-    body = text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
+    body = (
+        text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
+    )
     if any(f.cut for f in made.free):
-        return body + text("`report --forward` goes on to the run's end, and shows the positions.")
-    body += text("Left: measured and simulated position of the free run. Right: its error.")
+        return body + text(
+            "`report --forward` goes on to the run's end, and shows the positions."
+        )
+    body += text(
+        "Left: measured and simulated position of the free run. Right: its error."
+    )
     runs = [
         plots.Curves(f.simulated.t + shift, f.measured, {material.name: f.simulated.q})
-        for f, shift in zip(made.free, plots.shifts([f.simulated.t for f in made.free]), strict=True)
+        for f, shift in zip(
+            made.free, plots.shifts([f.simulated.t for f in made.free]), strict=True
+        )
     ]
     for j, unit in enumerate(made.units):
         body += figure(plots.torque_figure(runs, j, unit), group="forward")
@@ -189,11 +232,13 @@ def forward(material: Material) -> str:
 
 
 def failures(material: Material) -> str:
-    """Which cause explains how much of each joint's error, before and after, and in words."""
+    """Which cause explains how much of each joint's error, before and after, and in
+    words."""
     found = markup.found_shares(material.diagnosis, material.last.robot.n)
     body = text(
-        "How much of each joint's error a function of each cause explains on held-out data, in per "
-        "cent; causes that explain nothing are left out. `sdp-vs-penalty diagnose` names effects."
+        "How much of each joint's error a function of each cause explains on held-out"
+        " data, in per cent; causes that explain nothing are left out. `sdp-vs-penalty"
+        " diagnose` names effects."
     )
     maps = ""
     for name, failing in material.failures.items():
@@ -203,7 +248,12 @@ def failures(material: Material) -> str:
     last = material.failures[material.name]
     units = material.last.robot.torque_units
     said = [
-        (f.joint, " ".join(sentences(f, unit)), number(f.rmse, 4), number(f.noise_floor, 4))
+        (
+            f.joint,
+            " ".join(sentences(f, unit)),
+            number(f.rmse, 4),
+            number(f.noise_floor, 4),
+        )
         for f, unit in zip(last, units, strict=True)
     ]
     heads = ("joint", f"where {material.name} errs", "RMS error", "noise floor")
@@ -211,7 +261,8 @@ def failures(material: Material) -> str:
 
 
 def findings(material: Material) -> str:
-    """What a diagnosis says: verdict, what the last model still lacks, a row a finding, each curve."""
+    """What a diagnosis says: verdict, what the last model still lacks, a row a finding,
+    each curve."""
     found = material.diagnosis
     if found is None:
         return text("No diagnosis was given. Name one with `--findings findings.json`.")
@@ -220,17 +271,39 @@ def findings(material: Material) -> str:
         joint = f.joints[0] - 1 if f.joints else 0
         errors = f.held_out_rmse_before, f.held_out_rmse_after, found.noise_floor
         size = f"{number(f.size, 4)} ± {number(f.std, 2)} {plain_unit(f.unit)}"
-        joints, rivals = ", ".join(map(str, f.joints)), ", ".join(f.indistinguishable_from)
+        joints, rivals = (
+            ", ".join(map(str, f.joints)),
+            ", ".join(f.indistinguishable_from),
+        )
         own = (number(x[joint]) for x in errors)
-        rows.append((f.effect, joints or "all", f.confidence, size, rivals or "-", *own))
-    heads = ("effect", "joint", "confidence", "size", "not told from", "held-out RMSE", "with it")
+        rows.append(
+            (f.effect, joints or "all", f.confidence, size, rivals or "-", *own)
+        )
+    heads = (
+        "effect",
+        "joint",
+        "confidence",
+        "size",
+        "not told from",
+        "held-out RMSE",
+        "with it",
+    )
     told = f": {found.headline}" if found.effects else ""
     body = text(f"In the model that was diagnosed{told}" if told else found.headline)
-    body += text(f"In {material.name}: {still_missing(found, material.last)}") if told else ""
+    body += (
+        text(f"In {material.name}: {still_missing(found, material.last)}")
+        if told
+        else ""
+    )
     if rows:
-        first, last = found.effects[0].held_out_rmse_before, found.effects[-1].held_out_rmse_after
+        first, last = (
+            found.effects[0].held_out_rmse_before,
+            found.effects[-1].held_out_rmse_after,
+        )
         floor = found.noise_floor.tolist() if found.noise_known else None
-        body += text("Held-out error of each joint before all findings and with all of them:")
+        body += text(
+            "Held-out error of each joint before all findings and with all of them:"
+        )
         body += markup.bars(list(first), list(last), floor, units)
         body += table((*heads, "noise floor"), rows, numbers_from=5)
     body += "".join(text(remark) for remark in found.remarks)
@@ -247,20 +320,26 @@ def parameters(material: Material) -> str:
     """Base and standard parameters with intervals and verdicts."""
     known = material.last.uncertainty
     base, standard = counts(known.base), counts(known.standard)
-    runs = ", ".join(map(str, material.last.provenance.get("runs", []))) or "unknown runs"
+    runs = (
+        ", ".join(map(str, material.last.provenance.get("runs", []))) or "unknown runs"
+    )
     body = text(
-        f"Values and 95 % intervals are those of {material.name}, from the runs that it was "
-        f"identified from ({runs}). They hold the noise, the model's own errors as far as these runs "
-        "show them and the errors of estimated shape constants; where the estimate satisfies "
-        f"constraints, so do they. Of {len(known.base)} base "
-        f"parameters (the combinations that torques determine) {base['identifiable']} are "
-        f"identifiable, {base['weakly']} weakly, {base['not seen']} not; of {len(known.standard)} "
-        f"standard parameters {standard['identifiable']}, {standard['weakly']} and "
-        f"{standard['not seen']}. Parameters that are not from the data have values of the "
-        "prior (the nominal robot) or of the bounds, not measured ones."
+        f"Values and 95 % intervals are those of {material.name}, from the runs that it"
+        f" was identified from ({runs}). They hold the noise, the model's own errors as"
+        " far as these runs show them and the errors of estimated shape constants;"
+        f" where the estimate satisfies constraints, so do they. Of {len(known.base)}"
+        " base parameters (the combinations that torques determine)"
+        f" {base['identifiable']} are identifiable, {base['weakly']} weakly,"
+        f" {base['not seen']} not; of {len(known.standard)} standard parameters"
+        f" {standard['identifiable']}, {standard['weakly']} and {standard['not seen']}."
+        " Parameters that are not from the data have values of the prior (the nominal"
+        " robot) or of the bounds, not measured ones."
     )
     last = material.last
-    base_said = {b["name"]: (b["source"], b["nominal"]) for b in last.details.get("base_parameters", [])}
+    base_said = {
+        b["name"]: (b["source"], b["nominal"])
+        for b in last.details.get("base_parameters", [])
+    }
     rows = [cells(i, *base_said.get(i.name, ())) for i in known.base]
     body += table(HEADS, rows, numbers_from=3)
     inner = table(HEADS, standard_rows(last), numbers_from=3)
@@ -278,34 +357,40 @@ def standard_rows(estimate: Estimate) -> list[tuple[str, ...]]:
 
 
 def cells(i: Interval, source: str = "", nominal: float = np.nan) -> tuple[str, ...]:
-    """A parameter, the ends of its 95 % interval, what determined it and its nominal value, as text."""
+    """A parameter, the ends of its 95 % interval, what determined it and its nominal
+    value, as text."""
     figures = (number(seen(x), 4) for x in (i.value, i.lower, i.upper, nominal))
     return i.name, i.verdict, source, *figures, formatting.plain_unit(i.unit)
 
 
 def caveats(estimate: Estimate) -> list[str]:
-    """What to know before parameters are read, a sentence each; the verdict judges the links."""
+    """What to know before parameters are read, a sentence each; the verdict judges the
+    links."""
     sources, said = estimate.sources, []
     if law := estimate.details.get("servo"):
         told = f"the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
         said.append(f"No torque was logged: {told}")
     if others := [source for source in sources if source != "data"]:
-        told = f"{len(others)} of {len(sources)} standard parameters are from the {others[0]}"
+        told = (
+            f"{len(others)} of {len(sources)} standard parameters are from the"
+            f" {others[0]}"
+        )
         said.append(f"{told}, not from the data: do not read them one by one.")
     return said
 
 
 def arm(material: Material) -> str:
-    """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and its margins."""
+    """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and
+    its margins."""
     estimate = material.last
     if not len(estimate.model.rigid_indices):
         return text("This model has no rigid_body effect.")
     robot, links = estimate.robot, estimate.links
     (poses,) = robot.poses(robot.tree_state(material.measurements.q.mean(axis=0))[0])
     caption = (
-        "Uniform ellipsoids with the identified masses and inertias, in the runs' mean pose. An "
-        "ellipsoid that leaves the picture belongs to a link that these data hardly determine. Zero "
-        "thickness (a rod or a sheet) is unphysical."
+        "Uniform ellipsoids with the identified masses and inertias, in the runs' mean"
+        " pose. An ellipsoid that leaves the picture belongs to a link that these data"
+        " hardly determine. Zero thickness (a rod or a sheet) is unphysical."
     )
     body = text(" ".join(caveats(estimate))) + table(LINK_HEADS, link_rows(estimate))
     return body + figure(_picture(robot, links, poses), caption, 460)
@@ -313,11 +398,15 @@ def arm(material: Material) -> str:
 
 def friction(material: Material) -> str:
     """Friction by velocity with its band, a figure a joint."""
-    body = text("Torque of all effects that follow the velocity alone; shaded: 95 % intervals.")
+    body = text(
+        "Torque of all effects that follow the velocity alone; shaded: 95 % intervals."
+    )
     if not (curves := friction_curves(material.last)):
         return text("The model has no friction that follows the velocity alone.")
     for c, unit in zip(curves, material.last.robot.torque_units, strict=True):
-        plot = plots.friction_figure(c.velocity, c.torque, NORMAL_95 * c.std, c.joint, unit)
+        plot = plots.friction_figure(
+            c.velocity, c.torque, NORMAL_95 * c.std, c.joint, unit
+        )
         body += figure(plot, "", 250)
     return body
 
@@ -330,18 +419,30 @@ def _picture(robot: Robot, links: Array, poses: Array) -> plots.Figure:
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
         x, y, z = np.stack([begin, poses[i][:3, 3]]).T
         look = {"mode": "lines+markers", "showlegend": False, "hoverinfo": "skip"}
-        look |= {"line": {"color": MEASURED, "width": 6}, "marker": {"size": 3, "color": MEASURED}}
+        look |= {
+            "line": {"color": MEASURED, "width": 6},
+            "marker": {"size": 3, "color": MEASURED},
+        }
         plot.add("scatter3d", x=x, y=y, z=z, **look)
         shape = ellipsoid(links[link[i]]) if i in link else None
         if shape is None:
             continue
         frame = poses[i] @ joint.link_frame
         x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
-        look = {"alphahull": 0, "color": COLOURS[i % len(COLOURS)], "opacity": 0.5, "showlegend": True}
+        look = {
+            "alphahull": 0,
+            "color": COLOURS[i % len(COLOURS)],
+            "opacity": 0.5,
+            "showlegend": True,
+        }
         plot.add("mesh3d", x=x, y=y, z=z, name=f"link {link[i] + 1}", **look)
-    axis = {"title": "", "gridcolor": "rgba(128,128,128,0.3)", "backgroundcolor": "rgba(0,0,0,0)"}
-    # The picture is as large as the arm: an ellipsoid that leaves it belongs to a link whose mass
-    # and inertia are not those of one body of that size.
+    axis = {
+        "title": "",
+        "gridcolor": "rgba(128,128,128,0.3)",
+        "backgroundcolor": "rgba(0,0,0,0)",
+    }
+    # The picture is as large as the arm: an ellipsoid that leaves it belongs to a link
+    # whose mass and inertia are not those of one body of that size.
     joints = np.array([np.zeros(3), *(pose[:3, 3] for pose in poses)])
     room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
     low, high = joints.min(axis=0) - room, joints.max(axis=0) + room
@@ -352,27 +453,34 @@ def _picture(robot: Robot, links: Array, poses: Array) -> plots.Figure:
 
 
 def ellipsoid(link: Array) -> Array | None:
-    """(3, k) points on the uniform solid ellipsoid with these standard parameters, in the link frame;
-    None for a link without mass or thickness."""
+    """(3, k) points on the uniform solid ellipsoid with these standard parameters, in
+    the link frame; None for a link without mass or thickness."""
     if (body := half_axes(link)) is None:
         return None
     half, axes, com = body
     u, v = np.meshgrid(np.linspace(0.0, np.pi, 14), np.linspace(0.0, 2.0 * np.pi, 28))
-    ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(3, -1)
+    ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(
+        3, -1
+    )
     return np.asarray(axes @ (half[:, None] * (axes.T @ ball)) + com[:, None], float)
 
 
 def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
-    """Half axes (3,) [m] of that ellipsoid, sqrt(5 eigenvalues of Sigma_c / m), their directions (3, 3)
-    as columns, right-handed, and its centre (3,)."""
+    """Half axes (3,) [m] of that ellipsoid, sqrt(5 eigenvalues of Sigma_c / m), their
+    directions (3, 3) as columns, right-handed, and its centre (3,)."""
     values, axes = np.linalg.eigh(inertia.second_moment(link))
     if link[0] <= 0.0 or values[0] <= 0.0:
         return None
-    return np.sqrt(5.0 * values), axes * np.sign(np.linalg.det(axes)), link[1:4] / link[0]
+    return (
+        np.sqrt(5.0 * values),
+        axes * np.sign(np.linalg.det(axes)),
+        link[1:4] / link[0],
+    )
 
 
 def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
-    """What is certified of each, as the command line says it: a row a figure, its name first."""
+    """What is certified of each, as the command line says it: a row a figure, its name
+    first."""
     told = [dict(e.certificate.summary()) for e in estimates]
     names = dict.fromkeys(name for own in told for name in own)
     return [[name, *(own.get(name, "-") for own in told)] for name in names]
@@ -380,15 +488,18 @@ def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
 
 #: What the certificate says, and who computed it.
 CERTIFICATE = (
-    "Violations of every family of constraints, including those that a method did not receive. The "
-    "lower bound is computed here from dual multipliers, independently of what a solver claims."
+    "Violations of every family of constraints, including those that a method did not"
+    " receive. The lower bound is computed here from dual multipliers, independently of"
+    " what a solver claims."
 )
 
 
 def certificate(material: Material) -> str:
     """Computed by this program, whoever solved the problem."""
     rows = certificate_rows(list(material.models.values()))
-    return text(CERTIFICATE) + table(["figure", *material.models], rows, numbers_from=len(rows[0]))
+    return text(CERTIFICATE) + table(
+        ["figure", *material.models], rows, numbers_from=len(rows[0])
+    )
 
 
 def data(material: Material) -> str:
@@ -400,8 +511,10 @@ def data(material: Material) -> str:
             parts.append(text("No problems found."))
         for f in ({name: escape(str(x)) for name, x in f.items()} for f in found):
             parts.append(
-                f'<div class="finding {f["severity"]}"><b>{f["kind"]}</b> ({f["where"]}): {f["what"]} '
-                f"<span>How sure: {f['certainty']}. What to do: {f['remedy']}.</span></div>"
+                f'<div class="finding {f["severity"]}"><b>{f["kind"]}</b>'
+                f" ({f['where']}): {f['what']} "
+                f"<span>How sure: {f['certainty']}. What to do:"
+                f" {f['remedy']}.</span></div>"
             )
     return "".join(parts)
 
@@ -415,11 +528,16 @@ def provenance(material: Material) -> str:
         said = {
             "method": f"{e.method} ({settings})",
             "effects": ", ".join(effect.brief for effect in e.model.effects),
-            "filters": f"states {number(p.state_cutoff, 4)} Hz, torque {number(p.torque_cutoff, 4)} Hz",
+            "filters": (
+                f"states {number(p.state_cutoff, 4)} Hz, torque"
+                f" {number(p.torque_cutoff, 4)} Hz"
+            ),
             "runs": ", ".join(map(str, known.get("runs", []))),
             "data hash": known.get("data_hash", ""),
             "seed": known.get("seed", ""),
-            "versions": ", ".join(f"{k} {v}" for k, v in known.get("versions", {}).items()),
+            "versions": ", ".join(
+                f"{k} {v}" for k, v in known.get("versions", {}).items()
+            ),
         }
         rows += [(name, what, value) for what, value in said.items()]
     body = table(("model", "what", "which"), rows, numbers_from=3)

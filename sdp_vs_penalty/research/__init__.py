@@ -1,1 +1,2 @@
-"""What results/ holds, made again: the paper's tables and figures, and the solvers' shootout."""
+"""What results/ holds, made again: the paper's tables and figures, and the solvers'
+shootout."""

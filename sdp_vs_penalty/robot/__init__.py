@@ -1,4 +1,5 @@
-"""The arm itself: kinematics, inertia (the parameter order), constraints, URDF files, trajectories."""
+"""The arm itself: kinematics, inertia (the parameter order), constraints, URDF files,
+trajectories."""
 
 from sdp_vs_penalty.plugins import surface
 

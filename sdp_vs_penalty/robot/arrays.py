@@ -1,4 +1,5 @@
-"""What all numbers of this package come in: arrays of doubles, whose shapes the docstrings say."""
+"""What all numbers of this package come in: arrays of doubles, whose shapes the
+docstrings say."""
 
 from typing import Any
 
@@ -11,12 +12,14 @@ Array = NDArray[np.float64]
 
 
 def or_one(size: ArrayLike) -> Any:
-    """A size by which to divide: one where it is zero, as what it is the size of then is."""
+    """A size by which to divide: one where it is zero, as what it is the size of then
+    is."""
     return np.where(np.asarray(size) > 0.0, size, 1.0)[()]
 
 
 def or_least(x: ArrayLike) -> Any:
-    """Something to take the logarithm of, or to divide by: at least the least normal number."""
+    """Something to take the logarithm of, or to divide by: at least the least normal
+    number."""
     return np.maximum(x, np.finfo(float).tiny)
 
 

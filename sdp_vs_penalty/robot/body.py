@@ -1,4 +1,5 @@
-"""The body of a link: an ellipsoid outside of which it has no mass, and where that is known from."""
+"""The body of a link: an ellipsoid outside of which it has no mass, and where that is
+known from."""
 
 from dataclasses import dataclass
 
@@ -17,11 +18,12 @@ _EXCESS = 1e-2
 
 @dataclass(frozen=True)
 class Body(Plain):
-    """{x : sum_k (axes[:, k] . (x - centre))^2 / half_axes[k]^2 <= 1} in the link frame [m].
+    """{x : sum_k (axes[:, k] . (x - centre))^2 / half_axes[k]^2 <= 1} in the link frame
+    [m].
 
-    centre (3,), half_axes (3,), axes (3, 3) : orthonormal columns; source : one of :data:`SOURCES`;
-    volume : of the link's geometry itself [m^3], None where there is none.
-    Raises InputError for half axes that are not positive, or another source.
+    centre (3,), half_axes (3,), axes (3, 3) : orthonormal columns; source : one of
+    :data:`SOURCES`; volume : of the link's geometry itself [m^3], None where there is
+    none. Raises InputError for half axes that are not positive, or another source.
     """
 
     centre: Array
@@ -41,26 +43,33 @@ class Body(Plain):
 
     @property
     def quadric(self) -> Array:
-        """Q (4, 4) with (x, 1)^T Q (x, 1) = 1 - |x - centre|^2 in units of the half axes."""
+        """Q (4, 4) with (x, 1)^T Q (x, 1) = 1 - |x - centre|^2 in units of the half
+        axes."""
         d = (self.axes / self.half_axes**2) @ self.axes.T
         row = (d @ self.centre)[:, None]
         return np.block([[-d, row], [row.T, 1.0 - self.centre @ row]])
 
     @property
     def reach(self) -> float:
-        """The largest radius of gyration that a mass inside can have [m]: its largest half axis."""
+        """The largest radius of gyration that a mass inside can have [m]: its largest
+        half axis."""
         return float(self.half_axes.max())
 
 
 def around(
-    points: ArrayLike, source: str, margin: float = 1.0, layer: float = 0.0, volume: float | None = None
+    points: ArrayLike,
+    source: str,
+    margin: float = 1.0,
+    layer: float = 0.0,
+    volume: float | None = None,
 ) -> Body:
     """The ellipsoid of about least volume that holds points (k, 3), enlarged.
 
     Its half axes are multiplied by ``margin``, then ``layer`` [m] longer.
 
-    Khachiyan's ascent on the weights of the lifted points (Todd, Minimum-Volume Ellipsoids, SIAM 2016,
-    ch. 3) over the extremes of the cloud, then enlarged until all points are inside.
+    Khachiyan's ascent on the weights of the lifted points (Todd, Minimum-Volume
+    Ellipsoids, SIAM 2016, ch. 3) over the extremes of the cloud, then enlarged until
+    all points are inside.
     """
     cloud = np.asarray(points, float)
     few = np.array_split(directions(), 20)  # a cloud may have many points
@@ -69,9 +78,14 @@ def around(
     weights = np.full(len(lifted), 1.0 / len(lifted))
     inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
     distance = np.sum(lifted @ inverse * lifted, axis=1)
-    # Steps grow as order over excess; next to a line, rounding may eat up the inverse before that.
+    # Steps grow as order over excess; next to a line, rounding may eat up the inverse
+    # before that.
     for _ in range(round(5 * 4 / _EXCESS)):
-        if not 4.0 * (1.0 + _EXCESS) < (excess := distance.max()) < 1.0 / np.finfo(float).eps:
+        if (
+            not 4.0 * (1.0 + _EXCESS)
+            < (excess := distance.max())
+            < 1.0 / np.finfo(float).eps
+        ):
             break
         # The first of those that are alike, which are not for rounding to choose from.
         farthest = int(np.argmax(distance > (1.0 - 1e-6) * excess))
@@ -88,18 +102,21 @@ def around(
     half_axes = np.sqrt(np.maximum(size, 0.0))
     half_axes = np.maximum(half_axes, 1e-3 * half_axes.max())
     outside = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
-    return Body(centre, margin * max(outside, 1.0) * half_axes + layer, axes, source, volume)
+    return Body(
+        centre, margin * max(outside, 1.0) * half_axes + layer, axes, source, volume
+    )
 
 
 def balls(centres: ArrayLike, radius: float) -> Array:
-    """(6 k, 3) the ends of the axes of balls around centres (k, 3): points that stand for them."""
+    """(6 k, 3) the ends of the axes of balls around centres (k, 3): points that stand
+    for them."""
     ends = radius * np.concatenate([np.eye(3), -np.eye(3)])
     return np.concatenate([np.asarray(c, float) + ends for c in np.atleast_2d(centres)])
 
 
 def directions(count: int = 400) -> Array:
-    """(count, 3) unit vectors, spread over the sphere by the golden angle; by default enough to find the
-    extremes of a cloud to 1 % of its size."""
+    """(count, 3) unit vectors, spread over the sphere by the golden angle; by default
+    enough to find the extremes of a cloud to 1 % of its size."""
     k = np.arange(count) + 0.5
     z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
     across = np.sqrt(1.0 - z**2)

@@ -1,4 +1,5 @@
-"""What makes parameters admissible, as data: arrays that every method and the certificate read.
+"""What makes parameters admissible, as data: arrays that every method and the
+certificate read.
 
 A convex constraint is an affine family F(theta) = F_0 + sum_i theta_i F_i in a cone: positive
 semidefinite matrices, the second-order cone {(s, u): |u| <= s}, or non-negative numbers. The SDP
@@ -22,7 +23,8 @@ from sdp_vs_penalty.robot.arrays import Array, or_one
 
 
 def cone_margin(cone: str, values: Array) -> Array:
-    """Smallest eigenvalue (psd), s - |u| (soc) or smallest entry (nonnegative), of one or a batch.
+    """Smallest eigenvalue (psd), s - |u| (soc) or smallest entry (nonnegative), of one
+    or a batch.
 
     >>> float(cone_margin("soc", np.array([6.0, 3.0, 4.0])))
     1.0
@@ -35,15 +37,19 @@ def cone_margin(cone: str, values: Array) -> Array:
 
 
 def cone_depths(cone: str, values: Array, terms: Array) -> Array:
-    """(g,) margins of equal cones (g, ...) relative to the terms that were summed: free of units.
+    """(g,) margins of equal cones (g, ...) relative to the terms that were summed: free
+    of units.
 
-    terms (g, ...) : |F_0| + sum |theta_i F_i|, entry by entry. A matrix F is seen as D F D with
-    D = diag(terms)^-1/2, so that rounding in F is of size eps whatever cancelled on the way: a depth
-    above :func:`safe_depth` is a positive margin in any order of summation.
+    terms (g, ...) : |F_0| + sum |theta_i F_i|, entry by entry. A matrix F is seen as D
+    F D with D = diag(terms)^-1/2, so that rounding in F is of size eps whatever
+    cancelled on the way: a depth above :func:`safe_depth` is a positive margin in any
+    order of summation.
     """
     if cone == "psd":
         size = np.sqrt(or_one(np.diagonal(terms, axis1=1, axis2=2)))
-        return np.asarray(np.linalg.eigvalsh(values / (size[:, :, None] * size[:, None, :]))[:, 0])
+        return np.asarray(
+            np.linalg.eigvalsh(values / (size[:, :, None] * size[:, None, :]))[:, 0]
+        )
     if cone == "soc":
         return cone_margin(cone, values) / or_one(terms.sum(axis=1))
     return cone_margin(cone, values / or_one(terms))
@@ -55,23 +61,29 @@ def safe_depth(size: int) -> float:
 
 
 def smallest_eigenvalue(values: Array) -> Array:
-    """The smallest eigenvalue of symmetric matrices (..., d, d), its sign right in any system of units.
+    """The smallest eigenvalue of symmetric matrices (..., d, d), its sign right in any
+    system of units.
 
-    A matrix of a link holds its mass in one corner and, in kilometres, moments of 1e-9 in the others:
-    rounding relative to the corner would decide on them. The sign is therefore taken from T F T with
-    diagonals of size one (Sylvester), T of powers of two, which round nothing.
+    A matrix of a link holds its mass in one corner and, in kilometres, moments of 1e-9
+    in the others: rounding relative to the corner would decide on them. The sign is
+    therefore taken from T F T with diagonals of size one (Sylvester), T of powers of
+    two, which round nothing.
     """
     raw = np.linalg.eigvalsh(values)[..., 0]
     diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
     t = 2.0 ** -np.round(0.5 * np.log2(or_one(diagonal)))
     sign = np.linalg.eigvalsh(values * t[..., :, None] * t[..., None, :])[..., 0]
-    # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of T^-2.
+    # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of
+    # T^-2.
     least = sign * np.min(t**-2, axis=-1)
-    return np.asarray(np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, least)))
+    return np.asarray(
+        np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, least))
+    )
 
 
 def project(cone: str, value: Array) -> Array:
-    """The nearest point of the cone (all three are their own duals); one value or a batch (g, ...)."""
+    """The nearest point of the cone (all three are their own duals); one value or a
+    batch (g, ...)."""
     if cone == "psd":
         symmetric = 0.5 * (value + np.swapaxes(value, -1, -2))
         eigenvalues, vectors = np.linalg.eigh(symmetric)
@@ -87,13 +99,14 @@ def project(cone: str, value: Array) -> Array:
 
 
 def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, Array]:
-    """The projections of M (g, ...) as rows r (m,), |r|^2 = sum |Pi(M)|^2, and J (m, p) with
-    J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an element of the generalised derivative.
+    """The projections of M (g, ...) as rows r (m,), |r|^2 = sum |Pi(M)|^2, and J (m, p)
+    with J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an element of the
+    generalised derivative.
 
-    directions A (g, entries, p). For M + A x that is the gradient and an element of the generalised
-    Hessian of 1/2 sum |Pi(M + A x)|^2: Gauss-Newton steps on r are semismooth Newton steps. For matrices
-    dPi(M)[H] = U (Omega o U^T H U) U^T with the divided differences Omega of max(., 0) (Malick, Sendov,
-    Set-Valued Analysis 2006).
+    directions A (g, entries, p). For M + A x that is the gradient and an element of the
+    generalised Hessian of 1/2 sum |Pi(M + A x)|^2: Gauss-Newton steps on r are
+    semismooth Newton steps. For matrices dPi(M)[H] = U (Omega o U^T H U) U^T with the
+    divided differences Omega of max(., 0) (Malick, Sendov, Set-Valued Analysis 2006).
     """
     group, _, width = directions.shape
     if cone == "nonnegative":
@@ -110,19 +123,26 @@ def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, 
         omega = np.where(close, step, rise / np.where(close, 1.0, gap))
         h = directions.reshape(group, d, d, width).transpose(0, 3, 1, 2)
         rotated = np.swapaxes(u, 1, 2)[:, None] @ h @ u[:, None]
-        rows = (np.sqrt(omega)[:, None] * rotated).transpose(0, 2, 3, 1).reshape(-1, width)
+        rows = (
+            (np.sqrt(omega)[:, None] * rotated).transpose(0, 2, 3, 1).reshape(-1, width)
+        )
         return (positive[:, :, None] * np.eye(d)).ravel(), rows
     s, norm = values[:, 0], np.linalg.norm(values[:, 1:], axis=1)
     on_axis = norm <= 1e-14 * np.abs(s)
     ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
-    # In the frame (axis, ray, across the ray) the derivative has eigenvalues 1 and 0 along
-    # (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, at most 1 and at least 0, across.
-    ends = np.maximum(np.array([np.where(on_axis, s, s + norm), s - norm]), 0.0) / np.sqrt(2.0)
+    # In the frame (axis, ray, across the ray) the derivative has eigenvalues 1 and 0
+    # along (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, at most 1 and at least 0,
+    # across.
+    ends = np.maximum(
+        np.array([np.where(on_axis, s, s + norm), s - norm]), 0.0
+    ) / np.sqrt(2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         across = np.where(on_axis, s > 0.0, np.clip(0.5 * (1.0 + s / norm), 0.0, 1.0))
     a_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
     both = np.array([directions[:, 0] + a_ray, directions[:, 0] - a_ray]) / np.sqrt(2.0)
-    rest = np.sqrt(across)[:, None, None] * (directions[:, 1:] - ray[:, :, None] * a_ray[:, None])
+    rest = np.sqrt(across)[:, None, None] * (
+        directions[:, 1:] - ray[:, :, None] * a_ray[:, None]
+    )
     rows = np.concatenate(
         [(both * (ends > 0.0)[:, :, None]).reshape(-1, width), rest.reshape(-1, width)]
     )
@@ -131,7 +151,8 @@ def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """F_0 + sum_i theta[indices[i]] F_i in a cone; a key of what belongs to it, equal to itself only.
+    """F_0 + sum_i theta[indices[i]] F_i in a cone; a key of what belongs to it, equal
+    to itself only.
 
     family : what kind of demand it is ("pseudo-inertia", "mass", ...); name : of whom ("link 3").
     cone : "psd" (constant (d, d), coefficients (k, d, d)), "soc" or "nonnegative" (constant (d,),
@@ -151,23 +172,32 @@ class Constraint:
         return self.constant + np.tensordot(part, self.coefficients, axes=(0, 0))
 
     def margin(self, theta: ArrayLike) -> float:
-        """Distance to the cone's boundary, in the cone's units: negative exactly if violated."""
+        """Distance to the cone's boundary, in the cone's units: negative exactly if
+        violated."""
         return float(cone_margin(self.cone, self.value(theta)))
 
     @property
     def identity(self) -> Array:
         """The element e of the cone for which margin(F + t e) = margin(F) + t."""
         unit = np.eye(len(self.constant))
-        return unit if self.cone == "psd" else unit[0] if self.cone == "soc" else unit.sum(axis=0)
+        return (
+            unit
+            if self.cone == "psd"
+            else unit[0]
+            if self.cone == "soc"
+            else unit.sum(axis=0)
+        )
 
 
 @dataclass(frozen=True)
 class BarycentricBound:
-    """lower <= x <= upper for an entry x of a link's inertia about its centre of mass [kg m^2].
+    """lower <= x <= upper for an entry x of a link's inertia about its centre of mass
+    [kg m^2].
 
-    Not convex in the standard parameters for products of inertia and for upper bounds on moments:
-    I = J - m (c.c 1 - c c^T). The penalty methods take it as it is; where it has a convex
-    consequence the problem gives that to the SDP as a Constraint of family "trace".
+    Not convex in the standard parameters for products of inertia and for upper bounds
+    on moments: I = J - m (c.c 1 - c c^T). The penalty methods take it as it is; where
+    it has a convex consequence the problem gives that to the SDP as a Constraint of
+    family "trace".
     """
 
     name: str
@@ -178,7 +208,8 @@ class BarycentricBound:
     family: str = "barycentric inertia"
 
     def margin(self, theta: ArrayLike) -> float:
-        """How far it lies inside its bounds [kg m^2]; negative outside, 0 without a mass."""
+        """How far it lies inside its bounds [kg m^2]; negative outside, 0 without a
+        mass."""
         part = np.asarray(theta, float)[self.indices]
         x = float(inertia.barycentric_from_standard(part)[4 + self.entry])
         if not np.isfinite(x):  # a massless link: no inertia about a centre of mass
@@ -197,20 +228,29 @@ class ConstraintSet:
         """Worst violation of each family, max(0, -margin), in the family's own units."""
         out: dict[str, float] = {}
         families = [c.family for c in self.convex] + [b.family for b in self.nonconvex]
-        found = [*self.entries.margins(theta)[0], *(b.margin(theta) for b in self.nonconvex)]
+        found = [
+            *self.entries.margins(theta)[0],
+            *(b.margin(theta) for b in self.nonconvex),
+        ]
         for family, margin in zip(families, found, strict=True):
             out[family] = max(out.get(family, 0.0), -float(margin))
         return out
 
     def margin(self, theta: ArrayLike) -> float:
-        """Smallest margin of the convex constraints: >= 0 exactly if theta is feasible for the SDP."""
+        """Smallest margin of the convex constraints: >= 0 exactly if theta is feasible
+        for the SDP."""
         return float(self.entries.margins(theta)[0].min(initial=np.inf))
 
     def depths(self, theta: ArrayLike) -> list[float]:
-        """How far inside each group of constraints theta lies, free of units: at most about one."""
+        """How far inside each group of constraints theta lies, free of units: at most
+        about one."""
         x = np.asarray(theta, float)
-        both = zip(self.groups, *map(self.entries.split, self.entries.at(x)), strict=True)
-        return [float(cone_depths(s.cone, values, terms).min()) for s, values, terms in both]
+        both = zip(
+            self.groups, *map(self.entries.split, self.entries.at(x)), strict=True
+        )
+        return [
+            float(cone_depths(s.cone, values, terms).min()) for s, values, terms in both
+        ]
 
     def depth(self, theta: ArrayLike) -> float:
         """The least of the depths."""
@@ -225,14 +265,23 @@ class ConstraintSet:
 
     @property
     def essential(self) -> tuple[Constraint, ...]:
-        """The convex ones without the pseudo-inertias that a minimum thickness of the link contains."""
+        """The convex ones without the pseudo-inertias that a minimum thickness of the
+        link contains."""
         thick = {c.name for c in self.convex if c.family == "minimum thickness"}
-        return tuple(c for c in self.convex if c.family != "pseudo-inertia" or c.name not in thick)
+        return tuple(
+            c
+            for c in self.convex
+            if c.family != "pseudo-inertia" or c.name not in thick
+        )
 
     def filled(self, multipliers: Mapping[Constraint, Array]) -> Array:
-        """(e,) multipliers of the convex ones as ``entries`` has them; zero for those left out."""
+        """(e,) multipliers of the convex ones as ``entries`` has them; zero for those
+        left out."""
         every = (self.convex[k] for group in self.groups for k in group.places.tolist())
-        each = [multipliers[c] if c in multipliers else np.zeros_like(c.constant) for c in every]
+        each = [
+            multipliers[c] if c in multipliers else np.zeros_like(c.constant)
+            for c in every
+        ]
         return np.concatenate([np.zeros(0), *(x.ravel() for x in each)])
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
@@ -252,9 +301,11 @@ class ConstraintSet:
 
 @dataclass(frozen=True)
 class Alike:
-    """Equal cones of as many parameters: ``places`` (g,) among the constraints that they are of.
+    """Equal cones of as many parameters: ``places`` (g,) among the constraints that
+    they are of.
 
-    indices (g, k), constant (g, ...), coefficients (g, k, ...) : of each what :class:`Constraint` has.
+    indices (g, k), constant (g, ...), coefficients (g, k, ...) : of each what
+    :class:`Constraint` has.
     """
 
     cone: str
@@ -265,7 +316,8 @@ class Alike:
 
     @cached_property
     def matrix(self) -> Array:
-        """(g d, p') with F.ravel() = constant.ravel() + matrix theta[:p'], entry by entry."""
+        """(g d, p') with F.ravel() = constant.ravel() + matrix theta[:p'], entry by
+        entry."""
         g, k = self.indices.shape
         flat = self.coefficients.reshape(g, k, -1)
         out = np.zeros((g, flat.shape[2], 1 + int(self.indices.max(initial=-1))))
@@ -279,21 +331,27 @@ class Alike:
 
 
 def alike(constraints: Sequence[Constraint]) -> list[Alike]:
-    """Constraints side by side, to be worked on at once, in the order in which each kind comes first."""
+    """Constraints side by side, to be worked on at once, in the order in which each
+    kind comes first."""
     groups: dict[tuple[str, tuple[int, ...]], list[int]] = {}
     for place, c in enumerate(constraints):
         groups.setdefault((c.cone, c.coefficients.shape), []).append(place)
     out = []
     for (cone, _), places in groups.items():
-        own = [(c.indices, c.constant, c.coefficients) for c in (constraints[k] for k in places)]
-        out.append(Alike(cone, np.array(places), *map(np.array, zip(*own, strict=True))))
+        own = [
+            (c.indices, c.constant, c.coefficients)
+            for c in (constraints[k] for k in places)
+        ]
+        out.append(
+            Alike(cone, np.array(places), *map(np.array, zip(*own, strict=True)))
+        )
     return out
 
 
 @dataclass(frozen=True)
 class Entries:
-    """The numbers of constraints end to end, group by group: F (e,) = constant + sum over z of value[z]
-    theta[column[z]] at row[z]."""
+    """The numbers of constraints end to end, group by group: F (e,) = constant + sum
+    over z of value[z] theta[column[z]] at row[z]."""
 
     groups: tuple[Alike, ...]
     constant: Array
@@ -312,18 +370,24 @@ class Entries:
             columns.append(group.indices[member, own])
             values.append(flat[member, own, entry])
             start += group.constant.size
-        constant = np.concatenate([np.zeros(0), *(group.constant.ravel() for group in groups)])
+        constant = np.concatenate(
+            [np.zeros(0), *(group.constant.ravel() for group in groups)]
+        )
         row, column = np.concatenate(rows), np.concatenate(columns)
         return cls(tuple(groups), constant, row, column, np.concatenate(values))
 
     def at(self, theta: Array) -> tuple[Array, Array]:
-        """(e,) F(theta) of all, and |F_0| + sum |theta_i F_i|: the size of what was summed."""
+        """(e,) F(theta) of all, and |F_0| + sum |theta_i F_i|: the size of what was
+        summed."""
         terms, count = self.value * theta[self.column], len(self.constant)
         size = np.abs(self.constant) + np.bincount(self.row, np.abs(terms), count)
-        return np.asarray(self.constant + np.bincount(self.row, terms, count)), np.asarray(size)
+        return np.asarray(
+            self.constant + np.bincount(self.row, terms, count)
+        ), np.asarray(size)
 
     def margins(self, theta: ArrayLike) -> tuple[Array, Array]:
-        """Of each constraint (m,) its margin, and the size of the largest terms that were summed."""
+        """Of each constraint (m,) its margin, and the size of the largest terms that
+        were summed."""
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
         both = map(self.split, self.at(np.asarray(theta, float)))
         for group, values, terms in zip(self.groups, *both, strict=True):
@@ -347,15 +411,20 @@ class Entries:
     def each(self, flat: Array) -> list[Array]:
         """Of each constraint its part of (e,)."""
         parts = zip(self.groups, self.split(flat), strict=True)
-        own = {k: x for group, part in parts for k, x in zip(group.places.tolist(), part, strict=True)}
+        own = {
+            k: x
+            for group, part in parts
+            for k, x in zip(group.places.tolist(), part, strict=True)
+        }
         return [own[k] for k in range(len(own))]
 
 
 def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constraint:
-    """P(theta) >= 0: contains m >= 0, positive definiteness and the triangle inequalities.
+    """P(theta) >= 0: contains m >= 0, positive definiteness and the triangle
+    inequalities.
 
-    radius [m] : with one, Sigma_c >= m r^2 1, as [[Sigma - m r^2 1, m c], [(m c)^T, m]] >= 0 (Schur
-    complement): keeps the SDP from answering with rods of zero thickness.
+    radius [m] : with one, Sigma_c >= m r^2 1, as [[Sigma - m r^2 1, m c], [(m c)^T, m]]
+    >= 0 (Schur complement): keeps the SDP from answering with rods of zero thickness.
     """
     coefficients = inertia.PSEUDO_INERTIA_BASIS.copy()
     coefficients[0, :3, :3] -= radius**2 * np.eye(3)
@@ -363,14 +432,20 @@ def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constr
     return linear(family, name, indices, coefficients, np.zeros((4, 4)), "psd")
 
 
-def density_in_ellipsoid(family: str, name: str, indices: ArrayLike, quadric: ArrayLike) -> Constraint:
-    """The mass lies inside an ellipsoid: tr(P Q) >= 0 (Wensing, Kim, Slotine 2018, eq. 20).
+def density_in_ellipsoid(
+    family: str, name: str, indices: ArrayLike, quadric: ArrayLike
+) -> Constraint:
+    """The mass lies inside an ellipsoid: tr(P Q) >= 0 (Wensing, Kim, Slotine 2018, eq.
+    20).
 
-    quadric Q (4, 4) : (x, 1)^T Q (x, 1) is 1 at the ellipsoid's centre, 0 on its surface
-    (:attr:`Body.quadric`). Its mean over the density is non-negative: linear in theta. With P >= 0 it
-    holds exactly if some density inside has these parameters, and it bounds all of P by the mass.
+    quadric Q (4, 4) : (x, 1)^T Q (x, 1) is 1 at the ellipsoid's centre, 0 on its
+    surface (:attr:`Body.quadric`). Its mean over the density is non-negative: linear in
+    theta. With P >= 0 it holds exactly if some density inside has these parameters, and
+    it bounds all of P by the mass.
     """
-    row = np.einsum("kab,ab->k", inertia.PSEUDO_INERTIA_BASIS, np.asarray(quadric, float))
+    row = np.einsum(
+        "kab,ab->k", inertia.PSEUDO_INERTIA_BASIS, np.asarray(quadric, float)
+    )
     return linear(family, name, indices, row[:, None], [0.0])
 
 
@@ -382,7 +457,8 @@ def linear(
     constant: ArrayLike,
     cone: str = "nonnegative",
 ) -> Constraint:
-    """constant + coefficients^T theta >= 0, entry by entry, or in another cone; coefficients (k, d).
+    """constant + coefficients^T theta >= 0, entry by entry, or in another cone;
+    coefficients (k, d).
 
     Of a second-order cone, |u| <= s, these are (s, u); of a matrix its entries."""
     arrays = np.asarray(constant, float), np.asarray(coefficients, float)

@@ -1,20 +1,22 @@
-"""The ten standard inertial parameters of a link, and when they are physically consistent.
+"""The ten standard inertial parameters of a link, and when they are physically
+consistent.
 
 THE parameter order, used everywhere in this package (it is Pinocchio's):
 
     theta = (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz)
 
-with the moments of inertia about the origin of the link frame [kg, kg m, kg m^2]. URDF files and
-the tables of Gaz et al. write inertias as Ixx Ixy Ixz Iyy Iyz Izz and about the centre of mass:
-they are converted at the border by the functions below.
+with the moments of inertia about the origin of the link frame [kg, kg m, kg m^2]. URDF
+files and the tables of Gaz et al. write inertias as Ixx Ixy Ixz Iyy Iyz Izz and about
+the centre of mass: they are converted at the border by the functions below.
 
 The pseudo-inertia of a link (Wensing, Kim, Slotine, RA-L 2018, eq. 9) is the 4x4 matrix
 
     P(theta) = [[Sigma, m c], [(m c)^T, m]],     Sigma = 1/2 tr(I) 1 - I,
 
-linear in theta. P > 0 holds exactly if some mass distribution of positive density has these
-parameters: m > 0, and the inertia about the centre of mass is positive definite and satisfies the
-triangle inequalities (Traversaro, Brossette, Escande, Nori, IROS 2016).
+linear in theta. P > 0 holds exactly if some mass distribution of positive density has
+these parameters: m > 0, and the inertia about the centre of mass is positive definite
+and satisfies the triangle inequalities (Traversaro, Brossette, Escande, Nori, IROS
+2016).
 """
 
 import numpy as np
@@ -24,14 +26,21 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: The parameter order of one link.
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-UNITS = tuple("kg" if p == "m" else "kg*m" if p.startswith("m") else "kg*m^2" for p in PARAMETERS)
+UNITS = tuple(
+    "kg" if p == "m" else "kg*m" if p.startswith("m") else "kg*m^2" for p in PARAMETERS
+)
 
 #: (row, column) of each of the six inertia entries, in the parameter order.
-_ENTRIES = tuple(tuple(map("xyz".index, p.removeprefix("I"))) for p in PARAMETERS if p.startswith("I"))
+_ENTRIES = tuple(
+    tuple(map("xyz".index, p.removeprefix("I")))
+    for p in PARAMETERS
+    if p.startswith("I")
+)
 
 
 def _forms() -> tuple[Array, Array]:
-    """Both of the following, from the entries' symmetric dyads (e_i e_j^T + e_j e_i^T) / 2."""
+    """Both of the following, from the entries' symmetric dyads (e_i e_j^T + e_j e_i^T)
+    / 2."""
     unit, (i, j) = np.eye(3), np.transpose(_ENTRIES)
     pairs = unit[i][:, :, None] * unit[j][:, None]
     dyads, trace = 0.5 * (pairs + pairs.swapaxes(1, 2)), (i == j)[:, None, None] * unit
@@ -42,24 +51,27 @@ def _forms() -> tuple[Array, Array]:
     return basis, trace - dyads
 
 
-#: P(theta) = sum_k theta_k PSEUDO_INERTIA_BASIS[k], (10, 4, 4); and Q (6, 3, 3), symmetric, with
-#: c^T Q_e c the entry e of c.c 1 - c c^T, in our order (Steiner): about the centre of mass
-#: I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c.
+#: P(theta) = sum_k theta_k PSEUDO_INERTIA_BASIS[k], (10, 4, 4); and Q (6, 3, 3),
+#: symmetric, with c^T Q_e c the entry e of c.c 1 - c c^T, in our order (Steiner): about
+#: the centre of mass I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c.
 PSEUDO_INERTIA_BASIS, STEINER_FORMS = _forms()
 
 
 def parameter_names(link: int) -> tuple[str, ...]:
-    """Names of the ten parameters of a link counted from 1: m3, mx3, ..., Izz3 for ``link=3``."""
+    """Names of the ten parameters of a link counted from 1: m3, mx3, ..., Izz3 for
+    ``link=3``."""
     return tuple(f"{name}{link}" for name in PARAMETERS)
 
 
 def pseudo_inertia(theta: ArrayLike) -> Array:
-    """Pseudo-inertia matrices, shape (..., 4, 4), of standard parameters, shape (..., 10)."""
+    """Pseudo-inertia matrices, shape (..., 4, 4), of standard parameters, shape (...,
+    10)."""
     return np.tensordot(np.asarray(theta, float), PSEUDO_INERTIA_BASIS, axes=(-1, 0))
 
 
 def from_pseudo_inertia(matrix: ArrayLike) -> Array:
-    """Standard parameters, shape (..., 10), of pseudo-inertia matrices, shape (..., 4, 4)."""
+    """Standard parameters, shape (..., 10), of pseudo-inertia matrices, shape (..., 4,
+    4)."""
     p = np.asarray(matrix, float)
     trace = np.trace(p[..., :3, :3], axis1=-2, axis2=-1)
     moments = inertia_entries(trace[..., None, None] * np.eye(3) - p[..., :3, :3])
@@ -67,7 +79,8 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
 
 
 def inertia_matrix(entries: ArrayLike) -> Array:
-    """Symmetric 3x3 inertia, shape (..., 3, 3), of six entries in our order, shape (..., 6)."""
+    """Symmetric 3x3 inertia, shape (..., 3, 3), of six entries in our order, shape
+    (..., 6)."""
     e = np.asarray(entries, float)
     out = np.empty((*e.shape[:-1], 3, 3))
     for k, (i, j) in enumerate(_ENTRIES):
@@ -76,13 +89,15 @@ def inertia_matrix(entries: ArrayLike) -> Array:
 
 
 def inertia_entries(matrix: ArrayLike) -> Array:
-    """Six entries in our order, shape (..., 6), of a symmetric inertia, shape (..., 3, 3)."""
+    """Six entries in our order, shape (..., 6), of a symmetric inertia, shape (..., 3,
+    3)."""
     m = np.asarray(matrix, float)
     return np.stack([m[..., i, j] for i, j in _ENTRIES], axis=-1)
 
 
 def standard_from_barycentric(p: ArrayLike) -> Array:
-    """Standard parameters of (m, cx, cy, cz, six entries of I about the centre of mass), (..., 10).
+    """Standard parameters of (m, cx, cy, cz, six entries of I about the centre of
+    mass), (..., 10).
 
     The convention of Gaz et al. (RA-L 2019), with the inertia entries in our order.
 
@@ -95,7 +110,8 @@ def standard_from_barycentric(p: ArrayLike) -> Array:
 
 
 def barycentric_from_standard(theta: ArrayLike) -> Array:
-    """Inverse of :func:`standard_from_barycentric`; a link of zero mass gets NaN for c and I."""
+    """Inverse of :func:`standard_from_barycentric`; a link of zero mass gets NaN for c
+    and I."""
     mass, h, about_frame = np.split(np.asarray(theta, float), [1, 4], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         c = h / mass
@@ -104,41 +120,47 @@ def barycentric_from_standard(theta: ArrayLike) -> Array:
 
 
 def transform(placement: ArrayLike) -> Array:
-    """The 10x10 map of standard parameters from a frame B to a frame A, given A_X_B (4x4).
+    """The 10x10 map of standard parameters from a frame B to a frame A, given A_X_B
+    (4x4).
 
-    The pseudo-inertia is a second moment of homogeneous coordinates, hence P_A = X P_B X^T.
+    The pseudo-inertia is a second moment of homogeneous coordinates, hence P_A = X P_B
+    X^T.
     """
     x = np.asarray(placement, float)
     return from_pseudo_inertia(x @ PSEUDO_INERTIA_BASIS @ x.T).T
 
 
 def consistency_margin(theta: ArrayLike) -> Array:
-    """Smallest eigenvalue of the pseudo-inertia, shape (...): >= 0 exactly if consistent."""
+    """Smallest eigenvalue of the pseudo-inertia, shape (...): >= 0 exactly if
+    consistent."""
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0], float)
 
 
 def thickness(theta: ArrayLike) -> Array:
-    """Smallest radius r [m] with Sigma_c >= m r^2 1: zero for a rod, negative if inconsistent.
+    """Smallest radius r [m] with Sigma_c >= m r^2 1: zero for a rod, negative if
+    inconsistent.
 
-    Sigma_c is the second moment about the centre of mass: a link whose mass lies on a line or in a
-    plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
+    Sigma_c is the second moment about the centre of mass: a link whose mass lies on a
+    line or in a plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
     """
     smallest = np.linalg.eigvalsh(second_moment(theta))[..., 0]
     return np.sign(smallest) * np.sqrt(np.abs(smallest))
 
 
 def gyration(theta: ArrayLike) -> Array:
-    """Radius of gyration [m], sqrt(tr(Sigma_c) / m): how far from its centre a link's mass lies.
+    """Radius of gyration [m], sqrt(tr(Sigma_c) / m): how far from its centre a link's
+    mass lies.
 
-    Of a point mass and of no mass zero, of two equal masses half their distance, of a uniform ball of
-    radius R sqrt(3/5) R.
+    Of a point mass and of no mass zero, of two equal masses half their distance, of a
+    uniform ball of radius R sqrt(3/5) R.
     """
     return np.sqrt(np.maximum(np.trace(second_moment(theta), axis1=-2, axis2=-1), 0.0))
 
 
 def second_moment(theta: ArrayLike) -> Array:
-    """Sigma_c / m, shape (..., 3, 3) [m^2], of standard parameters, shape (..., 10): the mean of x x^T
-    about the centre of mass, a uniform ellipsoid's half axes squared over 5; zeros for no mass."""
+    """Sigma_c / m, shape (..., 3, 3) [m^2], of standard parameters, shape (..., 10):
+    the mean of x x^T about the centre of mass, a uniform ellipsoid's half axes squared
+    over 5; zeros for no mass."""
     p = pseudo_inertia(theta)
     mass, h = p[..., 3, 3, None, None], p[..., :3, 3, None]
     with np.errstate(divide="ignore", invalid="ignore"):

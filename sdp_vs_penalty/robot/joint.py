@@ -1,8 +1,10 @@
-"""A moving joint with its link, joints that follow others (mimic joints, closed chains), transmissions.
+"""A moving joint with its link, joints that follow others (mimic joints, closed
+chains), transmissions.
 
-Motor positions are a linear function of joint positions, q_m = A q + b. Power is the same on both sides,
-so that torques go the other way, tau = A^T tau_m. A row of A with several entries is a motor that drives
-through the gears of other joints: a coupled wrist, a differential, a parallelogram.
+Motor positions are a linear function of joint positions, q_m = A q + b. Power is the
+same on both sides, so that torques go the other way, tau = A^T tau_m. A row of A with
+several entries is a motor that drives through the gears of other joints: a coupled
+wrist, a differential, a parallelogram.
 """
 
 import re
@@ -44,12 +46,20 @@ class Joint(Sparse):
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f"a joint's name is {self.name!r}", "give it as text")
         who = f"joint {self.name}"
-        for name, shape in (("placement", (4, 4)), ("axis", (3,)), ("link_frame", (4, 4))):
+        for name, shape in (
+            ("placement", (4, 4)),
+            ("axis", (3,)),
+            ("link_frame", (4, 4)),
+        ):
             check_finite(f"{who}: {name}", getattr(self, name), shape)
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
-            raise InputError(f"{who}: the axis is no unit vector", "divide it by its length")
+            raise InputError(
+                f"{who}: the axis is no unit vector", "divide it by its length"
+            )
         if self.kind not in ("revolute", "prismatic"):
-            raise InputError(f"{who}: kind {self.kind!r} is unknown", "write revolute or prismatic")
+            raise InputError(
+                f"{who}: kind {self.kind!r} is unknown", "write revolute or prismatic"
+            )
         if not self.lower <= self.upper:
             what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
             raise InputError(f"{who}: {what}", "swap them")
@@ -57,11 +67,13 @@ class Joint(Sparse):
 
 @dataclass(frozen=True)
 class Mechanism(Plain):
-    """Joints that follow others: q_tree = matrix q + offset, so that tau = matrix^T tau_tree.
+    """Joints that follow others: q_tree = matrix q + offset, so that tau = matrix^T
+    tau_tree.
 
-    tree : every moving joint (L), depth first; matrix (L, n), offset (L,) : of mimic joints and of
-    closed chains whose loop is cut (a parallelogram's bars turn as its driven joints do); massless :
-    places in the tree of links that are declared to have no mass, and get no parameters.
+    tree : every moving joint (L), depth first; matrix (L, n), offset (L,) : of mimic
+    joints and of closed chains whose loop is cut (a parallelogram's bars turn as its
+    driven joints do); massless : places in the tree of links that are declared to have
+    no mass, and get no parameters.
     """
 
     tree: tuple[Joint, ...]
@@ -85,9 +97,11 @@ Follower = tuple[str, float, float]
 def following(
     tree: Sequence[Joint], followers: dict[str, Follower], massless: Sequence[int]
 ) -> tuple[tuple[Joint, ...], Mechanism | None]:
-    """The joints that move by themselves, and how the tree follows them; None where nothing does.
+    """The joints that move by themselves, and how the tree follows them; None where
+    nothing does.
 
-    Raises InputError for a joint that follows itself, through others or not, or none of the tree.
+    Raises InputError for a joint that follows itself, through others or not, or none of
+    the tree.
     """
     names = [joint.name for joint in tree]
     free = [k for k, name in enumerate(names) if name not in followers]
@@ -99,22 +113,33 @@ def following(
         if name in followers:
             leader, ratio, shift = followers[name]
             if leader not in names:
-                what = f"joint {name!r} mimics {leader!r}, which is no moving joint of the robot"
+                what = (
+                    f"joint {name!r} mimics {leader!r}, which is no moving joint of the"
+                    " robot"
+                )
                 raise InputError(what, "correct its <mimic>")
             step[k] = ratio * unit[names.index(leader)] + shift * unit[-1]
-    whole = np.linalg.matrix_power(step, len(tree))[:-1]  # through all that others follow
+    whole = np.linalg.matrix_power(step, len(tree))[
+        :-1
+    ]  # through all that others follow
     for k in np.flatnonzero(np.delete(whole, [*free, -1], axis=1).any(axis=1)).tolist():
-        raise InputError(f"joint {names[k]!r} mimics itself through others", "correct its <mimic>")
+        raise InputError(
+            f"joint {names[k]!r} mimics itself through others", "correct its <mimic>"
+        )
     matrix, offset = whole.take(free, axis=1), whole[:, -1]
-    return tuple(tree[k] for k in free), Mechanism(tuple(tree), matrix, offset, tuple(massless))
+    return tuple(tree[k] for k in free), Mechanism(
+        tuple(tree), matrix, offset, tuple(massless)
+    )
 
 
 def parse_mechanism(
     tree: Sequence[Joint], formulas: Sequence[str], massless: Sequence[int] = ()
 ) -> tuple[tuple[Joint, ...], Mechanism]:
-    """Each tree joint's position as a formula of those that move by themselves: "q1", "-q2 + 0.1".
+    """Each tree joint's position as a formula of those that move by themselves: "q1",
+    "-q2 + 0.1".
 
-    massless : links without mass, by their number in the tree from 1. Raises InputError.
+    massless : links without mass, by their number in the tree from 1. Raises
+    InputError.
     """
     if len(formulas) != len(tree):
         what = f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints"
@@ -123,27 +148,34 @@ def parse_mechanism(
     n = int(np.flatnonzero(rows[:, :-1].any(axis=0)).max(initial=-1)) + 1
     same = (rows[:, None] == np.eye(len(rows) + 1)[:n]).all(axis=2)
     for k in np.flatnonzero(~same.any(axis=0)):
-        raise InputError(f"mechanism: no joint is q{k + 1} itself", f'write "q{k + 1}" for one')
+        raise InputError(
+            f"mechanism: no joint is q{k + 1} itself", f'write "q{k + 1}" for one'
+        )
     own = same.argmax(axis=0).tolist()
     if not all(1 <= k <= len(tree) for k in massless):
         what = "mechanism: massless names a link that is not there"
         raise InputError(what, f"choose from 1 to {len(tree)}")
     places = tuple(sorted({k - 1 for k in massless}))
-    return tuple(tree[k] for k in own), Mechanism(tuple(tree), rows[:, :n], rows[:, -1], places)
+    return tuple(tree[k] for k in own), Mechanism(
+        tuple(tree), rows[:, :n], rows[:, -1], places
+    )
 
 
 #: The sides on which a channel can be logged.
 SIDES = ("motor", "joint")
-_TERM = re.compile(r"\s*([+-])?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)?\s*\*?\s*(?:q([1-9]\d{0,2}))?")
+_TERM = re.compile(
+    r"\s*([+-])?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)?\s*\*?\s*(?:q([1-9]\d{0,2}))?"
+)
 
 
 @dataclass(frozen=True)
 class Transmission(Plain):
     """q_m = matrix q + offset, tau = matrix^T tau_m.
 
-    matrix : (n, n), a row a motor, in motor units per joint unit; offset : (n,) [rad, m]; positions,
-    torques : n words each, "motor" or "joint": the side on which logs have that channel.
-    Raises InputError where the joints do not follow from the motors, or a word is neither.
+    matrix : (n, n), a row a motor, in motor units per joint unit; offset : (n,) [rad,
+    m]; positions, torques : n words each, "motor" or "joint": the side on which logs
+    have that channel. Raises InputError where the joints do not follow from the motors,
+    or a word is neither.
     """
 
     matrix: Array
@@ -173,16 +205,22 @@ class Transmission(Plain):
     @property
     def _rows(self) -> tuple[Array, Array]:
         """S, T of channels S q + (offset where they are a motor's), and T tau_m."""
-        positions, torques = (np.array([x]).T == "motor" for x in (self.positions, self.torques))
+        positions, torques = (
+            np.array([x]).T == "motor" for x in (self.positions, self.torques)
+        )
         unit = np.eye(self.n)
-        return np.where(positions, self.matrix, unit), np.where(torques, unit, self.matrix.T)
+        return np.where(positions, self.matrix, unit), np.where(
+            torques, unit, self.matrix.T
+        )
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
-        """(N, n) joint positions from logged channels (N, n); rates : these are velocities, so that no
-        offset counts."""
+        """(N, n) joint positions from logged channels (N, n); rates : these are
+        velocities, so that no offset counts."""
         at_motor = np.array(self.positions) == "motor"
         offset = np.where(at_motor & (not rates), self.offset, 0.0)
-        return np.asarray(np.linalg.solve(self._rows[0], (np.asarray(channels) - offset).T).T)
+        return np.asarray(
+            np.linalg.solve(self._rows[0], (np.asarray(channels) - offset).T).T
+        )
 
     def joint_torques(self, channels: ArrayLike) -> Array:
         """(N, n) joint torques from logged channels (N, n)."""
@@ -191,11 +229,15 @@ class Transmission(Plain):
 
 
 def parse_transmission(
-    motors: Sequence[str], positions: Sequence[str] = ("motor",), torques: Sequence[str] = ("motor",)
+    motors: Sequence[str],
+    positions: Sequence[str] = ("motor",),
+    torques: Sequence[str] = ("motor",),
 ) -> Transmission:
-    """A transmission from each motor's position as a formula of the joints': "32 q5 + 32 q6 - 0.1".
+    """A transmission from each motor's position as a formula of the joints': "32 q5 +
+    32 q6 - 0.1".
 
-    positions, torques : the side of each channel, or one word for all of them. Raises InputError.
+    positions, torques : the side of each channel, or one word for all of them. Raises
+    InputError.
 
     >>> parse_transmission(["50q1", "q1 - 2*q2 + 0.5"]).matrix
     array([[50.,  0.],
@@ -209,13 +251,21 @@ def parse_transmission(
 
 
 def parse_formula(text: str, n: int) -> Array:
-    """(n + 1,) ratios and the constant of a sum like "32 q5 + 32 q6 - 0.1". Raises InputError."""
+    """(n + 1,) ratios and the constant of a sum like "32 q5 + 32 q6 - 0.1". Raises
+    InputError."""
     out, place = np.zeros(n + 1), 0
     while place < len(text.rstrip()):
         match = _TERM.match(text, place)
         sign, number, joint = match.groups() if match else (None, None, None)
-        if match is None or (number is None and joint is None) or (place > 0 and sign is None):
-            raise InputError(f"{text[:60]!r} is no sum of joints", "write one like 32 q5 + 32 q6 - 0.1")
+        if (
+            match is None
+            or (number is None and joint is None)
+            or (place > 0 and sign is None)
+        ):
+            raise InputError(
+                f"{text[:60]!r} is no sum of joints",
+                "write one like 32 q5 + 32 q6 - 0.1",
+            )
         if joint is not None and int(joint) > n:
             what = f"{text[:60]!r} names joint {joint}, there are {n}"
             raise InputError(what, f"choose from q1 to q{n}")

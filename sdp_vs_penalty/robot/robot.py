@@ -1,8 +1,9 @@
-"""Kinematics of a robot and its rigid-body dynamics, from URDF or DH tables, through Pinocchio.
+"""Kinematics of a robot and its rigid-body dynamics, from URDF or DH tables, through
+Pinocchio.
 
-A :class:`Robot` is pure data (joints and gravity), so that a saved model can embed it; the
-Pinocchio model is built from it on first use. Inertial parameters never live in the robot: they
-are an argument, because they are what is being identified.
+A :class:`Robot` is pure data (joints and gravity), so that a saved model can embed it;
+the Pinocchio model is built from it on first use. Inertial parameters never live in the
+robot: they are an argument, because they are what is being identified.
 """
 
 from collections import Counter
@@ -27,12 +28,12 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 class Robot(Sparse):
     """Joints (n), depth first, and the gravity vector [m/s^2] in the base frame.
 
-    Depth first: what a joint carries follows it without a gap. Pinocchio's composite rigid body
-    algorithm takes subtrees as index ranges and is silently wrong on any other order.
-    mechanism : where joints follow others, ``joints`` are those that move by themselves, a joint's
-    parent counts in ``tree``, and there are more links than joints: ``links`` of them.
-    transmission : how the motors turn with the joints, where that is known.
-    Raises InputError for joints in another order.
+    Depth first: what a joint carries follows it without a gap. Pinocchio's composite
+    rigid body algorithm takes subtrees as index ranges and is silently wrong on any
+    other order. mechanism : where joints follow others, ``joints`` are those that move
+    by themselves, a joint's parent counts in ``tree``, and there are more links than
+    joints: ``links`` of them. transmission : how the motors turn with the joints, where
+    that is known. Raises InputError for joints in another order.
     """
 
     name: str
@@ -48,7 +49,10 @@ class Robot(Sparse):
             raise InputError(f"robot {self.name} has {what}", "give one motor a joint")
         for name, count in Counter(self.joint_names).items():
             if count > 1:
-                raise InputError(f"robot {self.name}: joint {name} appears {count} times", "rename one")
+                raise InputError(
+                    f"robot {self.name}: joint {name} appears {count} times",
+                    "rename one",
+                )
         if self.mechanism is not None and self.mechanism.matrix.shape[1] != self.n:
             what = f"robot {self.name} has {self.n} joints, its mechanism others"
             raise InputError(what, "give it the same joints")
@@ -56,7 +60,9 @@ class Robot(Sparse):
         for i, joint in enumerate(self.tree):
             if joint.parent not in branch:
                 what = f"joint {joint.name} comes before its parent, or splits a branch"
-                raise InputError(f"robot {self.name}: {what}", "order the joints depth first")
+                raise InputError(
+                    f"robot {self.name}: {what}", "order the joints depth first"
+                )
             branch = [*branch[: branch.index(joint.parent) + 1], i]
 
     @property
@@ -77,23 +83,35 @@ class Robot(Sparse):
 
     @property
     def links(self) -> int:
-        """How many links have parameters: one a joint of the tree, but those declared massless."""
+        """How many links have parameters: one a joint of the tree, but those declared
+        massless."""
         return len(self.link_joints)
 
     @property
     def couplings(self) -> tuple[Array, ...]:
-        """(n,) each axis known to turn with several joints, its first entry 1: motors and followers."""
-        rows = [row for part in (self.transmission, self.mechanism) if part for row in part.matrix]
-        return tuple(row / row[row != 0.0][0] for row in rows if np.count_nonzero(row) > 1)
+        """(n,) each axis known to turn with several joints, its first entry 1: motors
+        and followers."""
+        rows = [
+            row
+            for part in (self.transmission, self.mechanism)
+            if part
+            for row in part.matrix
+        ]
+        return tuple(
+            row / row[row != 0.0][0] for row in rows if np.count_nonzero(row) > 1
+        )
 
     def leader(self, place: int) -> tuple[str, float, float]:
-        """Whom a joint of the tree follows, by what multiplier and offset. InputError for several."""
+        """Whom a joint of the tree follows, by what multiplier and offset. InputError
+        for several."""
         assert self.mechanism is not None
         row = self.mechanism.matrix[place]
         leaders = np.flatnonzero(row)
         if len(leaders) > 1:
             what = f"joint {self.tree[place].name!r} follows several joints"
-            raise InputError(f"{what}, for which robot files have no word", "write .json instead")
+            raise InputError(
+                f"{what}, for which robot files have no word", "write .json instead"
+            )
         k = int(leaders[0]) if len(leaders) else 0
         return self.joint_names[k], float(row[k]), float(self.mechanism.offset[place])
 
@@ -103,10 +121,13 @@ class Robot(Sparse):
         m = self.mechanism
         if m is None:
             return rows
-        return [x @ m.matrix.T + (m.offset if k == 0 else 0.0) for k, x in enumerate(rows)]
+        return [
+            x @ m.matrix.T + (m.offset if k == 0 else 0.0) for k, x in enumerate(rows)
+        ]
 
     def poses(self, state: Array) -> Array:
-        """(N, L, 4, 4) poses in the base of all joint frames of the tree, moved by their joints.
+        """(N, L, 4, 4) poses in the base of all joint frames of the tree, moved by
+        their joints.
 
         state : (N, L) as :meth:`tree_state` makes it.
         """
@@ -116,7 +137,10 @@ class Robot(Sparse):
             if joint.kind == "prismatic":
                 move[:, :3, 3] = value * joint.axis
             else:
-                k, value = np.cross(np.eye(3), joint.axis), value[:, None]  # k v = axis x v
+                k, value = (
+                    np.cross(np.eye(3), joint.axis),
+                    value[:, None],
+                )  # k v = axis x v
                 move[:, :3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
             parent = np.eye(4) if joint.parent < 0 else out[:, joint.parent]
             out[:, i] = parent @ joint.placement @ move
@@ -139,13 +163,17 @@ class Robot(Sparse):
 
     @cached_property
     def subtree(self) -> tuple[tuple[int, ...], ...]:
-        """For each joint the links that it moves: only their parameters make torque on it."""
+        """For each joint the links that it moves: only their parameters make torque on
+        it."""
         carried: list[list[int]] = [[i] for i in range(len(self.tree))]
         for i in reversed(range(len(self.tree))):
             if self.tree[i].parent >= 0:
                 carried[self.tree[i].parent] += carried[i]
         moves = np.eye(self.n) if self.mechanism is None else self.mechanism.matrix
-        moved = [{k for i in np.flatnonzero(column) for k in carried[i]} for column in moves.T]
+        moved = [
+            {k for i in np.flatnonzero(column) for k in carried[i]}
+            for column in moves.T
+        ]
         link = {joint: place for place, joint in enumerate(self.link_joints)}
         return tuple(tuple(sorted(link[k] for k in m if k in link)) for m in moved)
 
@@ -168,15 +196,23 @@ class Robot(Sparse):
         return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
 
     def link_reach(self) -> Array:
-        """(links,) distance [m] from each link frame's origin to the farthest joint that the link bears.
+        """(links,) distance [m] from each link frame's origin to the farthest joint
+        that the link bears.
 
-        A length scale for links of which nothing else is known; the last link gets that of its parent.
+        A length scale for links of which nothing else is known; the last link gets that
+        of its parent.
         """
-        reach = np.array([np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree])
+        reach = np.array(
+            [np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree]
+        )
         for joint in self.tree:
             if joint.parent >= 0:
-                offset = np.linalg.inv(self.tree[joint.parent].link_frame) @ joint.placement
-                reach[joint.parent] = max(reach[joint.parent], np.linalg.norm(offset[:3, 3]))
+                offset = (
+                    np.linalg.inv(self.tree[joint.parent].link_frame) @ joint.placement
+                )
+                reach[joint.parent] = max(
+                    reach[joint.parent], np.linalg.norm(offset[:3, 3])
+                )
         for i, joint in enumerate(self.tree):
             if reach[i] == 0.0 and joint.parent >= 0:
                 reach[i] = reach[joint.parent]
@@ -195,32 +231,49 @@ class Robot(Sparse):
     ) -> Self:
         """A chain of revolute joints from a DH table without joint offsets.
 
-        a, d [m], alpha [rad] : one a joint; limits : further fields of each :class:`Joint`.
-        convention "modified" (Craig): Rx(alpha) Tx(a) Rz(q) Tz(d), the link frame on its own joint
-        axis; "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the link frame at the link's far end; InputError
-        for another.
+        a, d [m], alpha [rad] : one a joint; limits : further fields of each
+        :class:`Joint`. convention "modified" (Craig): Rx(alpha) Tx(a) Rz(q) Tz(d), the
+        link frame on its own joint axis; "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the
+        link frame at the link's far end; InputError for another.
         """
         if convention not in ("modified", "standard"):
-            raise InputError(f"DH convention {convention!r} is unknown", "use 'modified' or 'standard'")
+            raise InputError(
+                f"DH convention {convention!r} is unknown",
+                "use 'modified' or 'standard'",
+            )
         joints: list[Joint] = []
         for i, (a_i, alpha_i, d_i) in enumerate(zip(a, alpha, d, strict=True)):
             move, turn, frame = np.eye(4), np.eye(4), np.eye(4)
             move[:3, 3] = a_i, 0.0, d_i
             c, s = np.cos(alpha_i), np.sin(alpha_i)
-            # Exact quarter turns: cos(pi/2) = 6e-17 would leak into the regressor's structural zeros.
+            # Exact quarter turns: cos(pi/2) = 6e-17 would leak into the regressor's
+            # structural zeros.
             c, s = (np.round(v) if abs(v - np.round(v)) < 1e-15 else v for v in (c, s))
             turn[1:3, 1:3] = [[c, -s], [s, c]]
-            placement = turn @ move  # Rz and Tz commute: the offset along the axis can come first
+            placement = (
+                turn @ move
+            )  # Rz and Tz commute: the offset along the axis can come first
             if convention == "standard":
-                placement, frame = joints[-1].link_frame if joints else np.eye(4), move @ turn
+                placement, frame = (
+                    joints[-1].link_frame if joints else np.eye(4),
+                    move @ turn,
+                )
             extra = dict(limits[i]) if limits else {}
-            one = Joint(f"joint{i + 1}", "revolute", i - 1, placement, np.eye(3)[2], frame, **extra)
+            one = Joint(
+                f"joint{i + 1}",
+                "revolute",
+                i - 1,
+                placement,
+                np.eye(3)[2],
+                frame,
+                **extra,
+            )
             joints.append(one)
         return cls(name, tuple(joints), tuple(map(float, gravity)))
 
     def _projected(self, torque: Array, columns: bool = False) -> Array:
-        """(N, n, ...) from (N, L, ...): power is the same, tau = B^T tau_tree; columns : (N, n, n)
-        B^T D B of a matrix D (N, L, L) between joints of the tree."""
+        """(N, n, ...) from (N, L, ...): power is the same, tau = B^T tau_tree; columns
+        : (N, n, n) B^T D B of a matrix D (N, L, L) between joints of the tree."""
         if self.mechanism is None:
             return torque
         out = np.einsum("ln,kl...->kn...", self.mechanism.matrix, torque)
@@ -240,13 +293,18 @@ class Robot(Sparse):
         model.gravity = pin.Motion(np.array(self.gravity, float), np.zeros(3))
         for joint in self.tree:
             unaligned = getattr(pin, f"JointModel{joint.kind.capitalize()}Unaligned")
-            placement = pin.SE3(joint.placement[:3, :3].copy(), joint.placement[:3, 3].copy())
-            model.addJoint(joint.parent + 1, unaligned(joint.axis), placement, joint.name)
+            placement = pin.SE3(
+                joint.placement[:3, :3].copy(), joint.placement[:3, 3].copy()
+            )
+            model.addJoint(
+                joint.parent + 1, unaligned(joint.axis), placement, joint.name
+            )
         return model
 
     @cached_property
     def _link_maps(self) -> Array | None:
-        """(links, 10, 10) from link-frame to joint-frame parameters; None where all are identity."""
+        """(links, 10, 10) from link-frame to joint-frame parameters; None where all are
+        identity."""
         frames = [self.tree[k].link_frame for k in self.link_joints]
         if all(np.array_equal(frame, np.eye(4)) for frame in frames):
             return None
@@ -259,7 +317,11 @@ class Robot(Sparse):
         """
         states = self.tree_state(q, dq, ddq)
         out = np.empty((len(states[0]), len(self.tree), 10 * len(self.tree)))
-        made, model, data = self._pin.computeJointTorqueRegressor, self._model, self._model.createData()
+        made, model, data = (
+            self._pin.computeJointTorqueRegressor,
+            self._model,
+            self._model.createData(),
+        )
         for k, row in enumerate(zip(*states, strict=True)):
             out[k] = made(model, data, *row)
         blocks = self._projected(out).reshape(len(out), self.n, -1, 10)
@@ -278,11 +340,16 @@ class Robot(Sparse):
             if row[0] != 0.0:  # by which this divides
                 model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(row)
             else:
-                model.inertias[i + 1] = pin.Inertia(0.0, np.zeros(3), inertia.inertia_matrix(row[4:]))
+                model.inertias[i + 1] = pin.Inertia(
+                    0.0, np.zeros(3), inertia.inertia_matrix(row[4:])
+                )
         return model
 
-    def inverse_dynamics(self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-        """Joint torques (N, n) of rigid links by recursive Newton-Euler; theta has 10 a link."""
+    def inverse_dynamics(
+        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+    ) -> Array:
+        """Joint torques (N, n) of rigid links by recursive Newton-Euler; theta has 10 a
+        link."""
         model, rnea = self._with_inertias(theta), self._pin.rnea
         data = model.createData()
         rows = zip(*self.tree_state(q, dq, ddq), strict=True)
@@ -291,10 +358,11 @@ class Robot(Sparse):
     def inverse_dynamics_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """Partial derivatives of the joint torques, each (N, n, n): [k, i, j] = d tau_i / d x_j.
+        """Partial derivatives of the joint torques, each (N, n, n): [k, i, j] = d tau_i
+        / d x_j.
 
-        With respect to q, dq and ddq, of rigid links; theta has 10 a link (Carpentier, Mansard,
-        RSS 2018).
+        With respect to q, dq and ddq, of rigid links; theta has 10 a link (Carpentier,
+        Mansard, RSS 2018).
         """
         states, derive = self.tree_state(q, dq, ddq), self._pin.computeRNEADerivatives
         out = np.zeros((3, len(states[0]), len(self.tree), len(self.tree)))
@@ -309,18 +377,22 @@ class Robot(Sparse):
     def placement_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
-        """(N, n, joints of the tree, 6) derivatives of the joint torques by where each joint is placed:
-        its displacement [m] and its rotation [rad], along and about the axes of its own frame.
+        """(N, n, joints of the tree, 6) derivatives of the joint torques by where each
+        joint is placed: its displacement [m] and its rotation [rad], along and about
+        the axes of its own frame.
 
-        Six virtual joints that rest stand before each, and it is by their positions that Pinocchio
-        derives (Carpentier, Mansard, RSS 2018).
+        Six virtual joints that rest stand before each, and it is by their positions
+        that Pinocchio derives (Carpentier, Mansard, RSS 2018).
         """
         pin, state = self._pin, np.array(self.tree_state(q, dq, ddq))
         own = 7 * np.arange(len(self.tree)) + 6  # the tree's joints in the longer one
         virtual = (own[:, None] - 6 + np.arange(6)).ravel()
         states = np.zeros((3, state.shape[1], 7 * len(own)))
         states[:, :, own] = state
-        out, wanted = np.zeros((state.shape[1], len(own), len(virtual))), np.ix_(own, virtual)
+        out, wanted = (
+            np.zeros((state.shape[1], len(own), len(virtual))),
+            np.ix_(own, virtual),
+        )
         for sign, inertias in self._signed(theta):
             model = pin.Model()
             model.gravity = self._model.gravity
@@ -328,8 +400,14 @@ class Robot(Sparse):
                 parent = 0 if one.parent == -1 else int(own[one.parent]) + 1
                 pose = inertias.jointPlacements[i + 1]
                 for k in range(6):
-                    kind = pin.JointModelPrismaticUnaligned if k < 3 else pin.JointModelRevoluteUnaligned
-                    parent = model.addJoint(parent, kind(np.eye(3)[k % 3]), pose, f"{one.name} {k}")
+                    kind = (
+                        pin.JointModelPrismaticUnaligned
+                        if k < 3
+                        else pin.JointModelRevoluteUnaligned
+                    )
+                    parent = model.addJoint(
+                        parent, kind(np.eye(3)[k % 3]), pose, f"{one.name} {k}"
+                    )
                     pose = pin.SE3.Identity()
                 place = model.addJoint(parent, inertias.joints[i + 1], pose, one.name)
                 model.inertias[place] = inertias.inertias[i + 1]
@@ -340,14 +418,20 @@ class Robot(Sparse):
         return self._projected(out).reshape(len(out), self.n, len(own), 6)
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
-        """(N, 6, n) of a tree joint's frame: linear, then angular velocity, in world axes."""
+        """(N, 6, n) of a tree joint's frame: linear, then angular velocity, in world
+        axes."""
         pin, model, data = self._pin, self._model, self._model.createData()
         (q,) = self.tree_state(q)
-        out, frame = np.empty((len(q), 6, len(self.tree))), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        out, frame = (
+            np.empty((len(q), 6, len(self.tree))),
+            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+        )
         for k, row in enumerate(q):
             pin.computeJointJacobians(model, data, row)
             # one column comes back flat
-            out[k] = np.reshape(pin.getJointJacobian(model, data, link + 1, frame), out[k].shape)
+            out[k] = np.reshape(
+                pin.getJointJacobian(model, data, link + 1, frame), out[k].shape
+            )
         return out if self.mechanism is None else out @ self.mechanism.matrix
 
     def mass_matrices(self, theta: ArrayLike, q: ArrayLike) -> Array:
@@ -355,12 +439,19 @@ class Robot(Sparse):
         q = np.atleast_2d(np.asarray(q, float))
         return self.mass_and_bias(theta)(q, np.zeros_like(q))[0]
 
-    def mass_and_bias(self, theta: ArrayLike) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """The function from q, dq (N, n) to M(q) (N, n, n) and C(q, dq) dq + g(q) (N, n) of these links.
+    def mass_and_bias(
+        self, theta: ArrayLike
+    ) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """The function from q, dq (N, n) to M(q) (N, n, n) and C(q, dq) dq + g(q) (N,
+        n) of these links.
 
-        By the composite rigid body and recursive Newton-Euler algorithms (Featherstone 2008, ch. 5-6).
+        By the composite rigid body and recursive Newton-Euler algorithms (Featherstone
+        2008, ch. 5-6).
         """
-        pin, models = self._pin, [(x, m, m.createData()) for x, m in self._signed(theta)]
+        pin, models = (
+            self._pin,
+            [(x, m, m.createData()) for x, m in self._signed(theta)],
+        )
 
         def terms(q: Array, dq: Array) -> tuple[Array, Array]:
             q, dq = self.tree_state(q, dq)
@@ -374,24 +465,37 @@ class Robot(Sparse):
         return terms
 
     def _signed(self, theta: ArrayLike) -> list[tuple[float, Any]]:
-        """Models whose sum with these signs the links are, one where every mass is positive.
+        """Models whose sum with these signs the links are, one where every mass is
+        positive.
 
-        Pinocchio divides by the mass that a joint carries, wherever it sums links, and masses of least
-        squares may be negative: what is linear in theta is right as a difference.
+        Pinocchio divides by the mass that a joint carries, wherever it sums links, and
+        masses of least squares may be negative: what is linear in theta is right as a
+        difference.
         """
         links = np.array(theta, float).reshape(-1, 10)
         if np.all(links[:, 0] > 0.0):
             return [(1.0, self._with_inertias(links))]
         heavy = np.zeros_like(links)
         heavy[:, 0] = 1.0 + 2.0 * np.abs(links[:, 0]).sum()
-        return [(1.0, self._with_inertias(links + heavy)), (-1.0, self._with_inertias(heavy))]
+        return [
+            (1.0, self._with_inertias(links + heavy)),
+            (-1.0, self._with_inertias(heavy)),
+        ]
 
 
 def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
-    """(n,) lower, upper [rad or m] and velocity limits [rad/s or m/s]; where a robot states none, half a
-    turn or half a metre to each side, 2 rad/s or .5 m/s."""
-    span, rate = np.where([j.kind == "revolute" for j in robot.joints], [[np.pi], [2.0]], 0.5)
-    lower, upper, velocity = np.transpose([[j.lower, j.upper, j.velocity] for j in robot.joints])
+    """(n,) lower, upper [rad or m] and velocity limits [rad/s or m/s]; where a robot
+    states none, half a turn or half a metre to each side, 2 rad/s or .5 m/s."""
+    span, rate = np.where(
+        [j.kind == "revolute" for j in robot.joints], [[np.pi], [2.0]], 0.5
+    )
+    lower, upper, velocity = np.transpose(
+        [[j.lower, j.upper, j.velocity] for j in robot.joints]
+    )
     lower = np.where(np.isfinite(lower), lower, np.minimum(-span, upper - 2.0 * span))
     upper = np.where(np.isfinite(upper), upper, np.maximum(span, lower + 2.0 * span))
-    return lower, upper, np.where(np.isfinite(velocity) & (velocity > 0.0), velocity, rate)
+    return (
+        lower,
+        upper,
+        np.where(np.isfinite(velocity) & (velocity > 0.0), velocity, rate),
+    )

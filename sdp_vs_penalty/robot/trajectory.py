@@ -5,15 +5,16 @@ With harmonics l = 1..L of the base frequency w and the clock s = t - t_b of the
     dq_j(s) = sum_l a_jl cos(w l s) + b_jl sin(w l s)
     q_j(s)  = q_0j + sum_l a_jl / (w l) sin(w l s) - b_jl / (w l) cos(w l s)
 
-(Swevers et al. 1997; Gaz et al. 2019, supplementary material, sec. II). A robot starts and ends at
-rest: over the first t_b seconds the velocity rises to dq(s = 0) as a raised cosine, and over the
-last t_b it falls to zero likewise. q_0 is the centre of the series (the last row of the paper's
-Table II), not where the robot starts: that is q(s = 0) - dq(s = 0) t_b / 2.
+(Swevers et al. 1997; Gaz et al. 2019, supplementary material, sec. II). A robot starts
+and ends at rest: over the first t_b seconds the velocity rises to dq(s = 0) as a raised
+cosine, and over the last t_b it falls to zero likewise. q_0 is the centre of the series
+(the last row of the paper's Table II), not where the robot starts: that is q(s = 0) -
+dq(s = 0) t_b / 2.
 
-From point to point, with rests (:class:`PointTrajectory`): between two points all joints follow the
-smooth step s(x) = 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7, x = t / T, whose first three derivatives
-vanish at both ends. For a move by d in T its extremes are 35/16 |d| / T (velocity), 7.5132 |d| /
-T^2 (acceleration) and 52.5 |d| / T^3 (jerk).
+From point to point, with rests (:class:`PointTrajectory`): between two points all
+joints follow the smooth step s(x) = 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7, x = t / T, whose
+first three derivatives vanish at both ends. For a move by d in T its extremes are 35/16
+|d| / T (velocity), 7.5132 |d| / T^2 (acceleration) and 52.5 |d| / T^3 (jerk).
 """
 
 import json
@@ -31,10 +32,11 @@ from sdp_vs_penalty.robot.robot import Robot, joint_limits
 
 @dataclass(frozen=True)
 class FourierTrajectory:
-    """a, b : (n, L) amplitudes of velocity [rad/s]; q_0 : (n,) centre of the series [rad].
+    """a, b : (n, L) amplitudes of velocity [rad/s]; q_0 : (n,) centre of the series
+    [rad].
 
-    frequency : w [rad/s]; blend : t_b [s]; duration : of the whole motion, both blends included [s].
-    Raises InputError where the blends do not fit into the duration.
+    frequency : w [rad/s]; blend : t_b [s]; duration : of the whole motion, both blends
+    included [s]. Raises InputError where the blends do not fit into the duration.
     """
 
     a: Array
@@ -45,20 +47,31 @@ class FourierTrajectory:
     duration: float
 
     def __post_init__(self) -> None:
-        if self.blend <= 0.0 or self.duration <= 2.0 * self.blend or self.frequency <= 0.0:
+        if (
+            self.blend <= 0.0
+            or self.duration <= 2.0 * self.blend
+            or self.frequency <= 0.0
+        ):
             each = f"blend {self.blend:g} s, duration {self.duration:g} s"
-            what = f"trajectory: {each} and frequency {self.frequency:g} rad/s do not fit"
-            raise InputError(what, "make all positive, and the duration above twice the blend")
+            what = (
+                f"trajectory: {each} and frequency {self.frequency:g} rad/s do not fit"
+            )
+            raise InputError(
+                what, "make all positive, and the duration above twice the blend"
+            )
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q, dq, ddq, each (N, n), at the instants t (N,) [s]; at rest outside [0, duration].
+        """q, dq, ddq, each (N, n), at the instants t (N,) [s]; at rest outside [0,
+        duration].
 
         ddq jumps where a blend meets the series, as it does in the authors' generator.
         """
         t = np.asarray(t, float)[:, None]
         end, w = self.duration - self.blend, np.pi / self.blend
         inside = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
-        (q1, v1, _), (q2, v2, _) = (self._series(np.array([s])) for s in (0.0, end - self.blend))
+        (q1, v1, _), (q2, v2, _) = (
+            self._series(np.array([s])) for s in (0.0, end - self.blend)
+        )
         rising, falling = np.clip(t, 0.0, self.blend), np.clip(t - end, 0.0, self.blend)
         first = (
             q1 - 0.5 * v1 * (self.blend - rising + np.sin(w * rising) / w),
@@ -71,7 +84,9 @@ class FourierTrajectory:
             -0.5 * v2 * w * np.sin(w * falling),
         )
         when = [t < self.blend, t > end]
-        q, dq, ddq = (np.select(when, x[:2], x[2]) for x in zip(first, last, inside, strict=True))
+        q, dq, ddq = (
+            np.select(when, x[:2], x[2]) for x in zip(first, last, inside, strict=True)
+        )
         moving = (t > 0.0) & (t < self.duration)
         return q, np.where(moving, dq, 0.0), np.where(moving, ddq, 0.0)
 
@@ -79,7 +94,11 @@ class FourierTrajectory:
         w = self.frequency * np.arange(1, self.a.shape[1] + 1)
         cos, sin = np.cos(np.outer(s, w)), np.sin(np.outer(s, w))
         q = self.q_0 + sin @ (self.a / w).T - cos @ (self.b / w).T
-        return q, cos @ self.a.T + sin @ self.b.T, cos @ (self.b * w).T - sin @ (self.a * w).T
+        return (
+            q,
+            cos @ self.a.T + sin @ self.b.T,
+            cos @ (self.b * w).T - sin @ (self.a * w).T,
+        )
 
 
 def random_trajectory(
@@ -92,8 +111,9 @@ def random_trajectory(
 ) -> FourierTrajectory:
     """A random Fourier trajectory inside the robot's joint range and velocity limits.
 
-    Amplitudes are uniform in [-1, 1], then scaled joint by joint to fill at most 80 % of the range
-    and 60 % of the velocity limit; the centre is placed at random where the motion still fits.
+    Amplitudes are uniform in [-1, 1], then scaled joint by joint to fill at most 80 %
+    of the range and 60 % of the velocity limit; the centre is placed at random where
+    the motion still fits.
     """
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-1.0, 1.0, (2, robot.n, harmonics))
@@ -101,16 +121,20 @@ def random_trajectory(
     unit = FourierTrajectory(a, b, np.zeros(robot.n), frequency, blend, duration)
     q, dq, _ = unit.states(np.linspace(0.0, duration, 1001))
     scale = np.minimum(
-        0.6 * velocity / np.abs(dq).max(axis=0), 0.8 * (upper - lower) / np.ptp(q, axis=0)
+        0.6 * velocity / np.abs(dq).max(axis=0),
+        0.8 * (upper - lower) / np.ptp(q, axis=0),
     )
     low, high = scale * q.min(axis=0), scale * q.max(axis=0)
     q_0 = rng.uniform(lower - low, upper - high)
-    return FourierTrajectory(a * scale[:, None], b * scale[:, None], q_0, frequency, blend, duration)
+    return FourierTrajectory(
+        a * scale[:, None], b * scale[:, None], q_0, frequency, blend, duration
+    )
 
 
 @dataclass(frozen=True)
 class PointTrajectory:
-    """points (W, n) [rad or m], moves (W - 1,) [s] between them, pauses (W,) [s] at each."""
+    """points (W, n) [rad or m], moves (W - 1,) [s] between them, pauses (W,) [s] at
+    each."""
 
     points: Array
     moves: Array
@@ -129,7 +153,9 @@ class PointTrajectory:
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """q, dq, ddq, each (N, n), at the instants t (N,) [s]."""
         at = np.asarray(t, float)
-        k = np.clip(np.searchsorted(self._starts, at, side="right") - 1, 0, len(self.moves) - 1)
+        k = np.clip(
+            np.searchsorted(self._starts, at, side="right") - 1, 0, len(self.moves) - 1
+        )
         T = self.moves[k][:, None]
         x = np.clip((at - self._starts[k])[:, None] / T, 0.0, 1.0)
         d = self.points[k + 1] - self.points[k]
@@ -138,17 +164,22 @@ class PointTrajectory:
         return q, dq, d / T**2 * 420 * x**2 * (1 - x) ** 2 * (1 - 2 * x)
 
 
-def shortest_moves(points: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
+def shortest_moves(
+    points: Array, velocity: Array, acceleration: Array, jerk: Array
+) -> Array:
     """(W - 1,) the shortest moves between points (W, n) within limits (n,) [s]."""
     d = np.abs(np.diff(points, axis=0))
     # Extremes of the smooth step's derivatives, one to three.
     extremes = (35.0 / 16.0, velocity), (7.5132, acceleration), (52.5, jerk)
-    each = [(c * d / limit) ** (1.0 / k) for k, (c, limit) in enumerate(extremes, start=1)]
+    each = [
+        (c * d / limit) ** (1.0 / k) for k, (c, limit) in enumerate(extremes, start=1)
+    ]
     return np.maximum(np.max(each, axis=(0, 2)), 1e-2)
 
 
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
-    """A ROS trajectory_msgs/JointTrajectory as text: JSON, which YAML readers read as well."""
+    """A ROS trajectory_msgs/JointTrajectory as text: JSON, which YAML readers read as
+    well."""
     rate = 50.0  # Hz
     t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
     fields, points = ("positions", "velocities", "accelerations"), []

@@ -1,8 +1,10 @@
-"""Read a robot from a URDF file: moving joints, fixed ones merged, inertials where they are given.
+"""Read a robot from a URDF file: moving joints, fixed ones merged, inertials where they
+are given.
 
-<transmission> elements are simple, differential or four-bar. With motor (actuator) reductions n_a, joint
-reductions n_j, as ros_control's transmission_interface: simple: q_m = n q; differential: q_m1,2 = n_a1,2
-(n_j1 q_1 +- n_j2 q_2); four-bar: q_m1 = n_a1 n_j1 q_1, q_m2 = n_a2 (n_j2 q_2 + q_1).
+<transmission> elements are simple, differential or four-bar. With motor (actuator)
+reductions n_a, joint reductions n_j, as ros_control's transmission_interface: simple:
+q_m = n q; differential: q_m1,2 = n_a1,2 (n_j1 q_1 +- n_j2 q_2); four-bar: q_m1 = n_a1
+n_j1 q_1, q_m2 = n_a2 (n_j2 q_2 + q_1).
 """
 
 from collections import Counter
@@ -23,12 +25,15 @@ from sdp_vs_penalty.robot.joint import Follower, Joint, Transmission, following
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
-#: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and overflow on the way.
+#: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and
+#: overflow on the way.
 _LARGEST = 1e9
-#: Links of one file: humanoids with two hands have 200, and a chain of all must not exhaust the stack.
+#: Links of one file: humanoids with two hands have 200, and a chain of all must not
+#: exhaust the stack.
 _MOST_LINKS = 500
 
-#: Of one link the <link> elements that it is made of, with their poses (4, 4) in its frame.
+#: Of one link the <link> elements that it is made of, with their poses (4, 4) in its
+#: frame.
 Parts = list[tuple[Any, Array]]
 
 
@@ -50,8 +55,11 @@ def numbers_of(text: str, count: int) -> Array:
     return values if len(values) == count else np.full(count, np.nan)
 
 
-def _numbers(element: Any, attribute: str, *default: float, largest: float = _LARGEST) -> list[float]:
-    """An attribute's, as many as there are defaults, which stand where it or the element is missing."""
+def _numbers(
+    element: Any, attribute: str, *default: float, largest: float = _LARGEST
+) -> list[float]:
+    """An attribute's, as many as there are defaults, which stand where it or the
+    element is missing."""
     text = None if element is None else element.get(attribute)
     if text is None:
         return list(default)
@@ -60,13 +68,16 @@ def _numbers(element: Any, attribute: str, *default: float, largest: float = _LA
         where = f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}>"
         wanted = formatting.count(len(default), "number")
         if np.isfinite(largest):
-            wanted = f"{formatting.count(len(default), 'finite number')}, up to {largest:g}"
+            wanted = (
+                f"{formatting.count(len(default), 'finite number')}, up to {largest:g}"
+            )
         raise InputError(f"{where} must hold {wanted}", "correct the file")
     return list(values.tolist())
 
 
 def pose_of(element: Any) -> Array:
-    """The pose (4, 4) of an element's <origin>, R = Rz(yaw) Ry(pitch) Rx(roll); the identity without.
+    """The pose (4, 4) of an element's <origin>, R = Rz(yaw) Ry(pitch) Rx(roll); the
+    identity without.
 
     Raises InputError for what are no numbers.
     """
@@ -81,7 +92,8 @@ def pose_of(element: Any) -> Array:
 
 
 def read_inertial(link: Any) -> Array:
-    """Standard parameters (10,), about the link frame, of a <link> element; zeros where it gives none.
+    """Standard parameters (10,), about the link frame, of a <link> element; zeros where
+    it gives none.
 
     Raises InputError for what are no numbers.
     """
@@ -89,22 +101,27 @@ def read_inertial(link: Any) -> Array:
     if element is None:
         return np.zeros(10)
     mass, tensor = _numbers(element.find("mass"), "value", 0.0), element.find("inertia")
-    moments = [_numbers(tensor, name.lower(), 0.0)[0] for name in inertia.PARAMETERS[4:]]
+    moments = [
+        _numbers(tensor, name.lower(), 0.0)[0] for name in inertia.PARAMETERS[4:]
+    ]
     about_com = inertia.standard_from_barycentric([*mass, 0.0, 0.0, 0.0, *moments])
     return inertia.transform(pose_of(element)) @ about_com
 
 
-def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> tuple[Robot, Array]:
+def load_urdf(
+    path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY
+) -> tuple[Robot, Array]:
     """The robot of a URDF file and its nominal standard parameters, shape (links, 10).
 
-    Joints come in the order of the file, depth first; continuous joints count as revolute without
-    limits; a link behind a fixed joint is merged into the link that carries it, and one fixed to
-    the base is dropped. A link without an inertial has zeros. Mimic joints follow the joints that they
-    name; a link whose inertials say mass 0 is massless and gets no parameters; <transmission> elements
-    say how motors turn.
+    Joints come in the order of the file, depth first; continuous joints count as
+    revolute without limits; a link behind a fixed joint is merged into the link that
+    carries it, and one fixed to the base is dropped. A link without an inertial has
+    zeros. Mimic joints follow the joints that they name; a link whose inertials say
+    mass 0 is massless and gets no parameters; <transmission> elements say how motors
+    turn.
 
-    Raises InputError for a file that is not a URDF, a floating or planar joint, a loop, or no moving
-    joint at all.
+    Raises InputError for a file that is not a URDF, a floating or planar joint, a loop,
+    or no moving joint at all.
     """
     root, tree, parts = _read(path)
     with named(path):
@@ -113,7 +130,11 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
             if (element := joint.find("mimic")) is not None:
                 (ratio,) = _numbers(element, "multiplier", 1.0)
                 (offset,) = _numbers(element, "offset", 0.0)
-                followers[joint.get("name")] = (str(element.get("joint")), ratio, offset)
+                followers[joint.get("name")] = (
+                    str(element.get("joint")),
+                    ratio,
+                    offset,
+                )
         joints, mechanism = following(tree, followers, massless)
         transmission = _transmission(root, [joint.name for joint in joints])
     name, given = root.get("name") or Path(path).stem, tuple(map(float, gravity))
@@ -122,7 +143,8 @@ def load_urdf(path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY) -> 
 
 
 def placed_links(path: str | Path) -> list[Parts]:
-    """What each moving link that has a mass is made of. Raises InputError as :func:`load_urdf` does."""
+    """What each moving link that has a mass is made of. Raises InputError as
+    :func:`load_urdf` does."""
     parts = _read(path)[2]
     with named(path):
         massless = _weighed(parts)[1]
@@ -130,9 +152,11 @@ def placed_links(path: str | Path) -> list[Parts]:
 
 
 def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
-    """(10,) of each moving link with what is fixed to it; which links say themselves that they have no
-    mass, beside others that have one."""
-    moved = [[inertia.transform(at) @ read_inertial(e) for e, at in own] for own in parts]
+    """(10,) of each moving link with what is fixed to it; which links say themselves
+    that they have no mass, beside others that have one."""
+    moved = [
+        [inertia.transform(at) @ read_inertial(e) for e, at in own] for own in parts
+    ]
     nominal = [np.sum(own, axis=0) for own in moved]
     said = [any(e.find("inertial") is not None for e, _ in own) for own in parts]
     none = tuple(k for k, x in enumerate(nominal) if said[k] and not x.any())
@@ -140,10 +164,13 @@ def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
 
 
 def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
-    """The <robot> element of a file, its moving joints, depth first, and what their links are made of;
-    entities are never expanded, nothing is loaded from elsewhere."""
+    """The <robot> element of a file, its moving joints, depth first, and what their
+    links are made of; entities are never expanded, nothing is loaded from elsewhere."""
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
-    parser, content = etree.XMLParser(**safe, remove_comments=True, remove_pis=True), read_bytes(path)
+    parser, content = (
+        etree.XMLParser(**safe, remove_comments=True, remove_pis=True),
+        read_bytes(path),
+    )
     try:
         root = etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -153,12 +180,16 @@ def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
     parts: list[Parts] = []
 
     def visit(name: str, body: int, pose: Array) -> None:
-        """Add a link and what hangs on it; pose is the link's in the frame of its moving body."""
+        """Add a link and what hangs on it; pose is the link's in the frame of its
+        moving body."""
         link = links.pop(name)
         if body >= 0:
             parts[body].append((link, pose))
         for element in children[name]:
-            placement, child = pose @ pose_of(element), element.find("child").get("link")
+            placement, child = (
+                pose @ pose_of(element),
+                element.find("child").get("link"),
+            )
             if element.get("type") == "fixed":
                 visit(child, body, placement)
             else:
@@ -173,12 +204,15 @@ def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
             what = f"link {name!r} is in a loop of joints apart from the base {base!r}"
             raise InputError(what, "correct the file")
         if not joints:
-            raise InputError("no moving joint, so nothing to identify", "name another file")
+            raise InputError(
+                "no moving joint, so nothing to identify", "name another file"
+            )
     return root, joints, parts
 
 
 def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
-    """The links by name, for each link the joints that hang on it, and the one that no joint carries."""
+    """The links by name, for each link the joints that hang on it, and the one that no
+    joint carries."""
     if root.tag != "robot":
         what = f"the outermost element is <{root.tag}>, a URDF's is <robot>"
         raise InputError(what, "correct the file")
@@ -188,29 +222,45 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
         names = Counter(element.get("name") for element in root.findall(tag))
         for name, count in names.items():
             if not name or count > 1:
-                what = f"{tag} {name!r} appears {count} times" if name else f"a <{tag}> has no name"
+                what = (
+                    f"{tag} {name!r} appears {count} times"
+                    if name
+                    else f"a <{tag}> has no name"
+                )
                 raise InputError(what, "correct the file")
     links = {link.get("name"): link for link in root.findall("link")}
     if not links:
-        raise InputError("no <link>", "name a URDF; a xacro file has to be expanded first")
+        raise InputError(
+            "no <link>", "name a URDF; a xacro file has to be expanded first"
+        )
     children: dict[str, list[Any]] = {name: [] for name in links}
     carried: set[str] = set()
     for element in root.findall("joint"):
-        name, ends = element.get("name"), [element.find(which) for which in ("parent", "child")]
-        parent, child = ("" if end is None else str(end.get("link", "")) for end in ends)
+        name, ends = (
+            element.get("name"),
+            [element.find(which) for which in ("parent", "child")],
+        )
+        parent, child = (
+            "" if end is None else str(end.get("link", "")) for end in ends
+        )
         for link in (parent, child):
             if link not in links:
                 what = f"joint {name!r} names link {link!r}, which is not in the file"
                 raise InputError(what, "correct the file")
         if child in carried:
-            what = f"link {child!r} has two parent joints (joint {name!r} closes a loop)"
+            what = (
+                f"link {child!r} has two parent joints (joint {name!r} closes a loop)"
+            )
             raise InputError(what, "cut the loop, for only trees can be identified")
         carried.add(child)
         children[parent].append(element)
     roots = [name for name in links if name not in carried]
     if len(roots) != 1:
         found = ", ".join(roots[:5]) if roots else "none, the joints form a loop"
-        raise InputError(f"one link without a parent joint is needed (found: {found})", "give one base")
+        raise InputError(
+            f"one link without a parent joint is needed (found: {found})",
+            "give one base",
+        )
     return links, children, roots[0]
 
 
@@ -219,25 +269,37 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
     kind, name = element.get("type"), element.get("name")
     if kind not in _MOVING:
         what = f"is of type {kind!r}, none of revolute, continuous, prismatic and fixed"
-        raise InputError(f"joint {name!r} {what}", "make it one of these (fix a floating base)")
+        raise InputError(
+            f"joint {name!r} {what}", "make it one of these (fix a floating base)"
+        )
     axis = np.array(_numbers(element.find("axis"), "xyz", 1.0, 0.0, 0.0))
     length = np.linalg.norm(axis)
     if not length > 1e-9:
-        raise InputError(f"joint {name!r} has an axis of length zero", "correct the file")
+        raise InputError(
+            f"joint {name!r} has an axis of length zero", "correct the file"
+        )
     limit, limits = element.find("limit"), []
-    for key, none in (("lower", -np.inf), ("upper", np.inf), ("velocity", np.inf), ("effort", np.inf)):
+    for key, none in (
+        ("lower", -np.inf),
+        ("upper", np.inf),
+        ("velocity", np.inf),
+        ("effort", np.inf),
+    ):
         span = None if kind == "continuous" and key in ("lower", "upper") else limit
         (value,) = _numbers(span, key, none, largest=np.inf)
         # How files write "no limit" where the format asks for a number [rad or m].
         limits.append(none if abs(value) > 1e6 else value)
-    return Joint(name, _MOVING[kind], parent, placement, axis / length, np.eye(4), *limits)
+    return Joint(
+        name, _MOVING[kind], parent, placement, axis / length, np.eye(4), *limits
+    )
 
 
 def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
-    """How the motors turn with the joints ``names``; None where the file says nothing of it.
+    """How the motors turn with the joints ``names``; None where the file says nothing
+    of it.
 
-    A joint of which nothing is said has a motor that turns with it. Channels are those of joints, as
-    every ROS log has them.
+    A joint of which nothing is said has a motor that turns with it. Channels are those
+    of joints, as every ROS log has them.
     """
     matrix, named = np.eye(len(names)), False
     for element in root.findall("transmission"):
@@ -245,13 +307,17 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
         places = [names.index(j.get("name")) for j in joints if j.get("name") in names]
         if not places or len(places) != len(joints) or len(joints) != len(actuators):
             continue  # of a fixed or following joint, or of no motor
-        kind = (element.findtext("type") or element.get("type") or "").rpartition("/")[2]
+        kind = (element.findtext("type") or element.get("type") or "").rpartition("/")[
+            2
+        ]
         ratios = []
         for part in (*joints, *actuators):
             (value,) = numbers_of(part.findtext("mechanicalReduction", "1"), 1).tolist()
             if not np.isfinite(value) or value == 0.0:
                 where = f"line {part.sourceline}, <mechanicalReduction>"
-                raise InputError(f"{where} must hold a number other than 0", "correct the file")
+                raise InputError(
+                    f"{where} must hold a number other than 0", "correct the file"
+                )
             ratios.append(value)
         n_j, n_a = np.split(np.array(ratios), 2)
         block = np.diag(n_j)

@@ -1,4 +1,5 @@
-"""Filters, derivatives, noise: from samples to rows that every column passes like the torque."""
+"""Filters, derivatives, noise: from samples to rows that every column passes like the
+torque."""
 
 from sdp_vs_penalty.plugins import surface
 

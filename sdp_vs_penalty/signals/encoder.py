@@ -9,7 +9,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 def lattice_step(values: Array) -> float:
-    """The smallest step between different values of a channel, rounding errors of the file apart."""
+    """The smallest step between different values of a channel, rounding errors of the
+    file apart."""
     levels = np.unique(values)
     steps = np.diff(levels)
     steps = steps[steps > 1e-9 * (levels[-1] - levels[0])]
@@ -19,18 +20,23 @@ def lattice_step(values: Array) -> float:
 def read_again(measurements: Measurements) -> Measurements:
     """The same motion, read by encoders whose steps lie elsewhere."""
     runs = measurements.runs()
-    return concatenate([replace(r, q=np.column_stack([_again(r.t, x) for x in r.q.T])) for r in runs])
+    return concatenate(
+        [replace(r, q=np.column_stack([_again(r.t, x) for x in r.q.T])) for r in runs]
+    )
 
 
 def _again(t: Array, q: Array) -> Array:
-    """(N,) positions: on straight lines between the instants at which the encoder counted, and from
-    there counted anew."""
+    """(N,) positions: on straight lines between the instants at which the encoder
+    counted, and from there counted anew."""
     step, change = lattice_step(q), np.flatnonzero(np.diff(q))
     if not step:
         return q
-    when, where = (np.concatenate([x[:1], 0.5 * (x[change] + x[change + 1]), x[-1:]]) for x in (t, q))
+    when, where = (
+        np.concatenate([x[:1], 0.5 * (x[change] + x[change + 1]), x[-1:]])
+        for x in (t, q)
+    )
     between = np.interp(t, when, where)
-    # Errors of encoders whose steps lie apart by such a share a of one are not correlated, as
-    # 1 - 6 a (1 - a) = 0.
+    # Errors of encoders whose steps lie apart by such a share a of one are not
+    # correlated, as 1 - 6 a (1 - a) = 0.
     apart = 0.5 - 12.0**-0.5
     return np.asarray(step * (np.round(between / step + apart) - apart))

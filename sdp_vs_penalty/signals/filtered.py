@@ -1,8 +1,9 @@
-"""Runs behind their filters: the rows on which models are fitted and judged, and where they are kept.
+"""Runs behind their filters: the rows on which models are fitted and judged, and where
+they are kept.
 
-A run's rows are cut when a model first asks for them. The next model finds them again, and with them
-the low-passed columns of those effects that it shares with the last one: nothing is filtered twice by
-what is given the same :class:`FilteredRuns`.
+A run's rows are cut when a model first asks for them. The next model finds them again,
+and with them the low-passed columns of those effects that it shares with the last one:
+nothing is filtered twice by what is given the same :class:`FilteredRuns`.
 """
 
 from __future__ import annotations
@@ -21,13 +22,19 @@ from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.kernels import Decimator
-from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter, no_rows
+from sdp_vs_penalty.signals.preprocessing import (
+    OVERSAMPLING,
+    Preprocessing,
+    RunFilter,
+    no_rows,
+)
 from sdp_vs_penalty.signals.runs import Movement, stretches
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Filtered, decimated rows of one run: motion (M, n), torque (M, n), columns joint by joint."""
+    """Filtered, decimated rows of one run: motion (M, n), torque (M, n), columns joint
+    by joint."""
 
     motion: Motion
     torque: Array
@@ -36,8 +43,9 @@ class Rows:
 
 @dataclass(frozen=True)
 class Piece:
-    """Consecutive rows of a run before they have columns: the motion on the column grid around them,
-    the low-pass from there to the rows, the same of smooth columns, motion and torque at the rows."""
+    """Consecutive rows of a run before they have columns: the motion on the column grid
+    around them, the low-pass from there to the rows, the same of smooth columns, motion
+    and torque at the rows."""
 
     around: Motion
     low_pass: Decimator
@@ -53,9 +61,9 @@ Read = Callable[[], list[Block]]
 
 @dataclass
 class _Kept:
-    """A piece, and the columns of the last model's effects on it: of each effect those over which
-    velocities signs turned. shelf : of a long run, the file in which the piece lies, and the columns of
-    smooth effects, which take the longest."""
+    """A piece, and the columns of the last model's effects on it: of each effect those
+    over which velocities signs turned. shelf : of a long run, the file in which the
+    piece lies, and the columns of smooth effects, which take the longest."""
 
     read: Callable[[], Piece]
     shelf: Shelf | None
@@ -82,26 +90,34 @@ class _Kept:
             for k, effect in enumerate(effects)
             if not depends(effect) and (effect.smooth or self.shelf is None)
         ]
-        columns, torque = model.explaining(model.joined(known, len(piece.torque)), piece.torque)
+        columns, torque = model.explaining(
+            model.joined(known, len(piece.torque)), piece.torque
+        )
         return Rows(piece.rows, torque, columns)
 
 
-def low_passed(low_pass: Decimator, blocks: Mapping[int, list[Block]]) -> dict[int, list[Block]]:
-    """Effects' columns at the rows: by one product, which reads the low-pass once for all."""
+def low_passed(
+    low_pass: Decimator, blocks: Mapping[int, list[Block]]
+) -> dict[int, list[Block]]:
+    """Effects' columns at the rows: by one product, which reads the low-pass once for
+    all."""
     every = [b.columns.T for own in blocks.values() for b in own]
     if not every:
         return dict(blocks)
     ends = np.cumsum([len(x) for x in every])
     parts = iter(np.split(low_pass @ np.vstack(every).T, ends[:-1], axis=1))
-    return {k: [replace(b, columns=next(parts)) for b in own] for k, own in blocks.items()}
+    return {
+        k: [replace(b, columns=next(parts)) for b in own] for k, own in blocks.items()
+    }
 
 
 @dataclass(eq=False)
 class FilteredRun:
-    """One run behind its filters. settings : resolved; told : which instants count (default: those at
-    which the run moves).
+    """One run behind its filters. settings : resolved; told : which instants count
+    (default: those at which the run moves).
 
-    Raises InputError, when it is asked for rows, for a run that is shorter than the filters need.
+    Raises InputError, when it is asked for rows, for a run that is shorter than the
+    filters need.
     """
 
     run: Measurements
@@ -134,7 +150,8 @@ class FilteredRun:
 
     def rows(self, model: Model) -> Iterator[Rows]:
         """The regression rows, piece by piece, in the columns of a model."""
-        # What an effect with memory remembers has to be followed sample by sample, from the start.
+        # What an effect with memory remembers has to be followed sample by sample, from
+        # the start.
         whole = any(effect.has_memory for effect in model.effects)
         return (kept.rows(model) for kept in self._pieces(whole))
 
@@ -149,7 +166,8 @@ class FilteredRun:
         return Rows(joined(p.motion for p in pieces), torque, columns)
 
     def states(self) -> Iterator[Motion]:
-        """The states at the rows, piece by piece, without columns: enough to judge data."""
+        """The states at the rows, piece by piece, without columns: enough to judge
+        data."""
         return (kept.read().rows for kept in self._pieces(False))
 
     @property
@@ -161,15 +179,16 @@ class FilteredRun:
     def rows_per_sample(self) -> float:
         """How many rows hold as much of white torque noise as one independent sample.
 
-        A row has the variance sigma^2 sum h^2 of noise low-passed by h; within the pass band, where the
-        columns are, the noise keeps its density, which at one row in ``step`` samples is that of
-        independent rows of variance sigma^2 / step.
+        A row has the variance sigma^2 sum h^2 of noise low-passed by h; within the pass
+        band, where the columns are, the noise keeps its density, which at one row in
+        ``step`` samples is that of independent rows of variance sigma^2 / step.
         """
         kernel = self.filters.column.value
         return float(1.0 / (self.step * (kernel @ kernel)))
 
     def _pieces(self, whole: bool) -> list[_Kept]:
-        """The run cut into pieces; ``whole``: where effects remember, each stretch sample by sample."""
+        """The run cut into pieces; ``whole``: where effects remember, each stretch
+        sample by sample."""
         if whole not in self._kept:
             shelf = Shelf() if self.run.q.size > SAMPLES else None
             put: Any = (lambda piece: lambda: piece) if shelf is None else shelf.put
@@ -181,7 +200,11 @@ class FilteredRun:
         margin, found = filters.state.half + filters.column.half, False
         for part in stretches(self.run):
             outputs = np.arange(margin, part.count - margin, self.step)
-            at_once = len(outputs) if whole or self.run.q.size <= SAMPLES else PART // self.step
+            at_once = (
+                len(outputs)
+                if whole or self.run.q.size <= SAMPLES
+                else PART // self.step
+            )
             for start in range(0, len(outputs), max(at_once, 1)):
                 at = outputs[start : start + max(at_once, 1)]
                 keep = self.moving.at(part.clock(at))
@@ -190,13 +213,20 @@ class FilteredRun:
                 found = True
                 motion, smooth = filters.around(part, at)
                 local = (at[keep] - at[0]) // filters.stride + filters.coarse.half
-                coarse = (at[keep] - at[0]) // filters.smooth_stride + filters.smooth.half
+                coarse = (
+                    at[keep] - at[0]
+                ) // filters.smooth_stride + filters.smooth.half
                 yield Piece(
                     motion,
                     Decimator(filters.coarse, local),
                     smooth,
                     Decimator(filters.smooth, coarse),
-                    Motion(motion.t[local], motion.q[local], motion.dq[local], motion.ddq[local]),
+                    Motion(
+                        motion.t[local],
+                        motion.q[local],
+                        motion.dq[local],
+                        motion.ddq[local],
+                    ),
                     filters.torque(part, at[keep]),
                 )
         if not found:
@@ -213,9 +243,14 @@ class FilteredRuns:
 
     @classmethod
     def of(cls, measurements: Measurements, settings: Preprocessing) -> FilteredRuns:
-        """Behind filters whose numbers are chosen from the measurements where they are not given."""
+        """Behind filters whose numbers are chosen from the measurements where they are
+        not given."""
         settings = settings.resolve(measurements)
-        return cls(measurements, settings, tuple(FilteredRun(r, settings) for r in measurements.runs()))
+        return cls(
+            measurements,
+            settings,
+            tuple(FilteredRun(r, settings) for r in measurements.runs()),
+        )
 
 
 def joined(pieces: Iterable[Motion]) -> Motion:

@@ -1,9 +1,10 @@
-"""The low-pass of positions, columns and torque as a kernel, with its first two derivatives.
+"""The low-pass of positions, columns and torque as a kernel, with its first two
+derivatives.
 
-A windowed sinc of half-length 2 / cut-off, made maximally flat: its moments of order 2, 4 and 6
-vanish, so that it is exact on polynomials of degree 7 and its gain differs from 1 by 5e-8 at a tenth
-of the cut-off, 1 % at half of it; at the cut-off it is 1/2 (what forward and backward Butterworth
-filtering gives).
+A windowed sinc of half-length 2 / cut-off, made maximally flat: its moments of order 2,
+4 and 6 vanish, so that it is exact on polynomials of degree 7 and its gain differs from
+1 by 5e-8 at a tenth of the cut-off, 1 % at half of it; at the cut-off it is 1/2 (what
+forward and backward Butterworth filtering gives).
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ class LowPass:
 
 
 class Decimator:
-    """The matrix (M, N) of a low-pass at M ascending samples ``at``, as dense blocks of few rows: they
-    share most of their samples, which makes it several times as fast as sparse rows."""
+    """The matrix (M, N) of a low-pass at M ascending samples ``at``, as dense blocks of
+    few rows: they share most of their samples, which makes it several times as fast as
+    sparse rows."""
 
     def __init__(self, kernel: LowPass, at: NDArray[np.int64]) -> None:
         self.kernel, self.at, size = kernel, at, len(kernel.value)
@@ -37,7 +39,9 @@ class Decimator:
             places = few - few[0]
             block = known.get(places.tobytes())
             if block is None:
-                block = known[places.tobytes()] = np.zeros((len(few), places[-1] + size))
+                block = known[places.tobytes()] = np.zeros(
+                    (len(few), places[-1] + size)
+                )
                 taps = places[:, None] + np.arange(size)
                 block[np.arange(len(few))[:, None], taps] = kernel.value[::-1]
             begin = int(few[0]) - kernel.half
@@ -62,9 +66,9 @@ class Decimator:
 class Kernel(LowPass):
     """A low-pass and its first two derivatives, sampled at dt.
 
-    h(t) = sinc(t) hann(u) (c_0 + c_1 u^2 + c_2 u^4 + c_3 u^6), u = t / support, with c such that its
-    moments are those of an impulse up to order 7; the derivatives' moments are those of an
-    impulse's derivatives.
+    h(t) = sinc(t) hann(u) (c_0 + c_1 u^2 + c_2 u^4 + c_3 u^6), u = t / support, with c
+    such that its moments are those of an impulse up to order 7; the derivatives'
+    moments are those of an impulse's derivatives.
     """
 
     def __init__(self, cutoff: float, dt: float) -> None:
@@ -76,7 +80,9 @@ class Kernel(LowPass):
         safe = np.where(t == 0.0, 1.0, t)
         sinc = np.where(t == 0.0, w, np.sin(w * t) / safe)
         sinc1 = np.where(t == 0.0, 0.0, (w * np.cos(w * t) - sinc) / safe)
-        sinc2 = np.where(t == 0.0, -(w**3) / 3.0, (-(w**2) * np.sin(w * t) - 2.0 * sinc1) / safe)
+        sinc2 = np.where(
+            t == 0.0, -(w**3) / 3.0, (-(w**2) * np.sin(w * t) - 2.0 * sinc1) / safe
+        )
         hann, hann1, hann2 = (
             0.5 + 0.5 * np.cos(a * t),
             -0.5 * a * np.sin(a * t),
@@ -90,34 +96,42 @@ class Kernel(LowPass):
         self.value = h * c(u)
         first = h1 * c(u) + h * c1(u) / support
         second = h2 * c(u) + 2.0 * h1 * c1(u) / support + h * c2(u) / support**2
-        # The moments of the samples differ a little from those of the function that they sample.
-        self.first = first * _moment_factor(first, u, (1, 3, 5, 7), (-1.0 / support, 0.0, 0.0, 0.0))(u)
+        # The moments of the samples differ a little from those of the function that
+        # they sample.
+        self.first = first * _moment_factor(
+            first, u, (1, 3, 5, 7), (-1.0 / support, 0.0, 0.0, 0.0)
+        )(u)
         self.second = second * _moment_factor(
             second, u, (0, 2, 4, 6), (0.0, 2.0 / support**2, 0.0, 0.0)
         )(u)
 
     def states(self, q: Array) -> tuple[Array, Array, Array]:
         """q, dq, ddq (N - 2 half, n) from positions (N, n)."""
-        centred = q - q[:1]  # keeps the rounding of the transforms relative to the motion
+        centred = (
+            q - q[:1]
+        )  # keeps the rounding of the transforms relative to the motion
         low, first, second = convolve(centred, self.value, self.first, self.second)
         return low + q[:1], first, second
 
     def sampled(self, stride: int) -> LowPass:
-        """The same low-pass on a grid ``stride`` times coarser: the same response below its rate."""
+        """The same low-pass on a grid ``stride`` times coarser: the same response below
+        its rate."""
         if stride == 1:
             return self
         offsets = np.arange(-(self.half // stride), self.half // stride + 1)
         value = self.value[self.half + stride * offsets]
         u = offsets / max(offsets[-1], 1)
-        return LowPass(value * _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))(u))
+        return LowPass(
+            value * _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))(u)
+        )
 
 
 def convolve(x: Array, *kernels: Array) -> list[Array]:
-    """x (N, n) convolved with each kernel (K,), K odd, where the two overlap fully: (N - K + 1, n), each
-    column contiguous, as they are worked on one by one.
+    """x (N, n) convolved with each kernel (K,), K odd, where the two overlap fully: (N
+    - K + 1, n), each column contiguous, as they are worked on one by one.
 
-    By one Fourier transform of x for all kernels; what wraps around lies outside. (scipy.signal does
-    the same, but its import takes longer than to identify a robot.)
+    By one Fourier transform of x for all kernels; what wraps around lies outside.
+    (scipy.signal does the same, but its import takes longer than to identify a robot.)
     """
     length = fft.next_fast_len(len(x), real=True)
     spectrum, found = fft.rfft(x.T, length), list[Array]()
@@ -133,7 +147,9 @@ def _moment_factor(
     """The even polynomial c(u) with sum kernel c(u) u^k = moment for each order k."""
     powers = 2 * np.arange(len(orders))
     raised = np.vander(np.asarray(u, float), 2 * len(orders), increasing=True)
-    matrix = raised[:, orders].T @ (np.asarray(kernel, float)[:, None] * raised[:, powers])
+    matrix = raised[:, orders].T @ (
+        np.asarray(kernel, float)[:, None] * raised[:, powers]
+    )
     coefficients = np.zeros(powers[-1] + 1)
     coefficients[powers] = np.linalg.solve(matrix, np.array(moments))
     return np.polynomial.Polynomial(coefficients)

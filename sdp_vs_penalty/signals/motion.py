@@ -1,10 +1,11 @@
 """Which motion a model has been trained on, and how much of another one is new to it.
 
-A model judged on motion that it was trained on shows its repeatability, not how it does elsewhere. So a
-model keeps a record of its training motion: the path of (q, dq), behind the filters, each coordinate in
-units of its spread. Motion is new where some joint's position or velocity is farther than ``distance``
-spreads from every point of that path. The path is kept as straight lines between few points, and what
-comes back is kept once; both stay far below the distance, so that neither makes a repeated motion new.
+A model judged on motion that it was trained on shows its repeatability, not how it does
+elsewhere. So a model keeps a record of its training motion: the path of (q, dq), behind
+the filters, each coordinate in units of its spread. Motion is new where some joint's
+position or velocity is farther than ``distance`` spreads from every point of that path.
+The path is kept as straight lines between few points, and what comes back is kept once;
+both stay far below the distance, so that neither makes a repeated motion new.
 """
 
 from __future__ import annotations
@@ -24,11 +25,12 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.runs import interpolated, spans
 
-#: Motion is new beyond so many spreads of the training motion. A path of more than ``_MOST`` numbers is
-#: kept more coarsely, with a distance that grows alike, twice and four times as far; then not at all.
+#: Motion is new beyond so many spreads of the training motion. A path of more than
+#: ``_MOST`` numbers is kept more coarsely, with a distance that grows alike, twice and
+#: four times as far; then not at all.
 DISTANCE, _MOST = 0.1, 100_000
-#: In units of the distance: how far the lines may pass beside a row, how near a row counts as there
-#: already, and the spacing at which lines are looked up.
+#: In units of the distance: how far the lines may pass beside a row, how near a row
+#: counts as there already, and the spacing at which lines are looked up.
 _NEAR = 0.2
 
 
@@ -36,8 +38,9 @@ _NEAR = 0.2
 class MotionRecord(Plain):
     """The path of a training motion.
 
-    centre, scale (2 n,) of q [rad or m] and dq; lines : stretches (K, 2 n) of points on the path, less
-    the centre, over the scale; distance : beyond which motion is new, in units of the scale.
+    centre, scale (2 n,) of q [rad or m] and dq; lines : stretches (K, 2 n) of points on
+    the path, less the centre, over the scale; distance : beyond which motion is new, in
+    units of the scale.
     """
 
     centre: Array
@@ -53,15 +56,22 @@ class MotionRecord(Plain):
             raise ValueError("training_motion: a scale is not above 0")
 
     def new_share(self, runs: FilteredRuns) -> float | None:
-        """Share of the runs' filtered rows that are new: not within the distance of any point. None
-        where the filters leave none."""
+        """Share of the runs' filtered rows that are new: not within the distance of any
+        point. None where the filters leave none."""
         tree = _tree(self.lines, self.distance)
-        near = [_near(tree, (x - self.centre) / self.scale, self.distance) for x in _paths(runs)]
+        near = [
+            _near(tree, (x - self.centre) / self.scale, self.distance)
+            for x in _paths(runs)
+        ]
         return 1.0 - float(np.mean(np.concatenate(near))) if near else None
 
     def joined(self, other: MotionRecord) -> MotionRecord | None:
-        """The motion of both, in units of this one's spread; None where that is too much to keep."""
-        there = [(line * other.scale + other.centre - self.centre) / self.scale for line in other.lines]
+        """The motion of both, in units of this one's spread; None where that is too
+        much to keep."""
+        there = [
+            (line * other.scale + other.centre - self.centre) / self.scale
+            for line in other.lines
+        ]
         distance = max(self.distance, other.distance)
         return _record(self.centre, self.scale, lambda: [*self.lines, *there], distance)
 
@@ -69,7 +79,8 @@ class MotionRecord(Plain):
 def record_motion(runs: FilteredRuns) -> MotionRecord | None:
     """The record of the runs' rows, in the memory of a part of them.
 
-    None where the filters leave no row, or where there is more motion than a record can keep.
+    None where the filters leave no row, or where there is more motion than a record can
+    keep.
     """
     count, n = 0, runs.measurements.n
     first = total = square = np.zeros(2 * n)
@@ -79,14 +90,18 @@ def record_motion(runs: FilteredRuns) -> MotionRecord | None:
         total, square = total + away.sum(axis=0), square + np.sum(away**2, axis=0)
     if not count:
         return None
-    spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0)).reshape(2, n)
-    # A coordinate that stays within that distance of the largest one's is measured in it instead: the
-    # noise of a joint that hardly moves is no motion.
+    spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0)).reshape(
+        2, n
+    )
+    # A coordinate that stays within that distance of the largest one's is measured in
+    # it instead: the noise of a joint that hardly moves is no motion.
     scale = np.maximum(spread, DISTANCE * spread.max(axis=1, keepdims=True)).ravel()
     centre = first + total / count
     if not np.all(scale > 0.0):
         return None
-    return _record(centre, scale, lambda: ((x - centre) / scale for x in _paths(runs)), DISTANCE)
+    return _record(
+        centre, scale, lambda: ((x - centre) / scale for x in _paths(runs)), DISTANCE
+    )
 
 
 def _paths(runs: FilteredRuns) -> Iterator[Array]:
@@ -94,7 +109,10 @@ def _paths(runs: FilteredRuns) -> Iterator[Array]:
     for run in runs.runs:
         with suppress(InputError):  # no rows
             for motion in run.states():
-                gaps = np.flatnonzero(np.diff(motion.t) > 1.5 * run.step * run.filters.dt) + 1
+                gaps = (
+                    np.flatnonzero(np.diff(motion.t) > 1.5 * run.step * run.filters.dt)
+                    + 1
+                )
                 yield from np.split(np.hstack([motion.q, motion.dq]), gaps)
 
 
@@ -105,51 +123,62 @@ def _record(
     while distance <= 4.0 * DISTANCE:
         lines = _thinned(paths(), distance)
         if lines is not None:
-            return MotionRecord(centre, scale, tuple(np.round(x, 3) + 0.0 for x in lines), distance)
+            return MotionRecord(
+                centre, scale, tuple(np.round(x, 3) + 0.0 for x in lines), distance
+            )
         distance *= 2.0
     return None
 
 
 def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
-    """Few points of each path, and only where it has not been before; None for too many."""
+    """Few points of each path, and only where it has not been before; None for too
+    many."""
     lines, seen = list[Array](), 0
     for path in paths:
         start = 0
         while not start or start < len(path):
-            # A quarter of all before is looked up at a time, so that a long path takes few looks and
-            # its first periods are enough for the later ones; and one row more, to the next part.
+            # A quarter of all before is looked up at a time, so that a long path takes
+            # few looks and its first periods are enough for the later ones; and one row
+            # more, to the next part.
             few = min(max(200, seen // 4), PART)
             rows, start, seen = path[start : start + few + 1], start + few, seen + few
             fresh = np.ones(len(rows), bool)
             if lines:
                 fresh = ~_near(_tree(lines, distance), rows, _NEAR * distance)
             for first, end in spans(fresh):
-                lines.append(_straight(rows[max(first - 1, 0) : end + 1], _NEAR * distance))
+                lines.append(
+                    _straight(rows[max(first - 1, 0) : end + 1], _NEAR * distance)
+                )
             if sum(line.size for line in lines) > _MOST:
                 return None
     return lines
 
 
 def _tree(lines: Iterable[Array], distance: float) -> Any:
-    """Points on all lines, so close that none between is missed, to look for the nearest."""
+    """Points on all lines, so close that none between is missed, to look for the
+    nearest."""
     from scipy.spatial import cKDTree
 
     points = []
     for line in lines:
         steps = np.abs(np.diff(line, axis=0)).max(axis=1, initial=0.0)
-        ends = np.append(0.0, np.cumsum(np.maximum(np.ceil(steps / (_NEAR * distance)), 1.0)))
+        ends = np.append(
+            0.0, np.cumsum(np.maximum(np.ceil(steps / (_NEAR * distance)), 1.0))
+        )
         at = np.arange(ends[-1] + 1.0)
         points.append(interpolated(at, ends, line))
     return cKDTree(np.concatenate(points))
 
 
 def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
-    """(M,) whether rows (M, d) are less than ``reach`` from some point in every coordinate."""
+    """(M,) whether rows (M, d) are less than ``reach`` from some point in every
+    coordinate."""
     return np.isfinite(tree.query(rows, p=np.inf, distance_upper_bound=reach)[0])
 
 
 def _straight(rows: Array, beside: float) -> Array:
-    """Rows between which straight lines pass all the others within ``beside``: halved until they do."""
+    """Rows between which straight lines pass all the others within ``beside``: halved
+    until they do."""
     each, knots = np.arange(float(len(rows))), np.unique([0, len(rows) - 1])
     while len(knots) > 1:
         line = interpolated(each, knots, rows[knots])

@@ -1,15 +1,16 @@
 """The noise of measured torque, from repetition: free of any model's error.
 
-Where a motion repeats, a model's residual r repeats too, whatever the model gets wrong, and
-r(t) - r(t + T) holds only noise (twice), events, and what depends on time instead of motion: drift.
-Drift is taken out by regression on its columns, events by their local energy; what is left gives the
-noise floor and an autoregression that makes the noise white. r(t + T) is read by a cubic spline from
-samples at eight times the cut-off, at which the low-passed residual is a smooth curve: read between
-samples at its own rate, noise would be averaged and its floor too low.
+Where a motion repeats, a model's residual r repeats too, whatever the model gets wrong,
+and r(t) - r(t + T) holds only noise (twice), events, and what depends on time instead
+of motion: drift. Drift is taken out by regression on its columns, events by their local
+energy; what is left gives the noise floor and an autoregression that makes the noise
+white. r(t + T) is read by a cubic spline from samples at eight times the cut-off, at
+which the low-passed residual is a smooth curve: read between samples at its own rate,
+noise would be averaged and its floor too low.
 
 Where nothing repeats it is that of the torque's spectrum above the motion's band
-(:func:`spectral_floor`); where the log holds nothing there the residual itself has to stand in, and what
-is called noise is a guess.
+(:func:`spectral_floor`); where the log holds nothing there the residual itself has to
+stand in, and what is called noise is a guess.
 """
 
 from collections.abc import Callable, Sequence
@@ -57,11 +58,12 @@ _FEWEST = 60
 class Noise:
     """The noise of each joint, below the cut-off of the runs that it was measured in.
 
-    floor (n,) [N m or N]: its standard deviation; ar (n, ORDER) : autoregression; sigma (n,) : standard
-    deviation of the whitened noise; degrees (n,) of freedom behind it; source : REPETITION, SPECTRUM or
-    RESIDUAL (a guess: the model's error is in it); suspect (M, n) : rows where the repetition shows an
-    event; profile (M, n) : how the motion swells the noise, around 1; held (M, n) : standard deviation
-    of what friction adds while a joint stands still; repeats : what repeats what.
+    floor (n,) [N m or N]: its standard deviation; ar (n, ORDER) : autoregression; sigma
+    (n,) : standard deviation of the whitened noise; degrees (n,) of freedom behind it;
+    source : REPETITION, SPECTRUM or RESIDUAL (a guess: the model's error is in it);
+    suspect (M, n) : rows where the repetition shows an event; profile (M, n) : how the
+    motion swells the noise, around 1; held (M, n) : standard deviation of what friction
+    adds while a joint stands still; repeats : what repeats what.
     """
 
     floor: Array
@@ -76,8 +78,8 @@ class Noise:
 
     @cached_property
     def scale(self) -> Array:
-        """(M, n) standard deviation of the innovations; rows that follow one of a joint that stood still
-        remember it."""
+        """(M, n) standard deviation of the innovations; rows that follow one of a joint
+        that stood still remember it."""
         variance = (self.sigma * self.profile) ** 2 + self.held**2
         for lag, a in enumerate(self.ar.T, start=1):
             variance[lag:] += (a * self.held[:-lag]) ** 2
@@ -99,12 +101,13 @@ class Noise:
 
 
 def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
-    """The noise from repetition; where too little repeats from the torque's spectrum, at most the
-    model's residual, or from that residual alone, and then taken for white: a colour would be that of
-    the model's error, and hide what is looked for.
+    """The noise from repetition; where too little repeats from the torque's spectrum,
+    at most the model's residual, or from that residual alone, and then taken for white:
+    a colour would be that of the model's error, and hide what is looked for.
 
-    whole : all that was measured, where ``runs`` are windows of it: the noise is that of the whole,
-    which may repeat what a window does not; profile, suspect and repeats are of the rows of ``runs``.
+    whole : all that was measured, where ``runs`` are windows of it: the noise is that
+    of the whole, which may repeat what a window does not; profile, suspect and repeats
+    are of the rows of ``runs``.
     """
     known = _from_repetition(whole or runs, runs)
     if known is not None:
@@ -112,18 +115,28 @@ def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
     guess, floor = noise_in(runs, runs.residual), spectral_floor(runs)
     least = guess.floor if floor is None else np.minimum(floor, guess.floor)
     source = RESIDUAL if floor is None else SPECTRUM
-    return replace(guess, floor=least, sigma=least, ar=np.zeros_like(guess.ar), source=source)
+    return replace(
+        guess, floor=least, sigma=least, ar=np.zeros_like(guess.ar), source=source
+    )
 
 
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
-    """A guess: all of a residual (M, n) taken for noise, in rows during which the joint moves."""
+    """A guess: all of a residual (M, n) taken for noise, in rows during which the joint
+    moves."""
     n = runs.n
     moving = [_without(runs.pieces[j], runs.still[:, j] >= STILL) for j in range(n)]
     parts = [autoregression(residual[:, j], moving[j]) for j in range(n)]
     ar, sigma, degrees = (np.array(values) for values in zip(*parts, strict=True))
-    floor = np.array([residual[np.concatenate(p), j].std() if p else 0.0 for j, p in enumerate(moving)])
+    floor = np.array(
+        [
+            residual[np.concatenate(p), j].std() if p else 0.0
+            for j, p in enumerate(moving)
+        ]
+    )
     suspect = np.zeros_like(runs.keep)
-    return Noise(floor, ar, sigma, degrees, RESIDUAL, suspect, np.ones_like(residual), runs.held)
+    return Noise(
+        floor, ar, sigma, degrees, RESIDUAL, suspect, np.ones_like(residual), runs.held
+    )
 
 
 def _without(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
@@ -133,10 +146,12 @@ def _without(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
 
 
 def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
-    """The noise of ``runs``, on the rows of ``shown``: theirs, or those of windows of them.
+    """The noise of ``runs``, on the rows of ``shown``: theirs, or those of windows of
+    them.
 
-    A joint that stands still does so again when the motion repeats, and what friction holds there too:
-    it is no noise, but evidence only as far as a law of friction says it.
+    A joint that stands still does so again when the motion repeats, and what friction
+    holds there too: it is no noise, but evidence only as far as a law of friction says
+    it.
     """
     repeats = runs.repeats()
     if sum(len(r.rows) for r in repeats) < _FEWEST:
@@ -144,27 +159,44 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     n, count = runs.n, len(runs.t)
     difference, both = differences(runs, repeats), pairs(repeats)
     index, later = both.T
-    every, stuck = Pieces(consecutive(repeats)), runs.lawless[1][index] | runs.lawless[1][later]
+    every, stuck = (
+        Pieces(consecutive(repeats)),
+        runs.lawless[1][index] | runs.lawless[1][later],
+    )
     share = min(1.0, new_differences(both, count) / len(index))
     reach = max(1, round(SAME_PHASE * runs.rate))
     comes_back = partial(recurring, both, phases(both, count), reach)
-    # What offset and frictions leave of a difference when they drift, ever slower or faster.
+    # What offset and frictions leave of a difference when they drift, ever slower or
+    # faster.
     t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
-    gap, since = np.concatenate([r.later - runs.t[r.rows] for r in repeats]), t - t.mean()
+    gap, since = (
+        np.concatenate([r.later - runs.t[r.rows] for r in repeats]),
+        t - t.mean(),
+    )
 
     rates_shown = rates if shown is runs else rate_features(shown)
     profile = np.ones((rates_shown.shape[1], n))
     suspect = np.zeros((count, n), bool)
-    floor, ar, sigma, degrees = np.zeros(n), np.zeros((n, ORDER)), np.zeros(n), np.zeros(n)
+    floor, ar, sigma, degrees = (
+        np.zeros(n),
+        np.zeros((n, ORDER)),
+        np.zeros(n),
+        np.zeros(n),
+    )
     for j, dq in enumerate(speed.T):
         laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
         drift = gap[:, None] * np.column_stack([laws, since[:, None] * laws])
         drift /= or_one(np.linalg.norm(drift, axis=0))
         pieces = _without(every, stuck[:, j])
-        rest, good = _without_events(difference[:, j], drift, rates[j][index], pieces, n, comes_back)
+        rest, good = _without_events(
+            difference[:, j], drift, rates[j][index], pieces, n, comes_back
+        )
         steady = Pieces(p[good[p]] for p in pieces)
         ar[j], own, free = autoregression(rest, steady)
-        used, rank = sum(map(len, steady)), int(np.linalg.matrix_rank(drift * good[:, None]))
+        used, rank = (
+            sum(map(len, steady)),
+            int(np.linalg.matrix_rank(drift * good[:, None])),
+        )
         left = max(used - rank, 1)  # slow columns take noise with them
         floor[j] = np.sqrt(sum(np.sum(rest[p] ** 2) for p in steady) / left)
         sigma[j], degrees[j] = own * np.sqrt(used / left), max(share * free - rank, 1.0)
@@ -181,14 +213,20 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
 
 
-def _carried(suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns) -> NDArray[np.bool_]:
-    """(M, n) whether the rows of windows ``shown`` are within a row of what is suspect in ``runs``."""
+def _carried(
+    suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns
+) -> NDArray[np.bool_]:
+    """(M, n) whether the rows of windows ``shown`` are within a row of what is suspect
+    in ``runs``."""
     out = []
     for window in shown.segments:
         marked = np.zeros((len(window.t), runs.n), bool)
         for number, whole in enumerate(runs.segments):
             if is_part(window, whole):
-                own, at = suspect[runs.segment == number], np.searchsorted(whole.t, window.t)
+                own, at = (
+                    suspect[runs.segment == number],
+                    np.searchsorted(whole.t, window.t),
+                )
                 for k in (at - 1, at):
                     marked |= own[np.clip(k, 0, len(own) - 1)]
         out.append(marked)
@@ -199,7 +237,9 @@ def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     """(D, n) of noise with the variance of one residual: (r(t) - r(t + T)) / sqrt(2)."""
     from scipy.interpolate import CubicSpline
 
-    left = ((s.t_dense, s.torque_dense - s.dense @ s.motion.modelled) for s in runs.segments)
+    left = (
+        (s.t_dense, s.torque_dense - s.dense @ s.motion.modelled) for s in runs.segments
+    )
     dense = [CubicSpline(*both) for both in left]
     parts = [runs.residual[r.rows] - dense[r.other](r.later) for r in repeats]
     return np.concatenate(parts) / np.sqrt(2.0)
@@ -213,8 +253,9 @@ def _without_events(
     tests: int,
     comes_back: Callable[[NDArray[np.bool_]], NDArray[np.bool_]],
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """What the drift leaves of differences x (D,), and which of them are no event's; in turns, because
-    each spoils the other. comes_back : which of marked differences are no events."""
+    """What the drift leaves of differences x (D,), and which of them are no event's; in
+    turns, because each spoils the other. comes_back : which of marked differences are
+    no events."""
     good = np.ones(len(x), bool)
     for _ in range(3):
         rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
@@ -231,16 +272,20 @@ def _without_events(
 
 
 def rate_features(runs: SegmentedRuns) -> Array:
-    """(n, M, 2): for each joint the squares of its modelled torque's rate and of its velocity."""
-    rates = [s.low_pass @ np.gradient(s.motion.modelled, s.motion.t, axis=0) for s in runs.segments]
+    """(n, M, 2): for each joint the squares of its modelled torque's rate and of its
+    velocity."""
+    rates = [
+        s.low_pass @ np.gradient(s.motion.modelled, s.motion.t, axis=0)
+        for s in runs.segments
+    ]
     return np.swapaxes(np.stack([np.concatenate(rates), runs.dq], axis=2) ** 2, 0, 1)
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:
-    """(n,) standard deviation of the noise in the filtered rows [N m or N], the density S of the noise
-    continued below the motion's band through the low-pass H: floor^2 = mean over w of S |H|^2.
-    None where the logs show nothing above the motion, only what a filter has left of it, or what comes
-    and goes with the motion."""
+    """(n,) standard deviation of the noise in the filtered rows [N m or N], the density
+    S of the noise continued below the motion's band through the low-pass H: floor^2 =
+    mean over w of S |H|^2. None where the logs show nothing above the motion, only what
+    a filter has left of it, or what comes and goes with the motion."""
     stretches = [s.stretch for s in runs.segments]
     found = torque_spectrum(stretches, runs.cutoff)
     if found is None or any(found[2:]):
@@ -248,6 +293,8 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     (frequency, density, *_), dt = found, stretches[0].dt
     kernel = Kernel(runs.cutoff, dt).value
     size = max(2 * len(frequency) - 2, 4 * len(kernel))
-    passed = np.interp(frequency, np.fft.rfftfreq(size, dt), np.abs(np.fft.rfft(kernel, size)) ** 2)
+    passed = np.interp(
+        frequency, np.fft.rfftfreq(size, dt), np.abs(np.fft.rfft(kernel, size)) ** 2
+    )
     weight = np.where((frequency > 0.0) & (frequency < 0.5 / dt), 2.0, 1.0)
     return np.asarray(np.sqrt(density @ (weight * passed) / np.sum(weight)))

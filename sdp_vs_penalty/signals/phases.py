@@ -1,10 +1,11 @@
 """Splits by phase: what a motion repeats never lies on both sides of one.
 
-A run that repeats itself, or another run, holds the same motion several times: cut by time, a model
-would be judged on what it has been fitted to. Every split that the program makes goes by the clock of
-the motion instead: seconds since its beginning, modulo its period where it has one, common to all runs
-that show it. A fold is one stretch of every motion's clock; training keeps off it by a guard, because
-filtered rows share samples of the log.
+A run that repeats itself, or another run, holds the same motion several times: cut by
+time, a model would be judged on what it has been fitted to. Every split that the
+program makes goes by the clock of the motion instead: seconds since its beginning,
+modulo its period where it has one, common to all runs that show it. A fold is one
+stretch of every motion's clock; training keeps off it by a guard, because filtered rows
+share samples of the log.
 """
 
 from collections.abc import Sequence
@@ -27,8 +28,9 @@ from sdp_vs_penalty.signals.runs import interpolated, sample_rate
 class MotionClock:
     """The clock of one run's motion.
 
-    motion : runs of the same number show the same motion; start [s] : the run's instant at which its
-    clock shows zero; length [s] : the period, or how long a motion lasts that does not repeat itself.
+    motion : runs of the same number show the same motion; start [s] : the run's instant
+    at which its clock shows zero; length [s] : the period, or how long a motion lasts
+    that does not repeat itself.
     """
 
     motion: int
@@ -39,7 +41,9 @@ class MotionClock:
     def at(self, t: ArrayLike) -> Array:
         """Seconds of the motion's clock, in [0, length], at instants t of the run."""
         since = np.asarray(t, float) - self.start
-        return np.asarray(since % self.length if self.periodic else np.clip(since, 0.0, self.length))
+        return np.asarray(
+            since % self.length if self.periodic else np.clip(since, 0.0, self.length)
+        )
 
 
 def tracks_of(measurements: Measurements) -> list[Track]:
@@ -54,7 +58,8 @@ def tracks_of(measurements: Measurements) -> list[Track]:
 
 
 def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
-    """One clock a run; runs that repeat each other share theirs, as each of them shows it."""
+    """One clock a run; runs that repeat each other share theirs, as each of them shows
+    it."""
     clocks: list[MotionClock] = []
     for k, track in enumerate(tracks):
         t, period = track[0], repeat_period(*track)
@@ -74,10 +79,11 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
 
 @dataclass(frozen=True)
 class PhaseFolds:
-    """Folds of runs: fold k tests on the k-th of ``count`` equal stretches of every motion's clock.
+    """Folds of runs: fold k tests on the k-th of ``count`` equal stretches of every
+    motion's clock.
 
-    clocks : one a run; guard [s] : by which training keeps off the tested stretch, on either side and,
-    where a motion is periodic, around its period.
+    clocks : one a run; guard [s] : by which training keeps off the tested stretch, on
+    either side and, where a motion is periodic, around its period.
     """
 
     clocks: tuple[MotionClock, ...]
@@ -91,16 +97,22 @@ class PhaseFolds:
         return np.clip(slot, 0, self.count - 1)
 
     def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
-        """Index of the cell in which instants t of a run lie: between two borders of folds or guards."""
+        """Index of the cell in which instants t of a run lie: between two borders of
+        folds or guards."""
         clock = self.clocks[run]
         first, _, edges = self._motions[clock.motion]
         return first + np.searchsorted(edges[1:-1], clock.at(t), side="right")
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
-        """Of each cell its motion, and where it begins and ends on that motion's clock [s]."""
+        """Of each cell its motion, and where it begins and ends on that motion's clock
+        [s]."""
         motions = self._motions.items()
-        return [(k, a, b) for k, (_, _, edges) in motions for a, b in pairwise(edges.tolist())]
+        return [
+            (k, a, b)
+            for k, (_, _, edges) in motions
+            for a, b in pairwise(edges.tolist())
+        ]
 
     def tested(self, fold: int) -> list[int]:
         """Cells that a fold tests on."""
@@ -117,7 +129,8 @@ class PhaseFolds:
 
     @cached_property
     def _motions(self) -> dict[int, tuple[int, MotionClock, Array]]:
-        """Of each motion the number of its first cell, its clock, and the borders of its cells on it."""
+        """Of each motion the number of its first cell, its clock, and the borders of
+        its cells on it."""
         out, first = dict[int, tuple[int, MotionClock, Array]](), 0
         clocks = {clock.motion: clock for clock in reversed(self.clocks)}
         for motion, clock in sorted(clocks.items()):
@@ -130,18 +143,26 @@ class PhaseFolds:
         return out
 
     def _apart(self, fold: int) -> Array:
-        """Seconds on its clock from each cell to a fold's stretch, the shorter way; -1 within it."""
+        """Seconds on its clock from each cell to a fold's stretch, the shorter way; -1
+        within it."""
         out = list[Array]()
         for _, clock, edges in self._motions.values():
             at, begin = 0.5 * (edges[:-1] + edges[1:]), fold * clock.length / self.count
             ways = np.array([begin - at, at - begin - clock.length / self.count])
-            apart = np.min(ways % clock.length, axis=0) if clock.periodic else np.max(ways, axis=0)
+            apart = (
+                np.min(ways % clock.length, axis=0)
+                if clock.periodic
+                else np.max(ways, axis=0)
+            )
             out.append(np.where(np.all(ways < 0.0, axis=0), -1.0, apart))
         return np.concatenate(out)
 
 
-def phase_folds(measurements: Measurements, settings: Preprocessing, count: int) -> PhaseFolds:
-    """Folds of runs, guarded by the reach of the filters; ``settings`` must be resolved.
+def phase_folds(
+    measurements: Measurements, settings: Preprocessing, count: int
+) -> PhaseFolds:
+    """Folds of runs, guarded by the reach of the filters; ``settings`` must be
+    resolved.
 
     Two rows farther apart than the guard share no sample of the log.
     """
@@ -158,11 +179,13 @@ def filter_reach(run: Measurements, settings: Preprocessing) -> float:
 def phase_windows(
     clock: MotionClock, span: float, share: float, pause: float, shortest: float
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]] | None:
-    """One run split in two: windows [s from its start] for training, and windows for testing.
+    """One run split in two: windows [s from its start] for training, and windows for
+    testing.
 
-    clock : of the run, whose start is its own first instant; span [s] : how long it lasts; share : of
-    the motion that is for training, all its repetitions with it; pause [s] : between the two; shortest
-    [s] : of what the filters leave something. None where the motion repeats too fast for two such parts.
+    clock : of the run, whose start is its own first instant; span [s] : how long it
+    lasts; share : of the motion that is for training, all its repetitions with it;
+    pause [s] : between the two; shortest [s] : of what the filters leave something.
+    None where the motion repeats too fast for two such parts.
     """
     length = clock.length if clock.periodic else span
     cut = min(share * length, length - shortest - 2.0 * pause)
@@ -173,5 +196,7 @@ def phase_windows(
         train.append((begin, min(begin + cut, span)))
         end = begin + length - pause if clock.periodic else span
         test.append((begin + cut + pause, min(end, span)))
-    parts = [[(a, b) for a, b in windows if b - a >= shortest] for windows in (train, test)]
+    parts = [
+        [(a, b) for a, b in windows if b - a >= shortest] for windows in (train, test)
+    ]
     return (parts[0], parts[1]) if parts[0] and parts[1] else None

@@ -1,7 +1,7 @@
 """From raw logs to regression rows: resampling, states, and one low-pass on both sides.
 
-Three steps, each zero-phase and each with a finite impulse response, so that a run can be worked
-through in pieces with exactly the result of the whole:
+Three steps, each zero-phase and each with a finite impulse response, so that a run can
+be worked through in pieces with exactly the result of the whole:
 
 1. Jittered time stamps are resampled linearly to the median rate. Runs are split at gaps.
 2. The position is convolved with a low-pass kernel and its exact first and second derivative:
@@ -14,8 +14,9 @@ through in pieces with exactly the result of the whole:
    Coulomb friction's. Smooth ones (the links') are no sharper than products of the states, and are
    computed at a rate at which these do not fold back: the same to 1e-5 of the largest one.
 
-The kernel (kernels.py) reaches 2 / cut-off to either side. Rows within the half lengths of both kernels
-of the ends of a run would need samples from outside it, and are dropped.
+The kernel (kernels.py) reaches 2 / cut-off to either side. Rows within the half lengths
+of both kernels of the ends of a run would need samples from outside it, and are
+dropped.
 """
 
 from __future__ import annotations
@@ -44,12 +45,17 @@ from sdp_vs_penalty.signals.runs import (
     no_motion,
     sample_rate,
 )
-from sdp_vs_penalty.signals.spectrum import highest_harmonic, smoothed_cutoff, unbent_cutoff
+from sdp_vs_penalty.signals.spectrum import (
+    highest_harmonic,
+    smoothed_cutoff,
+    unbent_cutoff,
+)
 
-#: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4 cut-offs.
+#: Rows decimated to this multiple of the cut-off: the kernel's stop band starts at 1.4
+#: cut-offs.
 OVERSAMPLING = 4.0
-#: Columns are computed at this multiple of the cut-off: what they hold above half of it (reversals of
-#: friction, products of states) must not fold back below the cut-off.
+#: Columns are computed at this multiple of the cut-off: what they hold above half of it
+#: (reversals of friction, products of states) must not fold back below the cut-off.
 _COLUMN_RATE = 30.0
 
 
@@ -77,7 +83,8 @@ class Preprocessing:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < np.inf:
                 raise InputError(
-                    f"preprocessing: {name} {value!r} is not a frequency above 0 Hz", "give one in Hz"
+                    f"preprocessing: {name} {value!r} is not a frequency above 0 Hz",
+                    "give one in Hz",
                 )
         if not 0.0 <= self.standstill < 1.0:
             raise InputError(
@@ -85,15 +92,23 @@ class Preprocessing:
                 "give a number from 0 to below 1",
             )
 
-    def resolve(self, measurements: Measurements, least: float | None = None) -> Preprocessing:
-        """The same settings with every number filled in for these measurements. least : where the
-        states' cut-off begins [Hz]; by default ten times the motion's highest harmonic."""
+    def resolve(
+        self, measurements: Measurements, least: float | None = None
+    ) -> Preprocessing:
+        """The same settings with every number filled in for these measurements. least :
+        where the states' cut-off begins [Hz]; by default ten times the motion's highest
+        harmonic."""
         rate = min(sample_rate(run) for run in measurements.runs())
         state, highest = self.state_cutoff, rate / 10.0
         if state is None:
-            state = least or 10.0 * max(highest_harmonic(run) for run in measurements.runs())
+            state = least or 10.0 * max(
+                highest_harmonic(run) for run in measurements.runs()
+            )
         state = min(state, highest)
-        torque = min(1.6 * state if self.torque_cutoff is None else self.torque_cutoff, rate / 5.0)
+        torque = min(
+            1.6 * state if self.torque_cutoff is None else self.torque_cutoff,
+            rate / 5.0,
+        )
         if self.torque_cutoff is None and measurements.torque_logged:
             torque = smoothed_cutoff(list(measurements.runs()), torque)
         if self.state_cutoff is None:
@@ -102,11 +117,12 @@ class Preprocessing:
 
 
 class RunFilter:
-    """The filters of one run, ``settings`` resolved: both sides of tau = Y theta pass them alike.
+    """The filters of one run, ``settings`` resolved: both sides of tau = Y theta pass
+    them alike.
 
-    Positions become states on the column grid, every ``stride``-th sample of the log, where columns
-    are computed and pass the low-pass ``coarse``; torque passes ``column``, the same low-pass at the
-    log's rate.
+    Positions become states on the column grid, every ``stride``-th sample of the log,
+    where columns are computed and pass the low-pass ``coarse``; torque passes
+    ``column``, the same low-pass at the log's rate.
     """
 
     def __init__(self, run: Measurements, settings: Preprocessing) -> None:
@@ -115,26 +131,37 @@ class RunFilter:
         self.run, self.dt = run, 1.0 / sample_rate(run)
         # Before any kernel is made: its length is that of the cut-off, not of the run.
         reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
-        # Nor longer than the grid of a run whose clock leaps: at most so many points a sample.
-        longest = min(float(run.t[-1] - run.t[0]) + self.dt, 2.0 * FINEST * len(run.t) * self.dt)
+        # Nor longer than the grid of a run whose clock leaps: at most so many points a
+        # sample.
+        longest = min(
+            float(run.t[-1] - run.t[0]) + self.dt, 2.0 * FINEST * len(run.t) * self.dt
+        )
         if not reach < longest:
             raise no_rows(run, 2.0 * reach)
         self.state = Kernel(settings.state_cutoff, self.dt)
         self.column = Kernel(settings.torque_cutoff, self.dt)
-        self.grid_stride = max(1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt)))
+        self.grid_stride = max(
+            1, int(1.0 / (_COLUMN_RATE * self.column.cutoff * self.dt))
+        )
         self.stride = self.grid_stride
         self.coarse = self.column.sampled(self.stride)
-        # Smooth columns hold products of up to four states. Of the samples between two rows, so that
-        # rows lie on the grid of smooth columns too.
-        step, highest = self.step(OVERSAMPLING), settings.torque_cutoff + 4.0 * settings.state_cutoff
+        # Smooth columns hold products of up to four states. Of the samples between two
+        # rows, so that rows lie on the grid of smooth columns too.
+        step, highest = (
+            self.step(OVERSAMPLING),
+            settings.torque_cutoff + 4.0 * settings.state_cutoff,
+        )
         most = max(1.0, 1.0 / (STOPS * highest * self.dt))
-        self.smooth_stride = max(k for k in range(1, step + 1) if step % k == 0 and k <= most)
+        self.smooth_stride = max(
+            k for k in range(1, step + 1) if step % k == 0 and k <= most
+        )
         self.smooth = self.column.sampled(self.smooth_stride)
         self.standstill = settings.standstill
 
     @property
     def every_sample(self) -> RunFilter:
-        """The same with columns at the log's rate, for effects that remember sample by sample."""
+        """The same with columns at the log's rate, for effects that remember sample by
+        sample."""
         fine = copy(self)
         fine.stride, fine.coarse = 1, self.column
         return fine
@@ -145,13 +172,16 @@ class RunFilter:
         return Movement(self.run, self.standstill)
 
     def step(self, rate: float) -> int:
-        """One row in so many samples of the log, for ``rate`` rows per period of the cut-off."""
+        """One row in so many samples of the log, for ``rate`` rows per period of the
+        cut-off."""
         stride = self.grid_stride
-        return stride * max(1, int(1.0 / (rate * self.column.cutoff * self.dt * stride)))
+        return stride * max(
+            1, int(1.0 / (rate * self.column.cutoff * self.dt * stride))
+        )
 
     def around(self, part: Stretch, at: NDArray[np.int64]) -> tuple[Motion, Motion]:
-        """Motions on the column grid and on that of smooth columns, as far around the samples ``at`` as
-        their low-passes look."""
+        """Motions on the column grid and on that of smooth columns, as far around the
+        samples ``at`` as their low-passes look."""
         reach = [self.stride * self.coarse.half, self.smooth_stride * self.smooth.half]
         first, last = at[0] - max(reach), at[-1] + max(reach)
         states = self._states(part, part.q, first, last)
@@ -160,19 +190,31 @@ class RunFilter:
         grid = [x[own][:: self.stride] for x in states]
         fine = self.motion(part, at[0] - reach[0], at[-1] + reach[0], grid)
         q, dq, ddq = (x[smooth][:: self.smooth_stride] for x in states)
-        clock = part.clock(np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride))
+        clock = part.clock(
+            np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride)
+        )
         return fine, Motion(clock, q, dq, ddq)
 
-    def _states(self, part: Stretch, q: Array, first: int, last: int) -> tuple[Array, Array, Array]:
-        """Positions of a log and their rates, low-passed, from sample ``first`` to ``last``."""
+    def _states(
+        self, part: Stretch, q: Array, first: int, last: int
+    ) -> tuple[Array, Array, Array]:
+        """Positions of a log and their rates, low-passed, from sample ``first`` to
+        ``last``."""
         around = part.resampled(q, first - self.state.half, last + 1 + self.state.half)
         return self.state.states(around)
 
     def motion(
-        self, part: Stretch, first: int, last: int, states: Sequence[Array] | None = None
+        self,
+        part: Stretch,
+        first: int,
+        last: int,
+        states: Sequence[Array] | None = None,
     ) -> Motion:
-        """On the column grid from the log's sample ``first`` to ``last``; states : there, if known."""
-        q, dq, ddq = states or [x[:: self.stride] for x in self._states(part, part.q, first, last)]
+        """On the column grid from the log's sample ``first`` to ``last``; states :
+        there, if known."""
+        q, dq, ddq = states or [
+            x[:: self.stride] for x in self._states(part, part.q, first, last)
+        ]
         clock = part.clock(np.arange(first, last + 1, self.stride))
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
@@ -182,21 +224,36 @@ class RunFilter:
             command, path = self._command(part, first, last)
         if part.qmot is not None:
             motors = self._states(part, part.qmot, first, last)[2][:: self.stride]
-        motion = Motion(clock, q, dq, ddq, temperature=warm, command=command, sum=path, motors=motors)
+        motion = Motion(
+            clock,
+            q,
+            dq,
+            ddq,
+            temperature=warm,
+            command=command,
+            sum=path,
+            motors=motors,
+        )
         return replace(motion, within=Sampling(self.stride, self.dt))
 
     def _command(self, part: Stretch, first: int, last: int) -> tuple[Command, Array]:
-        """What the drives were told, from a longest delay before sample ``first`` on, and the integral
-        of the positions from there to ``last``: filtered as the positions are."""
+        """What the drives were told, from a longest delay before sample ``first`` on,
+        and the integral of the positions from there to ``last``: filtered as the
+        positions are."""
         assert part.qcmd is not None
         every = slice(None, None, self.stride)
         # Profiles look a little beyond the latest.
         begin = first - self.stride * -(-int(1.2 * LATEST / self.dt) // self.stride)
         of_command, of_motion = part.integrals
-        told, since = (self._states(part, x, begin, last) for x in (part.qcmd, of_command))
+        told, since = (
+            self._states(part, x, begin, last) for x in (part.qcmd, of_command)
+        )
         states = (x[every] for x in (*told, since[0]))
         path = self._states(part, of_motion, first, last)[0][every]
-        return Command(part.clock(np.arange(begin, last + 1, self.stride)), *states), path
+        return (
+            Command(part.clock(np.arange(begin, last + 1, self.stride)), *states),
+            path,
+        )
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""
@@ -212,7 +269,9 @@ def no_rows(run: Measurements, seconds: float) -> InputError:
     what = f"the run lasts {lasts:.3g} s, the filters need more than {seconds:.3g} s"
     remedy = "record longer, or raise the cut-offs"
     if lasts > seconds:
-        needed = f"no continuous motion longer than {seconds:.3g} s, which the filters need"
+        needed = (
+            f"no continuous motion longer than {seconds:.3g} s, which the filters need"
+        )
         what = f"no rows are left after filtering: {needed}"
         remedy = "record a longer motion, or raise the cut-offs"
     return InputError(what, remedy, run.names[0])

@@ -1,7 +1,7 @@
 """Where a motion comes back: after a period within a run, or again in another run.
 
-Whatever a model gets wrong comes back with the motion; noise is new each time. Everything that
-measures noise or tells it from error rests on the repeats found here.
+Whatever a model gets wrong comes back with the motion; noise is new each time.
+Everything that measures noise or tells it from error rests on the repeats found here.
 """
 
 from collections.abc import Sequence
@@ -19,15 +19,16 @@ from sdp_vs_penalty.signals.runs import interpolated
 #: Instants (M,) s and positions (M, n) of one uninterrupted motion.
 Track: TypeAlias = tuple[Array, Array]
 
-#: Motions are alike if their positions differ by less than this share of each joint's motion.
+#: Motions are alike if their positions differ by less than this share of each joint's
+#: motion.
 ALIKE = 0.01
 #: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
 _SHORTEST = 2.0
 
 
 def motion_scale(q: Array) -> Array | None:
-    """(n,) size of each joint's motion, so that a small one counts too, but for what is alike beside the
-    largest; None for no motion at all."""
+    """(n,) size of each joint's motion, so that a small one counts too, but for what is
+    alike beside the largest; None for no motion at all."""
     size = q.std(axis=0)
     return np.maximum(size, ALIKE * size.max()) if size.max() > 0.0 else None
 
@@ -35,9 +36,9 @@ def motion_scale(q: Array) -> Array | None:
 def repeat_period(t: Array, q: Array) -> float | None:
     """The period T [s] after which a run repeats its motion, or None where it does not.
 
-    t (M,) s and q (M, n) of one run; ``_SHORTEST`` seconds at least must overlap. A stand at either end
-    does not count, and up to ``_SHORTEST`` seconds there may be another motion: the way to where it
-    repeats, a ramp.
+    t (M,) s and q (M, n) of one run; ``_SHORTEST`` seconds at least must overlap. A
+    stand at either end does not count, and up to ``_SHORTEST`` seconds there may be
+    another motion: the way to where it repeats, a ramp.
     """
     scale = motion_scale(q)
     if scale is None:
@@ -53,14 +54,17 @@ def repeat_period(t: Array, q: Array) -> float | None:
         step = float(np.median(np.diff(own[0])))
         last = int((own[0][-1] - own[0][0] - _SHORTEST) / step)
         # The first that is one, not its multiples.
-        for _, lag in _valleys(own, own, scale, step, np.arange(max(1, int(0.5 / step)), last)):
+        for _, lag in _valleys(
+            own, own, scale, step, np.arange(max(1, int(0.5 / step)), last)
+        ):
             if _alike(own, own, scale, lag):
                 return lag
     return None
 
 
 def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
-    """Clock difference after which b repeats a, from a's beginning on; None where it does not.
+    """Clock difference after which b repeats a, from a's beginning on; None where it
+    does not.
 
     slip : how far b may begin before or after the motion of a [s].
     """
@@ -68,7 +72,9 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
     if scale is None or min(len(a[0]), len(b[0])) < 3:
         return None
     step = float(np.median(np.diff(a[0])))
-    back, ahead = (int(min(slip, float(t[-1] - t[0]) - _SHORTEST) / step) for t, _ in (a, b))
+    back, ahead = (
+        int(min(slip, float(t[-1] - t[0]) - _SHORTEST) / step) for t, _ in (a, b)
+    )
     if min(back, ahead) <= 0:
         return None
     best = min(_valleys(a, b, scale, step, np.arange(-back, ahead + 1)), default=None)
@@ -80,20 +86,31 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
 def _valleys(
     a: Track, b: Track, scale: Array, step: float, lags: NDArray[np.int64]
 ) -> list[tuple[float, float]]:
-    """Mean square of the difference b(t_b0 + k step + lag) - a(t_a0 + k step), each joint in units of
-    its scale (n,), where it has a minimum that reaches the ground, and that lag [s], in the order of
-    ``lags`` [steps] in a row: all by one correlation.
+    """Mean square of the difference b(t_b0 + k step + lag) - a(t_a0 + k step), each
+    joint in units of its scale (n,), where it has a minimum that reaches the ground,
+    and that lag [s], in the order of ``lags`` [steps] in a row: all by one correlation.
 
-    Between two lags the difference grows linearly, its square has the vertex of a parabola.
+    Between two lags the difference grows linearly, its square has the vertex of a
+    parabola.
     """
-    x, y = (interpolated(np.arange(t[0], t[-1], step), t, q / scale).T for t, q in (a, b))
+    x, y = (
+        interpolated(np.arange(t[0], t[-1], step), t, q / scale).T for t, q in (a, b)
+    )
     middle, (n, M), N = x.mean(axis=1, keepdims=True), x.shape, y.shape[1]
     length = fft.next_fast_len(M + N, real=True)
     spectra = [fft.rfft(z - middle, length) for z in (x, y)]
     product = fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=0), length)[lags]
     first, last = np.maximum(0, -lags), np.minimum(M, N - lags)
-    own, other = (np.append(0.0, np.cumsum(np.sum((z - middle) ** 2, axis=0))) for z in (x, y))
-    total = own[last] - own[first] + other[last + lags] - other[first + lags] - 2.0 * product
+    own, other = (
+        np.append(0.0, np.cumsum(np.sum((z - middle) ** 2, axis=0))) for z in (x, y)
+    )
+    total = (
+        own[last]
+        - own[first]
+        + other[last + lags]
+        - other[first + lags]
+        - 2.0 * product
+    )
     squares = np.maximum(total, 0.0) / ((last - first) * n)
     left, center, right = squares[:-2], squares[1:-1], squares[2:]
     bend = left - 2.0 * center + right
@@ -113,14 +130,16 @@ def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:
 
 
 def _difference(q: Array, other: Array, scale: Array) -> float:
-    """Root mean square of the difference of two motions (M, n), each joint in units of its scale."""
+    """Root mean square of the difference of two motions (M, n), each joint in units of
+    its scale."""
     return float(np.sqrt(np.mean(((q - other) / scale) ** 2)))
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """What of a segment is compared: rows t (M,) of which ``keep`` (M,) count; positions q_dense (D, n)
-    at t_dense (D,), between which they can be read by interpolation."""
+    """What of a segment is compared: rows t (M,) of which ``keep`` (M,) count;
+    positions q_dense (D, n) at t_dense (D,), between which they can be read by
+    interpolation."""
 
     t: Array
     keep: NDArray[np.bool_]
@@ -130,8 +149,9 @@ class Filtered:
 
 @dataclass(frozen=True)
 class Repeat:
-    """Rows ``rows`` (indices into all rows) of a segment come back at the instants ``later`` of the
-    segment ``other``, of which the first rows from then on are ``there``."""
+    """Rows ``rows`` (indices into all rows) of a segment come back at the instants
+    ``later`` of the segment ``other``, of which the first rows from then on are
+    ``there``."""
 
     rows: NDArray[np.intp]
     other: int
@@ -140,7 +160,8 @@ class Repeat:
 
 
 def is_part(window: Filtered, whole: Filtered) -> bool:
-    """Whether a segment is a stretch of another one: the same positions at the same instants."""
+    """Whether a segment is a stretch of another one: the same positions at the same
+    instants."""
     t, span = window.t_dense, whole.t_dense
     inside = (t >= span[0]) & (t <= span[-1])
     scale = motion_scale(whole.q_dense)
@@ -161,7 +182,11 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
     for k, a in enumerate(segments):
         own, scale = (a.t_dense, a.q_dense), motion_scale(a.q_dense)
         for m, b in enumerate(segments[k:], k):
-            shift = repeat_period(*own) if m == k else repeat_lag(own, (b.t_dense, b.q_dense))
+            shift = (
+                repeat_period(*own)
+                if m == k
+                else repeat_lag(own, (b.t_dense, b.q_dense))
+            )
             if shift is None or scale is None:
                 continue
             later = a.t + shift
@@ -170,7 +195,9 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
             if inside.sum() < fewest:
                 continue
             at, later = a.t[inside], later[inside]
-            q, there = (CubicSpline(s.t_dense, s.q_dense)(x) for s, x in ((a, at), (b, later)))
+            q, there = (
+                CubicSpline(s.t_dense, s.q_dense)(x) for s, x in ((a, at), (b, later))
+            )
             alike = np.all(np.abs(q - there) < ALIKE * scale, axis=1)
             index, later = starts[k] + np.flatnonzero(inside)[alike], later[alike]
             if len(index) >= fewest:
@@ -185,10 +212,11 @@ def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
 
 
 def new_differences(both: NDArray[np.intp], count: int) -> int:
-    """How many of the differences say something new: of K instants with the same motion, K - 1.
+    """How many of the differences say something new: of K instants with the same
+    motion, K - 1.
 
-    both : of :func:`pairs`; count : rows in all. Six equal runs make fifteen pairs, but at most five
-    such differences an instant.
+    both : of :func:`pairs`; count : rows in all. Six equal runs make fifteen pairs, but
+    at most five such differences an instant.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -198,7 +226,8 @@ def new_differences(both: NDArray[np.intp], count: int) -> int:
 
 
 def phases(both: NDArray[np.intp], count: int) -> Array:
-    """(D,) the phase of the motion in each difference, in rows: the first row at which it is known."""
+    """(D,) the phase of the motion in each difference, in rows: the first row at which
+    it is known."""
     phase = np.arange(count, dtype=float)
     for first, second in both[np.argsort(both[:, 0], kind="stable")]:
         phase[second] = min(phase[second], phase[first])
@@ -208,9 +237,9 @@ def phases(both: NDArray[np.intp], count: int) -> Array:
 def recurring(
     both: NDArray[np.intp], phase: Array, reach: int, marked: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """(D,) which ``marked`` differences come back within ``reach`` rows of their phase in one of two
-    other instants: noise that the motion swells, of which no one instant is the odd one. both, phase :
-    of :func:`pairs` and :func:`phases`."""
+    """(D,) which ``marked`` differences come back within ``reach`` rows of their phase
+    in one of two other instants: noise that the motion swells, of which no one instant
+    is the odd one. both, phase : of :func:`pairs` and :func:`phases`."""
     out, others = np.zeros(len(phase), bool), np.flatnonzero(marked)
     for k in others:
         near = others[np.abs(phase[others] - phase[k]) <= reach]
@@ -220,7 +249,10 @@ def recurring(
 
 
 def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
-    """The differences of all repeats, numbered through, as index arrays of uninterrupted rows."""
+    """The differences of all repeats, numbered through, as index arrays of
+    uninterrupted rows."""
     rows = np.concatenate([np.arange(0), *(r.rows for r in repeats)])
     ends = np.cumsum([len(r.rows) for r in repeats])[:-1]
-    return np.split(np.arange(len(rows)), np.union1d(ends, np.flatnonzero(np.diff(rows) != 1) + 1))
+    return np.split(
+        np.arange(len(rows)), np.union1d(ends, np.flatnonzero(np.diff(rows) != 1) + 1)
+    )

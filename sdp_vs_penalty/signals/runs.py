@@ -13,19 +13,21 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAME_PHASE, SAMPLES
 
-#: A joint whose position has at most this standard deviation [rad, m] may be an idle one's noise.
+#: A joint whose position has at most this standard deviation [rad, m] may be an idle
+#: one's noise.
 _LARGEST_NOISE = 0.01
 
-#: A step this long is no sampling but a pause [s]; and the grid has at most so many points a sample.
+#: A step this long is no sampling but a pause [s]; and the grid has at most so many
+#: points a sample.
 _PAUSE, FINEST = 0.05, 10.0
 
 
 def sample_rate(run: Measurements) -> float:
-    """Samples a second: one over the median time step [Hz], of a long run that of stretches that are
-    spread over it.
+    """Samples a second: one over the median time step [Hz], of a long run that of
+    stretches that are spread over it.
 
-    Stamps that come in bursts have a median step of nothing: the grid on which a run is resampled never
-    has more than ten points a sample, pauses apart.
+    Stamps that come in bursts have a median step of nothing: the grid on which a run is
+    resampled never has more than ten points a sample, pauses apart.
     """
     count, size = (1, len(run.t)) if len(run.t) <= SAMPLES else (SAMPLES // PART, PART)
     starts = np.linspace(0, len(run.t) - size, count).astype(int)
@@ -39,8 +41,9 @@ def sample_rate(run: Measurements) -> float:
 def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     """(n,) which joints move at all, rather than flicker about one position.
 
-    From row to row a noisy position changes as much as it ever does (the ratio is 0.7 for white
-    noise, up to 1.5 for the idle joints of a real arm), a smooth motion far less (over 100).
+    From row to row a noisy position changes as much as it ever does (the ratio is 0.7
+    for white noise, up to 1.5 for the idle joints of a real arm), a smooth motion far
+    less (over 100).
     """
     total = square = steps = np.zeros(run.n)
     for _, part in parts(run.q, overlap=1):
@@ -55,10 +58,11 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
 
 
 class Movement:
-    """Which instants belong to motion rather than standstill, from positions half a second apart.
+    """Which instants belong to motion rather than standstill, from positions half a
+    second apart.
 
-    moves (N,) : of each sample whether some joint comes farther within half a second than ``share``
-    of the farthest that it ever comes.
+    moves (N,) : of each sample whether some joint comes farther within half a second
+    than ``share`` of the farthest that it ever comes.
     """
 
     def __init__(self, run: Measurements, share: float) -> None:
@@ -87,7 +91,8 @@ def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class Stretch:
-    """What lies between two gaps of a run's clock, resampled to t[0] + k dt where it is asked for."""
+    """What lies between two gaps of a run's clock, resampled to t[0] + k dt where it is
+    asked for."""
 
     t: Array
     q: Array
@@ -107,7 +112,8 @@ class Stretch:
 
     @cached_property
     def integrals(self) -> tuple[Array, Array]:
-        """(N, n) of qcmd and of q over time since the stretch began, at the samples as logged."""
+        """(N, n) of qcmd and of q over time since the stretch began, at the samples as
+        logged."""
         from scipy.integrate import cumulative_trapezoid
 
         integral = partial(cumulative_trapezoid, x=self.t, axis=0, initial=0.0)
@@ -119,8 +125,8 @@ class Stretch:
 
 
 def interpolated(at: Array, t: Array, values: Array) -> Array:
-    """(len(at), n) values (N, n), known at instants t, at other ones in order, piece by piece; each
-    column contiguous, as they are worked on one by one."""
+    """(len(at), n) values (N, n), known at instants t, at other ones in order, piece by
+    piece; each column contiguous, as they are worked on one by one."""
     out = np.empty((values.shape[1], len(at)))
     for start in range(0, len(at), PART):
         few = at[start : start + PART]
@@ -133,7 +139,8 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
 
 
 def stretches(run: Measurements) -> Iterator[Stretch]:
-    """The uninterrupted parts of a run: a time step above 20 usual ones (at least 50 ms) is a gap."""
+    """The uninterrupted parts of a run: a time step above 20 usual ones (at least 50
+    ms) is a gap."""
     dt = 1.0 / sample_rate(run)
     pause = max(20.0 * dt, _PAUSE)
     found = [k + np.flatnonzero(np.diff(t) > pause) for k, t in parts(run.t, overlap=1)]
@@ -147,4 +154,6 @@ def stretches(run: Measurements) -> Iterator[Stretch]:
 
 def no_motion(run: Measurements) -> InputError:
     """For a run in which no joint moves."""
-    return InputError("the robot does not move in this run", "record a motion", run.names[0])
+    return InputError(
+        "the robot does not move in this run", "record a motion", run.names[0]
+    )

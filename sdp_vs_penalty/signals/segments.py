@@ -1,4 +1,5 @@
-"""Measured runs cut into filtered segments: the rows on which noise is measured and models are judged.
+"""Measured runs cut into filtered segments: the rows on which noise is measured and
+models are judged.
 
 Three grids, all uniform:
 
@@ -43,7 +44,8 @@ from sdp_vs_penalty.signals.standstill import (
     standing,
 )
 
-#: Rows at twice the cut-off that noise, residuals and a library of effects are judged on at most.
+#: Rows at twice the cut-off that noise, residuals and a library of effects are judged
+#: on at most.
 MOST = 4000
 #: Windows of a single run.
 _WINDOWS = 4
@@ -57,15 +59,18 @@ Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
 @dataclass(frozen=True)
 class Columns:
-    """Effects' columns at the rows. parts : low-pass (M, N) and motion of each segment; kept : those
-    that were asked for, of the motion alone and, with the model's torque and links, of this model."""
+    """Effects' columns at the rows. parts : low-pass (M, N) and motion of each segment;
+    kept : those that were asked for, of the motion alone and, with the model's torque
+    and links, of this model."""
 
     parts: Sequence[tuple[Decimator, Motion]]
     kept: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
 
     def of(self, effect: Effect, keep: bool) -> list[Block]:
         """Blocks of (M, k) of the true torque; keep : for who asks again."""
-        width = None if effect.signless or not self.parts else self.parts[0][1].sign_width
+        width = (
+            None if effect.signless or not self.parts else self.parts[0][1].sign_width
+        )
         key = type(effect), effect.joints, *effect.shape.items(), width
         kept = self.kept[depends(effect)]
         known, blocks = kept.get(key, (None, None))
@@ -76,7 +81,8 @@ class Columns:
         return blocks
 
     def _made(self, effect: Effect) -> list[Block]:
-        """A few rows at a time, of a column grid many times as fine: the fewer, the more columns."""
+        """A few rows at a time, of a column grid many times as fine: the fewer, the
+        more columns."""
         whole, pieces = depends(effect) or effect.has_memory, list[list[Block]]()
         for low_pass, motion in self.parts:
             count = len(low_pass.at)
@@ -88,16 +94,19 @@ class Columns:
                     around = motion.part(samples)
                 pieces.append(low_passed(few, {0: effect.blocks(around)})[0])
         every = zip(*pieces, strict=True)
-        return [replace(b[0], columns=np.concatenate([x.columns for x in b])) for b in every]
+        return [
+            replace(b[0], columns=np.concatenate([x.columns for x in b])) for b in every
+        ]
 
 
 @dataclass(frozen=True)
 class Segment(Filtered):
     """One uninterrupted piece of a run.
 
-    motion : on the column grid; torque (M, n) : at the rows; stretch : of the log; still : (M, n) the
-    share of each row that a joint stood still; low_pass (M, N), dense (D, N) : from the column grid to
-    the rows and to the dense grid, on which torque_dense (D, n) is known too.
+    motion : on the column grid; torque (M, n) : at the rows; stretch : of the log;
+    still : (M, n) the share of each row that a joint stood still; low_pass (M, N),
+    dense (D, N) : from the column grid to the rows and to the dense grid, on which
+    torque_dense (D, n) is known too.
     """
 
     run: int
@@ -117,11 +126,13 @@ class Segment(Filtered):
 
 @dataclass(frozen=True)
 class SegmentedRuns:
-    """All segments of all runs, their rows stacked in order (M in all); rate : rows a second.
+    """All segments of all runs, their rows stacked in order (M in all); rate : rows a
+    second.
 
-    masked (M, n) : rows that do not count for a joint although its segment keeps them (events);
-    columns : of effects on the rows; repeats : says which rows come back where; again : the same read by
-    encoders whose steps lie elsewhere; attached : the arguments of :meth:`with_model`.
+    masked (M, n) : rows that do not count for a joint although its segment keeps them
+    (events); columns : of effects on the rows; repeats : says which rows come back
+    where; again : the same read by encoders whose steps lie elsewhere; attached : the
+    arguments of :meth:`with_model`.
     """
 
     segments: tuple[Segment, ...]
@@ -137,7 +148,8 @@ class SegmentedRuns:
 
     @property
     def gains(self) -> tuple[float, ...] | None:
-        """(n,) what the torque channels read over the true torque, where the attached model knows it."""
+        """(n,) what the torque channels read over the true torque, where the attached
+        model knows it."""
         return self.attached[2] if self.attached else None
 
     @cached_property
@@ -150,7 +162,9 @@ class SegmentedRuns:
 
     @cached_property
     def segment(self) -> NDArray[np.int64]:
-        return np.concatenate([np.full(len(s.t), k) for k, s in enumerate(self.segments)])
+        return np.concatenate(
+            [np.full(len(s.t), k) for k, s in enumerate(self.segments)]
+        )
 
     @cached_property
     def q(self) -> Array:
@@ -180,7 +194,9 @@ class SegmentedRuns:
     @cached_property
     def slow(self) -> Array:
         """(M, n) share of each row that comes from instants at which a joint was slow."""
-        usual = np.sqrt(np.mean(np.concatenate([s.motion.dq for s in self.segments]) ** 2, axis=0))
+        usual = np.sqrt(
+            np.mean(np.concatenate([s.motion.dq for s in self.segments]) ** 2, axis=0)
+        )
         shares = [
             abs(s.low_pass) @ (np.abs(s.motion.dq) <= SLIDES * usual).astype(float)
             for s in self.segments
@@ -191,35 +207,50 @@ class SegmentedRuns:
         """What all runs show of a joint."""
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
         fine = (resolution(s.stretch.q[:, joint]) for s in self.segments)
-        return Seen(float(np.ptp(paths)), float(max(fine)), float(np.mean(self.still > STILL)))
+        return Seen(
+            float(np.ptp(paths)), float(max(fine)), float(np.mean(self.still > STILL))
+        )
 
     @cached_property
     def held(self) -> Array:
-        """(M, n) standard deviation of what friction may hold of a row while its joint stands still.
+        """(M, n) standard deviation of what friction may hold of a row while its joint
+        stands still.
 
-        Friction is as large as what the links leave of the torque; held, it is anywhere up to that.
+        Friction is as large as what the links leave of the torque; held, it is anywhere
+        up to that.
         """
-        links = [s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current]
+        links = [
+            s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current
+        ]
         friction = self.torque - np.concatenate(links) if links else self.torque
-        square = np.sum(self.keep * friction**2, axis=0) / np.maximum(self.keep.sum(axis=0), 1)
+        square = np.sum(self.keep * friction**2, axis=0) / np.maximum(
+            self.keep.sum(axis=0), 1
+        )
         return np.asarray(np.sqrt(square) * self.still)
 
     @cached_property
     def steps(self) -> Array:
         """(M, n) an example of what the encoders' steps make of the model's torque."""
-        again = {(s.run, s.t[0]): s for s in self.again().segments}  # but those that seem to stand then
+        again = {
+            (s.run, s.t[0]): s for s in self.again().segments
+        }  # but those that seem to stand then
         pairs = ((s, again.get((s.run, s.t[0]), s)) for s in self.segments)
-        return np.concatenate([s.residual - a.residual for s, a in pairs]) / np.sqrt(2.0)
+        return np.concatenate([s.residual - a.residual for s, a in pairs]) / np.sqrt(
+            2.0
+        )
 
     @cached_property
     def lawless(self) -> tuple[Array, NDArray[np.bool_]]:
-        """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding friction can say,
-        and whether a row is of a standstill of which no law of friction says anything."""
+        """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding
+        friction can say, and whether a row is of a standstill of which no law of
+        friction says anything."""
         held, stuck = np.zeros_like(self.still), np.zeros(self.still.shape, bool)
         for j, share in enumerate(self.still.T):
             keep = self.keep[:, j]
             if share[keep].any():
-                laws = np.concatenate([s.low_pass @ friction_laws(s.motion, j) for s in self.segments])
+                laws = np.concatenate(
+                    [s.low_pass @ friction_laws(s.motion, j) for s in self.segments]
+                )
                 std, no_law = lawless(self.residual[keep, j], laws[keep], share[keep])
                 held[:, j], stuck[:, j] = std * share, no_law & (share > STILL)
         return held, stuck
@@ -227,7 +258,9 @@ class SegmentedRuns:
     @cached_property
     def keep(self) -> NDArray[np.bool_]:
         """(M, n) which rows count for which joint."""
-        keep = np.repeat(np.concatenate([s.keep for s in self.segments])[:, None], self.n, axis=1)
+        keep = np.repeat(
+            np.concatenate([s.keep for s in self.segments])[:, None], self.n, axis=1
+        )
         return keep & ~self.masked if self.masked.size else keep
 
     @cached_property
@@ -246,17 +279,21 @@ class SegmentedRuns:
         beside: Attach = lambda motion: motion,
         gains: tuple[float, ...] | None = None,
     ) -> SegmentedRuns:
-        """The same with a model's torque and links attached to each segment's motion; beside : what adds
-        to these the torque of others, where columns refer to it; gains : the model's."""
+        """The same with a model's torque and links attached to each segment's motion;
+        beside : what adds to these the torque of others, where columns refer to it;
+        gains : the model's."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         parts = [(s.low_pass, beside(s.motion)) for s in segments]
         columns = Columns(parts, (self.columns.kept[0], {}))
         again = cache(lambda: self.again().with_model(attach))
         model = attach, beside, gains
-        return replace(self, segments=segments, columns=columns, again=again, attached=model)
+        return replace(
+            self, segments=segments, columns=columns, again=again, attached=model
+        )
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
-        """The effect's columns on the rows: blocks of (M, k); keep : them for who asks again."""
+        """The effect's columns on the rows: blocks of (M, k); keep : them for who asks
+        again."""
         found = self.columns.of(effect, keep)
         if self.gains is None or effect.needs_torque:
             return found
@@ -264,7 +301,8 @@ class SegmentedRuns:
 
 
 def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:
-    """Filter all runs; ``settings`` must be resolved. No segment where no run is long enough."""
+    """Filter all runs; ``settings`` must be resolved. No segment where no run is long
+    enough."""
     assert settings.torque_cutoff is not None
     segments: list[Segment] = []
     rate = 0.0
@@ -276,7 +314,9 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * filters.step(0.5 * OVERSAMPLING))
     columns = Columns([(s.low_pass, s.motion) for s in segments])
-    repeats = cache(partial(find_repeats, segments))  # a report whose noise is known never asks
+    repeats = cache(
+        partial(find_repeats, segments)
+    )  # a report whose noise is known never asks
     again = cache(lambda: segmented(read_again(measurements), settings))
     who = measurements.n, settings.torque_cutoff, rate, measurements.names
     return SegmentedRuns(tuple(segments), *who, columns, repeats, again)
@@ -286,10 +326,13 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     """One stretch filtered; None where it is too short, or nothing in it counts."""
     state, column, stride = filters.state, filters.column, filters.stride
     count = (part.count - 2 * state.half + stride - 1) // stride
-    # Rows begin where both low-passes are filled: that of the columns, and that of the torque.
+    # Rows begin where both low-passes are filled: that of the columns, and that of the
+    # torque.
     half = max(filters.coarse.half, -((state.half - column.half) // stride))
     # Half as many as a regression has; on the dense grid twice as many.
-    step, dense_step = (filters.step(share * OVERSAMPLING) // stride for share in (0.5, 2.0))
+    step, dense_step = (
+        filters.step(share * OVERSAMPLING) // stride for share in (0.5, 2.0)
+    )
     if count < 2 * half + 1 + 2 * step:
         return None
     grid = state.half + stride * np.arange(count)
@@ -301,18 +344,26 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
         return None
-    still = cache(partial(standing, part, (state, column), grid[rows]))  # by most logs never asked
+    still = cache(
+        partial(standing, part, (state, column), grid[rows])
+    )  # by most logs never asked
     torque, dense_torque = (filters.torque(part, grid[at]) for at in (rows, dense))
     seen = motion.t[rows], keep, motion.t[dense], motion.q[dense]
-    return Segment(*seen, index, motion, torque, part, still, low_pass, dense_torque, low_dense)
+    return Segment(
+        *seen, index, motion, torque, part, still, low_pass, dense_torque, low_dense
+    )
 
 
-def window_subsample(measurements: Measurements, settings: Preprocessing) -> Measurements:
-    """Windows of at most MOST rows in all, each a run of its own; all of a recording that has fewer.
+def window_subsample(
+    measurements: Measurements, settings: Preprocessing
+) -> Measurements:
+    """Windows of at most MOST rows in all, each a run of its own; all of a recording
+    that has fewer.
 
-    For what needs all rows at once: comparing a motion with itself, searching a library of effects.
-    They are spread evenly over all runs, both ends among them, long enough that a motion repeats inside
-    one. settings : resolved. Of many short runs some are taken whole.
+    For what needs all rows at once: comparing a motion with itself, searching a library
+    of effects. They are spread evenly over all runs, both ends among them, long enough
+    that a motion repeats inside one. settings : resolved. Of many short runs some are
+    taken whole.
     """
     assert settings.torque_cutoff is not None
     runs = measurements.runs()
@@ -333,11 +384,15 @@ def window_subsample(measurements: Measurements, settings: Preprocessing) -> Mea
     return concatenate(out)
 
 
-def subsample_sentence(part: Measurements, measurements: Measurements, what: str) -> str | None:
+def subsample_sentence(
+    part: Measurements, measurements: Measurements, what: str
+) -> str | None:
     """That ``what`` rests on windows only, and on how many; None where it rests on all."""
     if part is measurements:
         return None
-    looked, there = (sum(float(r.t[-1] - r.t[0]) for r in m.runs()) for m in (part, measurements))
+    looked, there = (
+        sum(float(r.t[-1] - r.t[0]) for r in m.runs()) for m in (part, measurements)
+    )
     return (
         f"Long recording: {what} {looked:.3g} s of its {there:.4g} s, "
         f"{len(part.names)} windows spread over it."

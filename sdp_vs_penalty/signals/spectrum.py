@@ -1,5 +1,6 @@
-"""The spectra of a run: of positions, what the robot was told to do and how sharply it moved; of torque,
-what is noise above the band of the motion, and whether it was smoothed before it was logged."""
+"""The spectra of a run: of positions, what the robot was told to do and how sharply it
+moved; of torque, what is noise above the band of the motion, and whether it was
+smoothed before it was logged."""
 
 from collections.abc import Sequence
 
@@ -15,14 +16,19 @@ from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, stret
 
 
 def highest_harmonic(run: Measurements) -> float:
-    """Highest frequency [Hz] at which some joint's position has 1 % of its largest amplitude.
+    """Highest frequency [Hz] at which some joint's position has 1 % of its largest
+    amplitude.
 
     Raises InputError for a run without motion, or with gaps everywhere.
     """
     moving = moving_joints(run)
     if not moving.any():
         raise no_motion(run)
-    found = [_last_harmonic(part, part.q[:, moving]) for part in stretches(run) if part.count >= 16]
+    found = [
+        _last_harmonic(part, part.q[:, moving])
+        for part in stretches(run)
+        if part.count >= 16
+    ]
     highest = max(found, default=0.0)
     if highest == 0.0:
         what = f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time"
@@ -31,40 +37,50 @@ def highest_harmonic(run: Measurements) -> float:
 
 
 def _last_harmonic(part: Stretch, values: Array) -> float:
-    """Highest frequency [Hz] at which one of some signals (N, n) has 1 % of its largest amplitude."""
+    """Highest frequency [Hz] at which one of some signals (N, n) has 1 % of its largest
+    amplitude."""
     power, f = _power(part, values)
     return float(f[np.any(power > 1e-4 * power.max(axis=0), axis=1)].max(initial=0.0))
 
 
 def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
-    """(F, n) the periodogram of signals (N, n), of a long stretch the mean over pieces (Welch 1967), and
-    its frequencies [Hz]."""
+    """(F, n) the periodogram of signals (N, n), of a long stretch the mean over pieces
+    (Welch 1967), and its frequencies [Hz]."""
     length = min(part.count, c.SAMPLES)
     starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
-    found = (periodograms(part.resampled(values, k, k + length), length)[0] for k in starts)
+    found = (
+        periodograms(part.resampled(values, k, k + length), length)[0] for k in starts
+    )
     frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
     return np.asarray(np.mean(list(found), axis=0)), frequency
 
 
 def periodograms(x: Array, length: int, degree: int = 0) -> Array:
-    """(W, F, n) of windows of ``length`` samples of x (N, n), without their course of that degree, as
-    what leaks of it hides that a torque was smoothed: of unit mean for white noise of unit variance."""
+    """(W, F, n) of windows of ``length`` samples of x (N, n), without their course of
+    that degree, as what leaks of it hides that a torque was smoothed: of unit mean for
+    white noise of unit variance."""
     window = np.hanning(length)[:, None]
     course = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, length), degree + 1))[0]
-    pieces = np.stack([x[k : k + length] for k in range(0, len(x) - length + 1, length // 2)])
+    pieces = np.stack(
+        [x[k : k + length] for k in range(0, len(x) - length + 1, length // 2)]
+    )
     moves = np.ptp(pieces, axis=1, keepdims=True) > 0.0
     pieces = np.where(moves, pieces - course @ (course.T @ pieces), 0.0)
-    return np.asarray(np.abs(np.fft.rfft(pieces * window, axis=1)) ** 2 / np.sum(window**2))
+    return np.asarray(
+        np.abs(np.fft.rfft(pieces * window, axis=1)) ** 2 / np.sum(window**2)
+    )
 
 
-def unbent_cutoff(runs: Sequence[Measurements], cutoff: float, band: float, highest: float) -> float:
-    """The cut-off [Hz] of a state filter, from ``cutoff`` to ``highest``, that leaves the least error in
-    the acceleration: what it bends of the motion within the ``band`` [Hz] of the torque, and the noise
-    of the positions that it lets through.
+def unbent_cutoff(
+    runs: Sequence[Measurements], cutoff: float, band: float, highest: float
+) -> float:
+    """The cut-off [Hz] of a state filter, from ``cutoff`` to ``highest``, that leaves
+    the least error in the acceleration: what it bends of the motion within the ``band``
+    [Hz] of the torque, and the noise of the positions that it lets through.
 
-    A robot that sticks at its reversals moves more sharply than it was told to. The given cut-off stays
-    where it takes away less of the acceleration than motions that are alike differ by, or wider ones are
-    noisy on some joint.
+    A robot that sticks at its reversals moves more sharply than it was told to. The
+    given cut-off stays where it takes away less of the acceleration than motions that
+    are alike differ by, or wider ones are noisy on some joint.
     """
     steps = np.arange(1 + int(2.0 * np.log2(max(highest / cutoff, 1.0))))
     tried = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
@@ -77,8 +93,8 @@ def unbent_cutoff(runs: Sequence[Measurements], cutoff: float, band: float, high
 
 
 def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
-    """(2, joints, C) squares of the shares of moving joints' acceleration which filters with
-    these cut-offs take away, and of the noise that they let through."""
+    """(2, joints, C) squares of the shares of moving joints' acceleration which filters
+    with these cut-offs take away, and of the noise that they let through."""
     part = max(stretches(run), key=lambda p: p.count)
     length = min(part.count, c.SAMPLES)
     if length * part.dt * cutoffs[0] < 8.0:  # the kernel is no shorter than the stretch
@@ -96,7 +112,9 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
         motion = np.where(f < min(f[below], default=np.inf), power, 0.0) * seen
         if motion.any():
             passed = noise * (twice @ gains.T**2)
-            found.append((motion @ (1.0 - gains.T) ** 2 / motion.sum(), passed / motion.sum()))
+            found.append(
+                (motion @ (1.0 - gains.T) ** 2 / motion.sum(), passed / motion.sum())
+            )
     return np.array(found).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
 
 
@@ -106,16 +124,19 @@ def _gain(kernel: Kernel, length: int) -> Array:
     return np.asarray(np.fft.rfft(np.roll(padded, -kernel.half)).real)
 
 
-def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> tuple[Array, Array, bool, bool] | None:
-    """The noise of the torque of some stretches above a low-pass [Hz]: a first-order autoregression
-    S(w) = c / (1 + a^2 - 2 a cos(w)), fitted to the quantiles QUIET over windows of periodograms
-    (friction that turns round, or a blow, spoils some windows).
+def torque_spectrum(
+    parts: Sequence[Stretch], cutoff: float
+) -> tuple[Array, Array, bool, bool] | None:
+    """The noise of the torque of some stretches above a low-pass [Hz]: a first-order
+    autoregression S(w) = c / (1 + a^2 - 2 a cos(w)), fitted to the quantiles QUIET over
+    windows of periodograms (friction that turns round, or a blow, spoils some windows).
 
-    Returns frequencies (F,) [Hz] at the first stretch's rate; S (n, F), of unit mean for white noise of
-    unit variance; whether it was smoothed, and whether it is uneven. Unless half of some joint's
-    amplitudes are within a factor NOISE_LIKE of S the torque was smoothed, as drives log currents, which
-    says nothing of the noise below; where loud windows are farther than that above quiet ones it is
-    uneven, and not noise alone. None where stretches are too short, or sampled too slowly, to show any.
+    Returns frequencies (F,) [Hz] at the first stretch's rate; S (n, F), of unit mean
+    for white noise of unit variance; whether it was smoothed, and whether it is uneven.
+    Unless half of some joint's amplitudes are within a factor NOISE_LIKE of S the
+    torque was smoothed, as drives log currents, which says nothing of the noise below;
+    where loud windows are farther than that above quiet ones it is uneven, and not
+    noise alone. None where stretches are too short, or sampled too slowly, to show any.
     """
     if not parts:
         return None
@@ -134,14 +155,17 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> tuple[Array, Arr
         return None
     # A periodogram of noise is exponential: so much of its mean is its quantile.
     quiet, loud = (
-        np.quantile(np.concatenate(known), q, axis=0) / -np.log1p(-q) for q in (c.QUIET, 1.0 - c.QUIET)
+        np.quantile(np.concatenate(known), q, axis=0) / -np.log1p(-q)
+        for q in (c.QUIET, 1.0 - c.QUIET)
     )
     # Channels that are stuck have the noise of rounding, beside the others'.
     powers = np.maximum(quiet, (64.0 * np.finfo(float).eps * largest) ** 2)
     turns = np.cos(2.0 * np.pi * frequency * part.dt)
     a = np.linspace(-0.9, 0.9, 181)[:, None]  # beyond, its corner is far below the band
     shapes = 1.0 / (1.0 + a**2 - 2.0 * a * turns)
-    apart = np.log(powers[band].T[:, None] / shapes[:, band])  # (n, colours, frequencies)
+    apart = np.log(
+        powers[band].T[:, None] / shapes[:, band]
+    )  # (n, colours, frequencies)
     best = np.argmin(np.var(apart, axis=2), axis=1)
     apart = np.take_along_axis(apart, best[:, None, None], axis=1)[:, 0]
     level = apart.mean(axis=1, keepdims=True)
@@ -152,9 +176,10 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> tuple[Array, Arr
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
-    """The cut-off [Hz] of a torque filter, at most the one given, below which there is torque: where
-    every run's was smoothed before it was logged, the last frequency at which a joint's has 1 % of its
-    largest amplitude, but a quarter of the one given. Above it columns would hold what torque lost."""
+    """The cut-off [Hz] of a torque filter, at most the one given, below which there is
+    torque: where every run's was smoothed before it was logged, the last frequency at
+    which a joint's has 1 % of its largest amplitude, but a quarter of the one given.
+    Above it columns would hold what torque lost."""
     last = 0.0
     for run in runs:
         found = torque_spectrum(parts := list(stretches(run)), cutoff)

@@ -1,8 +1,9 @@
 """When a joint stands still, as far as its positions can tell.
 
-Dry friction that holds a joint is anything between minus and plus its size: no law of sliding says more,
-and a torque measured meanwhile is no evidence for or against any. Friction that yields before it slides
-does say more, over a travel that shows in the positions (Dahl, AIAA Journal 1976).
+Dry friction that holds a joint is anything between minus and plus its size: no law of
+sliding says more, and a torque measured meanwhile is no evidence for or against any.
+Friction that yields before it slides does say more, over a travel that shows in the
+positions (Dahl, AIAA Journal 1976).
 """
 
 from collections.abc import Sequence
@@ -20,13 +21,17 @@ from sdp_vs_penalty.signals.runs import Stretch
 _ALIKE = 4.0
 #: Share of a row that a standstill may reach before the row counts as one.
 STILL = 0.01
-#: Rows of which more than this comes from a slow joint show how its dry friction turns round as well.
+#: Rows of which more than this comes from a slow joint show how its dry friction turns
+#: round as well.
 SLOW = 0.1
 
 
-def standing(stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]) -> Array:
-    """(M, n) how much of a unit torque, whatever its sign, reaches filtered rows (M,), samples of a
-    stretch, from when a joint stood still, and from when filtered states mistake that for motion.
+def standing(
+    stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]
+) -> Array:
+    """(M, n) how much of a unit torque, whatever its sign, reaches filtered rows (M,),
+    samples of a stretch, from when a joint stood still, and from when filtered states
+    mistake that for motion.
 
     kernels : the low-passes of states and of torques.
     """
@@ -38,8 +43,9 @@ def standing(stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64
 
 
 def still(q: Array) -> NDArray[np.bool_]:
-    """(N, n) whether positions (N, n), sampled uniformly, stand still: for longer than a smooth motion
-    at the same place would stay within the resolution of the positions."""
+    """(N, n) whether positions (N, n), sampled uniformly, stand still: for longer than
+    a smooth motion at the same place would stay within the resolution of the positions.
+    """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
     out = np.zeros(q.shape[::-1], bool)
@@ -49,13 +55,18 @@ def still(q: Array) -> NDArray[np.bool_]:
     joints, own = np.arange(q.shape[1]), np.ascontiguousarray(q.T)
     while half < 0.1 * len(q) and len(joints):
         width = 2 * half + 1
-        quiet = maximum_filter1d(own, width) - minimum_filter1d(own, width) <= 2.0 * alike[joints, None]
+        quiet = (
+            maximum_filter1d(own, width) - minimum_filter1d(own, width)
+            <= 2.0 * alike[joints, None]
+        )
         some = quiet.any(axis=1)  # the others are not quiet for longer either
         joints, own, quiet = joints[some], own[some], quiet[some]
         ends = np.pad(own, ((0, 0), (3 * half, 3 * half)), mode="edge")
-        aside = np.maximum(np.abs(ends[:, : -6 * half] - own), np.abs(ends[:, 6 * half :] - own))
-        # In three times the time a moving joint comes 9 times as far where it turns round, and 27 times
-        # where its velocity passes through zero. Farther: it stood.
+        aside = np.maximum(
+            np.abs(ends[:, : -6 * half] - own), np.abs(ends[:, 6 * half :] - own)
+        )
+        # In three times the time a moving joint comes 9 times as far where it turns
+        # round, and 27 times where its velocity passes through zero. Farther: it stood.
         stood = (quiet & (aside > 3**3 * alike[joints, None])).astype(np.uint8)
         out[joints] |= maximum_filter1d(stood, width, mode="constant") > 0
         half = max(half + 1, 3 * half // 2)
@@ -63,15 +74,20 @@ def still(q: Array) -> NDArray[np.bool_]:
 
 
 def resolution(q: Array) -> Array:
-    """(n,) how far positions (N, n), sampled uniformly, have to lie apart to differ for certain."""
-    # Of fourth differences motion is no part, and white noise has 70 times its variance in them.
+    """(n,) how far positions (N, n), sampled uniformly, have to lie apart to differ for
+    certain."""
+    # Of fourth differences motion is no part, and white noise has 70 times its variance
+    # in them.
     return np.asarray(
-        _ALIKE * np.median(np.abs(np.diff(q, 4, axis=0)), axis=0) / (0.6745 * np.sqrt(70.0))
+        _ALIKE
+        * np.median(np.abs(np.diff(q, 4, axis=0)), axis=0)
+        / (0.6745 * np.sqrt(70.0))
     )
 
 
 def friction_laws(motion: Motion, joint: int) -> Array:
-    """(N, k) a joint's friction of unit size: Dahl's for each travel, Coulomb's, viscous, a constant."""
+    """(N, k) a joint's friction of unit size: Dahl's for each travel, Coulomb's,
+    viscous, a constant."""
     path, dq = Legs.of(motion.q[:, joint]), motion.dq[:, joint]
     travels = PreslidingHysteresis.shapes["d"].grid
     memory = [dahl(path, travel, float(np.sign(dq[0]))) for travel in travels]
@@ -79,11 +95,13 @@ def friction_laws(motion: Motion, joint: int) -> Array:
 
 
 def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:
-    """s of what standing still adds to the rows left (M,) beyond laws (M, k), and whether none says it.
+    """s of what standing still adds to the rows left (M,) beyond laws (M, k), and
+    whether none says it.
 
-    s^2 = mean of e^2 - m^2 where more than half of a row, whose share (M,) is of standstill, is; e what
-    least squares leave, m the same of rows in which the joint moves. What no law says is one unknown
-    that all standstills may share: together they then weigh as one row, s^2 times their number."""
+    s^2 = mean of e^2 - m^2 where more than half of a row, whose share (M,) is of
+    standstill, is; e what least squares leave, m the same of rows in which the joint
+    moves. What no law says is one unknown that all standstills may share: together they
+    then weigh as one row, s^2 times their number."""
     moves, stands = share < STILL, share > 0.5
     if not moves.any() or not stands.any():
         return 0.0, False

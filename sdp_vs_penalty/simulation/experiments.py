@@ -1,14 +1,16 @@
-"""Simulated measurements: a motion, what makes torque, and a sensor; the experiment of a problem.
+"""Simulated measurements: a motion, what makes torque, and a sensor; the experiment of
+a problem.
 
     motion  ->  torque(motion)  ->  sensor  ->  Measurements
 
-The torque is any function from a :class:`~sdp_vs_penalty.effects.effect.Motion` to torques (N, n). The
-sensor holds what a logger does to the truth: sampling, held values, coloured torque noise, quantisation,
-jittered time stamps.
-Rigid-body torque comes from recursive Newton-Euler, not from the regressor that estimators use.
+The torque is any function from a :class:`~sdp_vs_penalty.effects.effect.Motion` to
+torques (N, n). The sensor holds what a logger does to the truth: sampling, held values,
+coloured torque noise, quantisation, jittered time stamps. Rigid-body torque comes from
+recursive Newton-Euler, not from the regressor that estimators use.
 
-An experiment is described by simulation.toml in the problem's folder; a robot without one (a URDF) gets
-its nominal links as truth, mild friction, a random trajectory and white noise, all stated below.
+An experiment is described by simulation.toml in the problem's folder; a robot without
+one (a URDF) gets its nominal links as truth, mild friction, a random trajectory and
+white noise, all stated below.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,13 +27,18 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_toml
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import published_friction, published_links, published_trajectory
+from sdp_vs_penalty.problem.published import (
+    published_friction,
+    published_links,
+    published_trajectory,
+)
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 
 
 def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
-    """phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)), phi (n, 3), dq (N, n).
+    """phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)), phi (n,
+    3), dq (N, n).
 
     phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s] (Gaz et al. 2019, eq. 12): zero at rest.
     """
@@ -62,18 +69,25 @@ class Sensor:
     def __post_init__(self) -> None:
         for row in self.poles:
             if np.any(np.abs(np.roots(row)) >= 1.0):
-                what = "sensor: the coefficients of the torque noise describe no stable process"
+                what = (
+                    "sensor: the coefficients of the torque noise describe no stable"
+                    " process"
+                )
                 raise InputError(what, "make its poles smaller than 1")
 
     @property
     def poles(self) -> Array:
         """(n, 1 + k) the filter that whitens each joint's torque noise."""
         ones = np.ones((len(self.torque_std), 1))
-        return ones if self.torque_ar is None else np.hstack([ones, -np.asarray(self.torque_ar, float)])
+        return (
+            ones
+            if self.torque_ar is None
+            else np.hstack([ones, -np.asarray(self.torque_ar, float)])
+        )
 
     def noise(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, n) samples of the torque noise at ``rate``, stationary from the first on: 500 before
-        them are thrown away."""
+        """(count, n) samples of the torque noise at ``rate``, stationary from the first
+        on: 500 before them are thrown away."""
         white, out = rng.normal(size=(count + 500, len(self.torque_std))), []
         for x, std, row in zip(white.T, self.torque_std, self.poles, strict=True):
             innovation = std * np.sqrt(innovation_share(row))
@@ -87,23 +101,37 @@ class Sensor:
     def log(
         self, duration: float, q: Array, torque: Array, rng: np.random.Generator
     ) -> tuple[Array, Array, Array]:
-        """Times, positions and torques as logged, of true ones (N, n) at :meth:`instants`: the log's
-        clock reads whatever value was last."""
+        """Times, positions and torques as logged, of true ones (N, n) at
+        :meth:`instants`: the log's clock reads whatever value was last."""
         noisy = torque + self.noise(len(q), rng)
-        times = np.arange(int(np.floor(duration * self.rate * (1.0 + 1e-12))) + 1) / self.rate
+        times = (
+            np.arange(int(np.floor(duration * self.rate * (1.0 + 1e-12))) + 1)
+            / self.rate
+        )
         if self.log_step is not None:
-            steps = rng.normal(self.log_step, self.log_jitter, int(1.2 * duration / self.log_step) + 10)
+            steps = rng.normal(
+                self.log_step, self.log_jitter, int(1.2 * duration / self.log_step) + 10
+            )
             times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
             times = np.concatenate([[0.0], times[times > 0.0]])
             times = times[times <= duration]
-        held = np.clip(np.floor(times * self.rate + 1e-9).astype(np.intp), 0, len(q) - 1)
-        return times, _counted(q[held], self.position_step), _counted(noisy[held], self.torque_step)
+        held = np.clip(
+            np.floor(times * self.rate + 1e-9).astype(np.intp), 0, len(q) - 1
+        )
+        return (
+            times,
+            _counted(q[held], self.position_step),
+            _counted(noisy[held], self.torque_step),
+        )
 
 
 def innovation_share(poles: Array) -> float:
-    """White noise's variance over the process's, of an autoregression 1 / poles: one over the sum of its
-    squared answer to an impulse, as long as a pole of 0.999 needs."""
-    return float(1.0 / np.sum(signal.lfilter([1.0], poles, signal.unit_impulse(20_000)) ** 2))
+    """White noise's variance over the process's, of an autoregression 1 / poles: one
+    over the sum of its squared answer to an impulse, as long as a pole of 0.999 needs.
+    """
+    return float(
+        1.0 / np.sum(signal.lfilter([1.0], poles, signal.unit_impulse(20_000)) ** 2)
+    )
 
 
 def _counted(values: Array, step: ArrayLike) -> Array:
@@ -121,19 +149,23 @@ def simulate(
 ) -> Measurements:
     """Measure a torque (N, n) [N m or N] along a trajectory.
 
-    seed : of the noise and the clock. The measured velocity is left out: estimators do not use it.
+    seed : of the noise and the clock. The measured velocity is left out: estimators do
+    not use it.
     """
     t = sensor.instants(trajectory.duration)
     motion, rng = Motion(t, *trajectory.states(t)), np.random.default_rng(seed)
-    return Measurements(*sensor.log(trajectory.duration, motion.q, torque(motion), rng), names=(name,))
+    return Measurements(
+        *sensor.log(trajectory.duration, motion.q, torque(motion), rng), names=(name,)
+    )
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """links : (n, 10) true standard parameters; friction : (n, 3) phi of sigmoid friction or None.
+    """links : (n, 10) true standard parameters; friction : (n, 3) phi of sigmoid
+    friction or None.
 
-    effects : what an estimator models by default; validation : how many trajectories of how many
-    seconds the estimates are judged on.
+    effects : what an estimator models by default; validation : how many trajectories of
+    how many seconds the estimates are judged on.
     """
 
     problem: Problem
@@ -148,11 +180,17 @@ class Experiment:
         """(N, n) the true one: Newton-Euler's of the links, and friction."""
         states = motion.q, motion.dq, motion.ddq
         rigid = self.problem.robot.inverse_dynamics(self.links.ravel(), *states)
-        return rigid if self.friction is None else rigid + sigmoid_friction(self.friction, motion.dq)
+        return (
+            rigid
+            if self.friction is None
+            else rigid + sigmoid_friction(self.friction, motion.dq)
+        )
 
     def training_run(self, seed: int = 0) -> Measurements:
         """The exciting trajectory, measured once."""
-        return simulate(self.trajectory, self.torque, self.sensor, seed, name="exciting trajectory")
+        return simulate(
+            self.trajectory, self.torque, self.sensor, seed, name="exciting trajectory"
+        )
 
     def validation_runs(self, seed: int = 0) -> list[Measurements]:
         """Random trajectories inside the joint limits, each measured once."""
@@ -167,10 +205,13 @@ class Experiment:
 
 
 def experiment(problem: Problem) -> Experiment:
-    """The simulated experiment of a problem. Raises InputError for an incomplete simulation.toml."""
+    """The simulated experiment of a problem. Raises InputError for an incomplete
+    simulation.toml."""
     if problem.folder is None or not (problem.folder / "simulation.toml").is_file():
         return _assumed(problem)
-    return read_toml(problem.folder / "simulation.toml", lambda data: _described(problem, data))
+    return read_toml(
+        problem.folder / "simulation.toml", lambda data: _described(problem, data)
+    )
 
 
 def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
@@ -178,12 +219,16 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
     if "table" in motion:
         trajectory = published_trajectory(problem, motion)
     else:
-        length, over_pi, blend = (float(motion[x]) for x in ("duration", "frequency_over_pi", "blend"))
+        length, over_pi, blend = (
+            float(motion[x]) for x in ("duration", "frequency_over_pi", "blend")
+        )
         drawn = problem.robot, int(motion["seed"]), length
         trajectory = random_trajectory(*drawn, frequency=np.pi * over_pi, blend=blend)
     friction, sensor = truth.get("friction"), dict[str, Any]()
     for name, value in data["sensor"].items():
-        sensor[name] = np.array(value, float) if isinstance(value, list) else float(value)
+        sensor[name] = (
+            np.array(value, float) if isinstance(value, list) else float(value)
+        )
     needed = [sensor.pop(name) for name in ("rate", "torque_std", "position_step")]
     return Experiment(
         problem,
@@ -199,8 +244,14 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
 def _assumed(problem: Problem) -> Experiment:
     """Friction of 2 % and noise of 0.1 % of the torque that it moves with."""
     robot, none = problem.robot, np.zeros(problem.robot.n)
-    told = random_trajectory(robot, seed=1, duration=21.0), Sensor(50.0, none), (10, 10.0)
-    bare = Experiment(problem, problem.nominal_links, None, *told, problem.default_effects)
+    told = (
+        random_trajectory(robot, seed=1, duration=21.0),
+        Sensor(50.0, none),
+        (10, 10.0),
+    )
+    bare = Experiment(
+        problem, problem.nominal_links, None, *told, problem.default_effects
+    )
     size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
     # A motor whose links weigh nothing rubs all the same, and is measured with noise.
     size = np.where(size > 1e-6 * size.max(), size, 0.01 * size.max())

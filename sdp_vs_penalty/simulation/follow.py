@@ -1,10 +1,11 @@
 """A model run forward along measured runs: how far ahead it says where the arm will be.
 
-Windows of a tenth of a second are started from the measured state and driven by the measured torque,
-a sample or 2.5 ms a step; the free run is started once. With ``drive="servo"`` the command drives it,
-through the identified law of its servos. With ``drive="pd"`` a proportional and
-derivative loop on the measured motion acts beside the measured torque, so that the arm stays with it:
-what the loop has to add is then the model's error as a torque.
+Windows of a tenth of a second are started from the measured state and driven by the
+measured torque, a sample or 2.5 ms a step; the free run is started once. With
+``drive="servo"`` the command drives it, through the identified law of its servos. With
+``drive="pd"`` a proportional and derivative loop on the measured motion acts beside the
+measured torque, so that the arm stays with it: what the loop has to add is then the
+model's error as a torque.
 """
 
 from dataclasses import dataclass, replace
@@ -35,10 +36,11 @@ _LEFT = {"rad": 0.5, "m": 0.1}
 
 @dataclass(frozen=True)
 class Ahead(Plain):
-    """Errors after so many seconds, over all windows, each (n,) in rad (m) or rad/s (m/s).
+    """Errors after so many seconds, over all windows, each (n,) in rad (m) or rad/s
+    (m/s).
 
-    rms : root mean square; band : (2, n) 5 and 95 % of the absolute errors; naive : root mean square of
-    going on at the measured velocity.
+    rms : root mean square; band : (2, n) 5 and 95 % of the absolute errors; naive :
+    root mean square of going on at the measured velocity.
     """
 
     seconds: float
@@ -48,17 +50,19 @@ class Ahead(Plain):
 
     @classmethod
     def of(cls, seconds: float, error: Array, naive: Array) -> Self:
-        """From errors (K, n) of K windows so many seconds ahead, and those of standing still."""
+        """From errors (K, n) of K windows so many seconds ahead, and those of standing
+        still."""
         band = np.quantile(np.abs(error), [0.05, 0.95], axis=0)
         return cls(seconds, _rms(error), band, _rms(naive))
 
 
 @dataclass(frozen=True)
 class FreeRun(Plain):
-    """One run from its first state: errors (n,) until ``seconds``, where it ``left`` the measured motion
-    or that ended; spread : half a 95 % band that the parameters' intervals make of it, where they are
-    known; loop : (n,) root mean square of what the loop added [N m, N], torque : of the measured one;
-    simulated : the motion; measured : (N, n) positions then; cut : whether the run goes on."""
+    """One run from its first state: errors (n,) until ``seconds``, where it ``left``
+    the measured motion or that ended; spread : half a 95 % band that the parameters'
+    intervals make of it, where they are known; loop : (n,) root mean square of what the
+    loop added [N m, N], torque : of the measured one; simulated : the motion; measured
+    : (N, n) positions then; cut : whether the run goes on."""
 
     seconds: float
     left: bool
@@ -79,8 +83,9 @@ class FreeRun(Plain):
 
 @dataclass(frozen=True, repr=False)
 class Following(Shown):
-    """What a model run forward makes of measured runs. one_step : velocity after one step;
-    ahead : position after a tenth of a second; left_out : effects that have no forward meaning here."""
+    """What a model run forward makes of measured runs. one_step : velocity after one
+    step; ahead : position after a tenth of a second; left_out : effects that have no
+    forward meaning here."""
 
     drive: Drive
     units: tuple[str, ...]
@@ -94,25 +99,35 @@ class Following(Shown):
         """(n,) error a tenth of a second ahead over that of going on at constant
         velocity; with a loop, the torque that it adds over the measured one."""
         pairs = [(f.loop, f.torque) for f in self.free if f.loop is not None]
-        shares = [a / or_least(b) for a, b in pairs or [(self.ahead.rms, self.ahead.naive)]]
+        shares = [
+            a / or_least(b) for a, b in pairs or [(self.ahead.rms, self.ahead.naive)]
+        ]
         return np.asarray(np.max(shares, axis=0))
 
     @property
     def verdict(self) -> str:
-        """How far ahead it is right, in a sentence; the grade of a model is estimation/verdict.py's."""
+        """How far ahead it is right, in a sentence; the grade of a model is
+        estimation/verdict.py's."""
         j = int(np.argmax(self.share))
         x = float(self.share[j])
         share = f"{100.0 * x:.3g} % of" if x < 2.0 else f"{x:.2g} times"
         worst = max(self.free, key=lambda f: float(f.rms.max()))
         k = int(np.argmax(worst.rms))
-        stays = f"stays within {said(worst.rms[k], self.units[k])} RMS over {worst.seconds:.3g} s"
+        stays = (
+            f"stays within {said(worst.rms[k], self.units[k])} RMS over"
+            f" {worst.seconds:.3g} s"
+        )
         if self.drive == "pd":
             return (
                 f"Simulated under control, joint {j + 1} needs {share} "
                 f"its measured torque from the loop, the others less; the arm {stays}."
             )
         first = min(self.free, key=lambda f: f.seconds if f.left else np.inf)
-        end = f"leaves the measured motion after {first.seconds:.2g} s" if first.left else stays
+        end = (
+            f"leaves the measured motion after {first.seconds:.2g} s"
+            if first.left
+            else stays
+        )
         return (
             f"Run forward, {self.ahead.seconds:.3g} s ahead the worst joint, {j + 1}, "
             f"is off by {said(self.ahead.rms[j], self.units[j])} RMS, {share} the "
@@ -124,14 +139,26 @@ class Following(Shown):
 
     def table(self) -> Table:
         """Headings, and one row a joint, in thousandths of its unit: velocity after one step, position
-        0.1 s ahead with 5 and 95 % and what a constant velocity gives, the free run and its spread."""
+        0.1 s ahead with 5 and 95 % and what a constant velocity gives, the free run and its spread.
+        """
         free, a = self.free[0], self.ahead
-        columns = {"step/s": self.one_step.rms, "0.1 s": a.rms, "5 %": a.band[0], "95 %": a.band[1]}
+        columns = {
+            "step/s": self.one_step.rms,
+            "0.1 s": a.rms,
+            "5 %": a.band[0],
+            "95 %": a.band[1],
+        }
         columns |= {"const.": a.naive, "free": free.rms}
         columns |= {} if free.spread is None else {"+-": free.spread}
         rows = []
         for j, unit in enumerate(self.units):
-            rows.append([f"{j + 1}", f"m{unit}", *(f"{1e3 * x[j]:.3g}" for x in columns.values())])
+            rows.append(
+                [
+                    f"{j + 1}",
+                    f"m{unit}",
+                    *(f"{1e3 * x[j]:.3g}" for x in columns.values()),
+                ]
+            )
             if free.loop is not None:
                 rows[j].append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
         return ["joint", "unit", *columns, *["loop"] * (free.loop is not None)], rows
@@ -141,20 +168,40 @@ class Following(Shown):
     @property
     def explained(self) -> str:
         """What the columns of :meth:`table` are."""
-        free, band = self.free[0], " (+-: half the 95 % band that the parameters' intervals make of it)"
+        free, band = (
+            self.free[0],
+            " (+-: half the 95 % band that the parameters' intervals make of it)",
+        )
         return (
-            "RMS errors in thousandths of the unit: of the velocity after one step (step/s), of the "
-            f"position {self.ahead.seconds:.3g} s ahead (5 %, 95 %: of the errors' sizes; const.: what "
-            f"constant velocity gives), and of the free run of {free.seconds:.3g} s"
+            "RMS errors in thousandths of the unit: of the velocity after one step"
+            f" (step/s), of the position {self.ahead.seconds:.3g} s ahead (5 %, 95 %:"
+            " of the errors' sizes; const.: what constant velocity gives), and of the"
+            f" free run of {free.seconds:.3g} s"
             + (band if free.spread is not None else "")
-            + ("; loop: what the control loop had to add." if free.loop is not None else ".")
+            + (
+                "; loop: what the control loop had to add."
+                if free.loop is not None
+                else "."
+            )
         )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        held = {"drive": self.drive, "units": list(self.units), "left_out": list(self.left_out)}
-        ahead = {"one_step_velocity": self.one_step.to_dict(), "ahead_position": self.ahead.to_dict()}
-        return {"verdict": self.verdict, **held, **ahead, "free_run": [f.to_dict() for f in self.free]}
+        held = {
+            "drive": self.drive,
+            "units": list(self.units),
+            "left_out": list(self.left_out),
+        }
+        ahead = {
+            "one_step_velocity": self.one_step.to_dict(),
+            "ahead_position": self.ahead.to_dict(),
+        }
+        return {
+            "verdict": self.verdict,
+            **held,
+            **ahead,
+            "free_run": [f.to_dict() for f in self.free],
+        }
 
 
 def said(value: float, unit: str) -> str:
@@ -181,30 +228,43 @@ def follow(
 ) -> Following:
     """Run a model forward along measured runs and compare the motion.
 
-    model : an Estimate or a model.json; measurements : as for ``compare``; drive : "torque" (the
-    measured torque alone), "pd" (and a loop on the measured motion) or "servo" (the command, through
-    the model's servos); seed : of the ``draws`` of parameters from their intervals for the band of the
-    free run; steps : of the free runs at most, together; progress : hears where the computation stands;
-    horizon : length of a window [s], of which there are ``windows`` a run at most; bandwidth : of the
-    loop [Hz].
-    Raises InputError for a model that cannot accelerate, or runs too short for its filters.
+    model : an Estimate or a model.json; measurements : as for ``compare``; drive :
+    "torque" (the measured torque alone), "pd" (and a loop on the measured motion) or
+    "servo" (the command, through the model's servos); seed : of the ``draws`` of
+    parameters from their intervals for the band of the free run; steps : of the free
+    runs at most, together; progress : hears where the computation stands; horizon :
+    length of a window [s], of which there are ``windows`` a run at most; bandwidth : of
+    the loop [Hz]. Raises InputError for a model that cannot accelerate, or runs too
+    short for its filters.
     """
     estimate = as_estimate(model, "follow(model=...)")
     if drive not in ("torque", "pd", "servo"):
         raise InputError(f"unknown drive {drive!r}", "choose torque, pd or servo")
     runs = as_measurements(
-        measurements, estimate.robot.n, estimate.robot.joint_names, "follow(measurements=...)"
+        measurements,
+        estimate.robot.n,
+        estimate.robot.joint_names,
+        "follow(measurements=...)",
     )
     if drive == "servo" and not estimate.model.drives.any():
-        raise InputError("this model knows no servo", "identify it from a log with commands")
+        raise InputError(
+            "this model knows no servo", "identify it from a log with commands"
+        )
     if drive != "servo":
         estimate, runs = driven(estimate, runs)
     plant = Plant(estimate.model, estimate.theta)
     if not plant.can_move:
-        what = "M(q) is not positive definite: this arm would accelerate against the torque"
+        what = (
+            "M(q) is not positive definite: this arm would accelerate against the"
+            " torque"
+        )
         remedy = "identify with a method that imposes consistency (lmi-sdp, penalty)"
         raise InputError(what, remedy, f"model {estimate.problem.name}")
-    courses = [c for run in runs.runs() for c in courses_of(run, estimate, plant, 2.0 * horizon)]
+    courses = [
+        c
+        for run in runs.runs()
+        for c in courses_of(run, estimate, plant, 2.0 * horizon)
+    ]
     loop = (plant, 2.0 * np.pi * bandwidth) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
     rides = [_Ride(plant, course, loop, servo) for course in courses]
@@ -229,8 +289,8 @@ def follow(
 
 @dataclass(frozen=True)
 class _Ride:
-    """Plants along a measured course, and what drives them: the measured torque, a loop of the model's
-    own mass beside it, at w [rad/s], or a servo."""
+    """Plants along a measured course, and what drives them: the measured torque, a loop
+    of the model's own mass beside it, at w [rad/s], or a servo."""
 
     plant: Plant
     course: Course
@@ -242,24 +302,32 @@ class _Ride:
         """Steps within a sample, no longer than the simulation's."""
         return int(np.ceil(self.course.dt / STEP - 1e-9))
 
-    def added(self, state: State, k: NDArray[np.intp], share: float, h: float) -> tuple[Array, Array]:
-        """M(q) (w^2 e + 2 w de/dt), critically damped: (W, n) at the middle of a step of h [s], between
-        samples k and k + 1, and (W, n, n) its fall with the velocity there."""
+    def added(
+        self, state: State, k: NDArray[np.intp], share: float, h: float
+    ) -> tuple[Array, Array]:
+        """M(q) (w^2 e + 2 w de/dt), critically damped: (W, n) at the middle of a step
+        of h [s], between samples k and k + 1, and (W, n, n) its fall with the velocity
+        there."""
         assert self.loop is not None
         (mass, w), seen = self.loop, self.course.states
         q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (seen.q, seen.dq))
         half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
-        pull = w * w * (q - state.q - half) + 2.0 * w * (dq - state.dq - 0.5 * h * state.ddq)
+        pull = w * w * (q - state.q - half) + 2.0 * w * (
+            dq - state.dq - 0.5 * h * state.ddq
+        )
         M = mass.mass(seen.q[k])
         return np.einsum("kij,kj->ki", M, pull), (2.0 * w + 0.5 * h * w * w) * M
 
     def step(self, state: State, k: NDArray[np.intp]) -> State:
-        """From sample k (W,) of the course to the next. InputError where a servo has no command."""
+        """From sample k (W,) of the course to the next. InputError where a servo has no
+        command."""
         course, h = self.course, self.course.dt / self.substeps
         for m in range(self.substeps):
             if self.servo is not None:
                 if course.command is None:
-                    raise InputError("this run holds no commands", "log qcmd1..qcmdn", course.name)
+                    raise InputError(
+                        "this run holds no commands", "log qcmd1..qcmdn", course.name
+                    )
                 state = self.servo.step(state, course.command, h)
                 continue
             share, damping = (m + 0.5) / self.substeps, None
@@ -271,15 +339,19 @@ class _Ride:
         return state
 
 
-def _windows(ride: _Ride, horizon: float, most: int) -> tuple[Array, Array, Array, Array]:
-    """Errors (W, n) of windows all over the course: of velocity after one step, of position at the
-    horizon; and both at constant velocity."""
+def _windows(
+    ride: _Ride, horizon: float, most: int
+) -> tuple[Array, Array, Array, Array]:
+    """Errors (W, n) of windows all over the course: of velocity after one step, of
+    position at the horizon; and both at constant velocity."""
     course, seen, dt = ride.course, ride.course.states, ride.course.dt
     steps = max(1, round(horizon / dt))
     starts = np.flatnonzero(course.moving[: len(seen.t) - steps - 1])
     if not len(starts):
         starts = np.arange(len(seen.t) - steps - 1)
-    at = starts[np.unique(np.linspace(0, len(starts) - 1, min(most, len(starts))).astype(int))]
+    at = starts[
+        np.unique(np.linspace(0, len(starts) - 1, min(most, len(starts))).astype(int))
+    ]
     state, first = seen.rows(at), np.zeros((len(at), seen.q.shape[1]))
     for k in range(steps):
         state = ride.step(state, at + k)
@@ -291,26 +363,36 @@ def _windows(ride: _Ride, horizon: float, most: int) -> tuple[Array, Array, Arra
 
 
 def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
-    """(1 + draws, p) the parameters, and some drawn from what the data leave open of them."""
+    """(1 + draws, p) the parameters, and some drawn from what the data leave open of
+    them."""
     factor = np.nan_to_num(estimate.uncertainty.factor)
     if not np.any(factor):
         return estimate.theta[None]
     std = or_one(np.linalg.norm(factor, axis=1))
     u, s, _ = np.linalg.svd(factor / std[:, None], full_matrices=False)
-    # By the symmetric root of the correlation, which is unique: a factor's signs are rounding's.
+    # By the symmetric root of the correlation, which is unique: a factor's signs are
+    # rounding's.
     white = np.random.default_rng(seed).normal(size=(draws, len(std))) @ (u * s) @ u.T
-    drawn = [x for x in estimate.theta + white * std if Plant(estimate.model, x).can_move]
+    drawn = [
+        x for x in estimate.theta + white * std if Plant(estimate.model, x).can_move
+    ]
     return np.array([estimate.theta, *drawn])
 
 
-def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | None) -> FreeRun:
+def _free_run(
+    estimate: Estimate, drawn: Array, measured: _Ride, most: int | None
+) -> FreeRun:
     ride = replace(measured, plant=Plant(estimate.model, drawn))
     course, seen, size = ride.course, ride.course.states, len(drawn)
     limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
     state = seen.rows(np.full(size, start))
     q, added, left = [state.q], [], False
-    end = len(course.torque) - 1 if most is None else min(start + most, len(course.torque) - 1)
+    end = (
+        len(course.torque) - 1
+        if most is None
+        else min(start + most, len(course.torque) - 1)
+    )
     for k in range(start, end):
         at = np.full(size, k)
         if ride.loop is not None:
@@ -324,7 +406,9 @@ def _free_run(estimate: Estimate, drawn: Array, measured: _Ride, most: int | Non
     error = motion[:, 0] - seen.q[start:until]
     spread = None
     if size > 2:
-        spread = NORMAL_95 * np.sqrt(np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1)))
+        spread = NORMAL_95 * np.sqrt(
+            np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1))
+        )
     torque, t = course.torque[start:until], seen.t[start:until]
     return FreeRun(
         seconds=float(t[-1] - t[0]),

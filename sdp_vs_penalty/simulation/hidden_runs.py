@@ -1,7 +1,7 @@
 """The verb ``simulate``: runs in which effects are hidden, for finding them again.
 
-20 s of a motion that repeats after two thirds, noise as on the real arm: the problem's own arm as a
-world, with what worlds can hide.
+20 s of a motion that repeats after two thirds, noise as on the real arm: the problem's
+own arm as a world, with what worlds can hide.
 """
 
 import json
@@ -28,7 +28,13 @@ from sdp_vs_penalty.simulation.experiments import Experiment, experiment
 from sdp_vs_penalty.simulation.experiments import simulate as measured
 from sdp_vs_penalty.simulation.worlds import hidden as makers
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, Hidden, Maker, torques
-from sdp_vs_penalty.simulation.worlds.world import PAUSE, Arm, DryFriction, TrueMotion, World
+from sdp_vs_penalty.simulation.worlds.world import (
+    PAUSE,
+    Arm,
+    DryFriction,
+    TrueMotion,
+    World,
+)
 
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.
@@ -42,7 +48,8 @@ RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 @dataclass(frozen=True, repr=False)
 class HiddenRuns(formatting.Shown):
-    """runs : as logged; truth : what is hidden, for a scorer; hidden : the effects, sized."""
+    """runs : as logged; truth : what is hidden, for a scorer; hidden : the effects,
+    sized."""
 
     problem: Problem
     world: World
@@ -83,7 +90,9 @@ class HiddenRuns(formatting.Shown):
 def refuse_foreign(folder: Path) -> None:
     """InputError where a folder holds runs that :meth:`HiddenRuns.save` did not write."""
     there = [name for name in RUN_FILES if (folder / name).exists()]
-    if there and not (folder / "truth.json").exists():  # else the folder is one that was written here
+    if (
+        there and not (folder / "truth.json").exists()
+    ):  # else the folder is one that was written here
         raise InputError(f"{there[0]} exists already", "name another folder", folder)
 
 
@@ -93,7 +102,8 @@ def simulate(
     level: str | float = "strong",
     seed: int = 0,
 ) -> HiddenRuns:
-    """Simulate three runs to identify from and one to test on, with effects hidden in them.
+    """Simulate three runs to identify from and one to test on, with effects hidden in
+    them.
 
     problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
     hide : ``effect[:joints]``, several separated by commas or in a sequence, or none. level :
@@ -107,18 +117,33 @@ def simulate(
     if size not in LEVELS and (isinstance(size, str) or not 0.0 < size < 1e6):
         remedy = f"write {', '.join(LEVELS)} or a positive number"
         raise InputError(f"level {level!r} is unknown", remedy)
-    effects = [(e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)]
+    effects = [
+        (e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)
+    ]
     return hidden_runs(robot, effects, size, seed)
 
 
-def true_world(problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()) -> World:
-    """The true robot: the experiment's links, random viscous and Coulomb friction and offsets of the
-    size of friction there; effects named in ``without`` are not among them."""
-    robot, rng, none = problem.robot, np.random.default_rng([seed, 1]), np.zeros(problem.robot.n)
+def true_world(
+    problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()
+) -> World:
+    """The true robot: the experiment's links, random viscous and Coulomb friction and
+    offsets of the size of friction there; effects named in ``without`` are not among
+    them."""
+    robot, rng, none = (
+        problem.robot,
+        np.random.default_rng([seed, 1]),
+        np.zeros(problem.robot.n),
+    )
     size = 0.02 + none if setup.friction is None else np.abs(setup.friction[:, 0])
-    coulomb = size * rng.uniform(0.5, 1.5, robot.n) * ("coulomb_friction" not in without)
-    viscous = size * rng.uniform(0.2, 0.8, robot.n) * ("viscous_friction" not in without)
-    offset = 0.2 * size * rng.uniform(-1.0, 1.0, robot.n) * ("torque_offset" not in without)
+    coulomb = (
+        size * rng.uniform(0.5, 1.5, robot.n) * ("coulomb_friction" not in without)
+    )
+    viscous = (
+        size * rng.uniform(0.2, 0.8, robot.n) * ("viscous_friction" not in without)
+    )
+    offset = (
+        0.2 * size * rng.uniform(-1.0, 1.0, robot.n) * ("torque_offset" not in without)
+    )
     model, chain = robot._with_inertias(setup.links), robot.mechanism
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
     follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
@@ -135,13 +160,15 @@ def hidden_runs(
     count: int = 4,
     world: World | None = None,
 ) -> HiddenRuns:
-    """Simulate ``count`` runs (the last meant as the test run) with effects hidden in them.
+    """Simulate ``count`` runs (the last meant as the test run) with effects hidden in
+    them.
 
-    effects : names and joints (from 0; empty: one effect on every joint that it can act on, or of
-    the whole robot). level : of LEVELS, or the root mean square of the hidden torque over the raw noise
-    of the joint that it moves most. world : the true robot (default: that of the seed), so that the same
-    one is measured with and without a load. Raises InputError for an effect that has no simulation, or
-    makes no torque on a joint that is named (backlash about a vertical axis).
+    effects : names and joints (from 0; empty: one effect on every joint that it can act
+    on, or of the whole robot). level : of LEVELS, or the root mean square of the hidden
+    torque over the raw noise of the joint that it moves most. world : the true robot
+    (default: that of the seed), so that the same one is measured with and without a
+    load. Raises InputError for an effect that has no simulation, or makes no torque on
+    a joint that is named (backlash about a vertical axis).
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
@@ -151,28 +178,43 @@ def hidden_runs(
     # One and a half periods in a run.
     length, frequency = DURATION + 2.0 * _BLEND, 3.0 * np.pi / DURATION
     drawn = (10 * seed + k for k in range(count))
-    trajectories = [random_trajectory(problem.robot, x, length, frequency=frequency) for x in drawn]
-    inside = np.arange(_BLEND, _BLEND + DURATION, 1.0 / 200.0)  # coarse enough to be sized quickly
+    trajectories = [
+        random_trajectory(problem.robot, x, length, frequency=frequency) for x in drawn
+    ]
+    inside = np.arange(
+        _BLEND, _BLEND + DURATION, 1.0 / 200.0
+    )  # coarse enough to be sized quickly
     coarse = [_motion(x, inside, k) for k, x in enumerate(trajectories)]
     hidden = []
     for name, joints in effects:
         if name not in MAKERS:
-            raise InputError(f"effect {name!r} cannot be hidden", f"choose from {', '.join(MAKERS)}")
+            raise InputError(
+                f"effect {name!r} cannot be hidden", f"choose from {', '.join(MAKERS)}"
+            )
         kind = effect_types()[name]
-        for joint in joints or ([0] if kind.whole_robot else kind(problem.robot).joints):
+        for joint in joints or (
+            [0] if kind.whole_robot else kind(problem.robot).joints
+        ):
             one = replace(MAKERS[name](world, joint, rng), effect=name)
             sized = one.sized(world, coarse, factor)
             if sized is not one:
                 hidden.append(sized)
             elif joints or not one.joints:
                 where = f"on joint {joint + 1}" if one.joints else "on this robot"
-                raise InputError(f"{name} makes no torque {where}", "hide it elsewhere, or hide another")
-    runs = tuple(_measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories))
+                raise InputError(
+                    f"{name} makes no torque {where}",
+                    "hide it elsewhere, or hide another",
+                )
+    runs = tuple(
+        _measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)
+    )
     truth = {
         "problem": problem.name,
         "seed": seed,
         "level": level,
-        "effects": [{**h.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden],
+        "effects": [
+            {**h.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden
+        ],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
     return HiddenRuns(problem, world, runs, tuple(hidden), truth)

@@ -1,4 +1,5 @@
-"""Conic solvers, one small file each: a subclass of :class:`~solvers.solver.Solver` registers it."""
+"""Conic solvers, one small file each: a subclass of :class:`~solvers.solver.Solver`
+registers it."""
 
 from functools import cache
 
@@ -9,12 +10,14 @@ from sdp_vs_penalty.solvers.solver import Solver
 
 @cache
 def solver_types() -> dict[str, type[Solver]]:
-    """Every solver of the library by name; :attr:`Solver.absent` says which are not installed."""
+    """Every solver of the library by name; :attr:`Solver.absent` says which are not
+    installed."""
     return classes(__name__, __path__, Solver)
 
 
 def solver(name: str) -> Solver:
-    """The solver of a name; InputError where it is unknown or absent, saying what installs it."""
+    """The solver of a name; InputError where it is unknown or absent, saying what
+    installs it."""
     found: Solver = named("solver", __name__, __path__, Solver, name, solver_types)()
     if found.absent:
         raise InputError(f"solver {name} cannot be used here", found.absent)

@@ -1,14 +1,15 @@
 """Our own judgement of an estimate, independent of whoever computed it.
 
-Primal side: the worst violation of every constraint family, those included that the method never
-received. Dual side: for a convex objective f and any multipliers S_i in the (self-dual) cones,
+Primal side: the worst violation of every constraint family, those included that the
+method never received. Dual side: for a convex objective f and any multipliers S_i in
+the (self-dual) cones,
 
     f(theta) >= l0 + l^T theta                               (a tangent of f)
              >= l0 - sum <S_i, F_i0> + e^T theta             (theta feasible, <S_i, F_i(theta)> >= 0)
              >= l0 - sum <S_i, F_i0> - |e|^T B,              e = l - sum F_i^*(S_i), |theta_k| <= B_k
 
-so that any multipliers, projected onto their cones, give a lower bound on the optimum; good ones
-give a tight one. Nothing a solver says about itself enters.
+so that any multipliers, projected onto their cones, give a lower bound on the optimum;
+good ones give a tight one. Nothing a solver says about itself enters.
 """
 
 from bisect import bisect_left
@@ -32,9 +33,10 @@ from sdp_vs_penalty.solvers.verified import TIGHT, DualEvidence
 class Fit:
     """theta (p,); for convex problems what the certificate needs to bound the optimum.
 
-    multipliers (e,) : of the constraints' entries, near their cones; entropy_slopes : the dual's own S
-    for P(theta)^-1, where a solver gives it; interior (p,) : strictly inside; bound (p,) : |theta_k| <=
-    bound_k for every feasible theta; central : a start for similar data.
+    multipliers (e,) : of the constraints' entries, near their cones; entropy_slopes :
+    the dual's own S for P(theta)^-1, where a solver gives it; interior (p,) : strictly
+    inside; bound (p,) : |theta_k| <= bound_k for every feasible theta; central : a
+    start for similar data.
     """
 
     theta: Array
@@ -54,14 +56,18 @@ class Fit:
 
     @cached_property
     def lower(self) -> float:
-        """A rigorous lower bound on the optimum, from any multipliers: as they are, and, unless that is
-        tight, also from polished ones."""
+        """A rigorous lower bound on the optimum, from any multipliers: as they are,
+        and, unless that is tight, also from polished ones."""
         assert self.bound is not None
         objective, entries, bound = self.objective, self.constraints.entries, self.bound
-        lower = verified.lower_bound(objective, entries, dual_evidence(self, polished=False), bound)
+        lower = verified.lower_bound(
+            objective, entries, dual_evidence(self, polished=False), bound
+        )
         if objective.least_squares.gap(self.upper, lower, self.theta) <= 0.5 * TIGHT:
             return lower
-        return max(lower, verified.lower_bound(objective, entries, dual_evidence(self), bound))
+        return max(
+            lower, verified.lower_bound(objective, entries, dual_evidence(self), bound)
+        )
 
     @cached_property
     def gap(self) -> float:
@@ -70,8 +76,8 @@ class Fit:
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
-    """Multipliers, polished so that little of the slope is left, and the tangent that they go with, at
-    theta: the closer to the optimum, the tighter the bound."""
+    """Multipliers, polished so that little of the slope is left, and the tangent that
+    they go with, at theta: the closer to the optimum, the tighter the bound."""
     assert fit.multipliers is not None
     assert fit.bound is not None
     objective, theta, bound = fit.objective, fit.theta, fit.bound
@@ -81,11 +87,15 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
         definite = np.linalg.eigvalsh(own)[:, 0] > 0.0
         slopes = own
         if not definite.all():
-            inverse = np.linalg.inv(np.array([link.value(theta) for link in objective.entropy.links]))
+            inverse = np.linalg.inv(
+                np.array([link.value(theta) for link in objective.entropy.links])
+            )
             slopes = np.where(definite[:, None, None], own, inverse)
     gram = bound[:, None] * data.curvature * bound
     gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram) + float(not gram.any())
-    cholesky, failed = dpotrf(gram, lower=1, clean=0)  # SciPy's own calls of it take as long again
+    cholesky, failed = dpotrf(
+        gram, lower=1, clean=0
+    )  # SciPy's own calls of it take as long again
     if failed:
         raise np.linalg.LinAlgError
 
@@ -104,8 +114,9 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
 def _polished(
     e: DualEvidence, objective: Objective, constraints: ConstraintSet, bound: Array
 ) -> DualEvidence:
-    """What data cannot take up of a leftover slope goes into the multipliers of each link's 4x4 matrix,
-    which can hold any of it; projecting them back onto the cone leaves less."""
+    """What data cannot take up of a leftover slope goes into the multipliers of each
+    link's 4x4 matrix, which can hold any of it; projecting them back onto the cone
+    leaves less."""
     data, entries = objective.least_squares, constraints.entries
     p, slope, pull = len(bound), objective.linear, 2.0 * data.R.T
     if (entropy := objective.entropy) is not None:
@@ -117,36 +128,51 @@ def _polished(
     def push(slope: Array) -> Array:
         return np.asarray(u[:, told] @ ((vt[told] @ slope) / (2.0 * strength[told])))
 
-    # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near depends on units.
+    # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near
+    # depends on units.
     terms = zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)
-    sizes = [unit_diagonals(x) if g.cone == "psd" else np.ones_like(g.constant) for g, x in terms]
+    sizes = [
+        unit_diagonals(x) if g.cone == "psd" else np.ones_like(g.constant)
+        for g, x in terms
+    ]
     dual, kept, best = entries.split(e.multipliers), e.multipliers, -np.inf
     for _ in range(_DUAL_ROUNDS):
-        dual = [t * project(g.cone, s / t) for g, s, t in zip(entries.groups, dual, sizes, strict=True)]
+        dual = [
+            t * project(g.cone, s / t)
+            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
+        ]
         flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
         y = e.y
         for _ in range(2):
             y = y - push(bound * (slope - entries.adjoint(flat, p) + pull @ y))
         leftover = slope - entries.adjoint(flat, p) + pull @ y
         cost = float(np.abs(leftover) @ bound)
-        value = -float(entries.constant @ flat) - 2.0 * float(y @ data.rho) - float(y @ y) - cost
+        value = (
+            -float(entries.constant @ flat)
+            - 2.0 * float(y @ data.rho)
+            - float(y @ y)
+            - cost
+        )
         gained, best = value - best, max(best, value)
         if gained > 0.0:
             kept = flat
         if gained <= _WORTHWHILE * cost:
             break
         dual = [
-            s + t * np.einsum("gk,gkab->gab", leftover[g.indices], _inverse(g, t))
-            if g.coefficients.shape[1:] == (10, 4, 4)
-            else s
+            (
+                s + t * np.einsum("gk,gkab->gab", leftover[g.indices], _inverse(g, t))
+                if g.coefficients.shape[1:] == (10, 4, 4)
+                else s
+            )
             for g, s, t in zip(entries.groups, dual, sizes, strict=True)
         ]
     return replace(e, multipliers=kept, push=push)
 
 
 def _inverse(group: Alike, t: Array) -> Array:
-    """(g, 10, 4, 4) from a slope e of the last demand on each link (its minimum thickness: the one that
-    is active) to E with <T F_i T, E> = e_i; zeros of the others."""
+    """(g, 10, 4, 4) from a slope e of the last demand on each link (its minimum
+    thickness: the one that is active) to E with <T F_i T, E> = e_i; zeros of the
+    others."""
     flat = (group.coefficients * t[:, None]).reshape(-1, 10, 16)
     out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(-1, 10, 4, 4)
     last = {int(first): k for k, first in enumerate(group.indices[:, 0])}
@@ -154,19 +180,22 @@ def _inverse(group: Alike, t: Array) -> Array:
     return np.asarray(out)
 
 
-#: Directions below this share of the data's energy, or of the strongest, are left alone where a slope is
-#: pushed into y: by a Cholesky factor first, which is quick, by singular values then.
+#: Directions below this share of the data's energy, or of the strongest, are left alone
+#: where a slope is pushed into y: by a Cholesky factor first, which is quick, by
+#: singular values then.
 _RIDGE, _CUT = 1e-9, 1e-8
-#: Most rounds of pushing the leftover slope into the multipliers, and the share of what it costs that a
-#: round has to gain.
+#: Most rounds of pushing the leftover slope into the multipliers, and the share of what
+#: it costs that a round has to gain.
 _DUAL_ROUNDS, _WORTHWHILE = 50, 0.02
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """The first feasible point on the way from theta to an interior point; theta itself if feasible.
+    """The first feasible point on the way from theta to an interior point; theta itself
+    if feasible.
 
-    Feasible by more than rounding (:func:`safe_depth`): the certificate, which forms F(theta) in
-    another order, finds no violation. An interior point that is no deeper is what comes out.
+    Feasible by more than rounding (:func:`safe_depth`): the certificate, which forms
+    F(theta) in another order, finds no violation. An interior point that is no deeper
+    is what comes out.
     """
 
     safe = [safe_depth(group.constant.shape[1]) for group in constraints.groups]
@@ -177,8 +206,10 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
 
     if feasible(0.0):
         return theta
-    # Convex: feasible steps are an interval that ends at 1. A solver's violation asks for a tiny one, so
-    # that its logarithm is looked for, to a millionth of the step.
+    # Convex: feasible steps are an interval that ends at 1. A solver's violation asks
+    # for a tiny one, so that its logarithm is looked for, to a millionth of the step.
     steps = 3_000_000
-    first = bisect_left(range(14 * steps), True, key=lambda k: feasible(10.0 ** (k / steps - 14.0)))
+    first = bisect_left(
+        range(14 * steps), True, key=lambda k: feasible(10.0 ** (k / steps - 14.0))
+    )
     return np.asarray(theta + 10.0 ** (first / steps - 14.0) * (interior - theta))

@@ -29,8 +29,9 @@ class Clarabel(Solver):
         settings.max_threads = 1
         # Supernodal: as fast as the default on an arm, twice as fast on sixty links.
         settings.direct_solve_method = "faer"
-        # A pivot whose sign rounding has turned would be replaced by 2e-7, far above the accuracy that
-        # links of unequal size need: over 540 random arms that made one certified gap in twenty loose.
+        # A pivot whose sign rounding has turned would be replaced by 2e-7, far above
+        # the accuracy that links of unequal size need: over 540 random arms that made
+        # one certified gap in twenty loose.
         settings.dynamic_regularization_enable = False
         settings.static_regularization_constant = 1e-10
         for key, value in told.items():
@@ -43,10 +44,13 @@ class Clarabel(Solver):
             "exp": lambda size: clarabel.ExponentialConeT(),
         }
         cones = [kinds[c.kind](c.size) for c in problem.cones]
-        # Which it takes for infinite: rows with such a right side are dropped, or make it panic.
+        # Which it takes for infinite: rows with such a right side are dropped, or make
+        # it panic.
         if np.max(np.abs(problem.b), initial=0.0) >= 1e20:
             return Solution.none(problem, "data beyond 1e20")
-        solver = clarabel.DefaultSolver(problem.P, problem.q, problem.A, problem.b, cones, settings)
+        solver = clarabel.DefaultSolver(
+            problem.P, problem.q, problem.A, problem.b, cones, settings
+        )
         result = solver.solve()
         x, z = np.array(result.x), np.array(result.z)
         return self.said(x, z, str(result.status), result.iterations)

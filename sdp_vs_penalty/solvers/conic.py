@@ -2,10 +2,10 @@
 
     minimise 1/2 x^T P x + q^T x   subject to   A x + s = b,  s in K = K_1 x K_2 x ...
 
-K_i is one of "zero", "nonnegative", "soc" (axis first), "psd" (svec: upper triangle column by
-column, off-diagonals times sqrt(2)), "exp" {(x, y, z): y exp(x / y) <= z}. Files are sparse SDPA
-(.dat-s; Borchers, Optimization Methods and Software 1999) and the conic benchmark format (.cbf),
-version 3 (H. A. Friberg, CBF format reference).
+K_i is one of "zero", "nonnegative", "soc" (axis first), "psd" (svec: upper triangle
+column by column, off-diagonals times sqrt(2)), "exp" {(x, y, z): y exp(x / y) <= z}.
+Files are sparse SDPA (.dat-s; Borchers, Optimization Methods and Software 1999) and the
+conic benchmark format (.cbf), version 3 (H. A. Friberg, CBF format reference).
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class Cone:
 
 @dataclass(frozen=True)
 class ConicProblem:
-    """P (m, m) upper triangle, q (m,), A (rows, m), b (rows,), cones in the order of the rows."""
+    """P (m, m) upper triangle, q (m,), A (rows, m), b (rows,), cones in the order of
+    the rows."""
 
     P: sparse.csc_matrix
     q: Array
@@ -47,10 +48,11 @@ class ConicProblem:
 
 @dataclass(frozen=True)
 class Solution:
-    """What a solver returned and claims; nothing here is believed before it is certified.
+    """What a solver returned and claims; nothing here is believed before it is
+    certified.
 
-    x (m,) primal, z (rows,) dual of A x + s = b with z in K*; claims : "optimal", "inaccurate",
-    "infeasible", "unbounded" or "failed"; status : the solver's own word.
+    x (m,) primal, z (rows,) dual of A x + s = b with z in K*; claims : "optimal",
+    "inaccurate", "infeasible", "unbounded" or "failed"; status : the solver's own word.
     """
 
     x: Array
@@ -61,7 +63,11 @@ class Solution:
 
     @classmethod
     def none(
-        cls, problem: ConicProblem, status: str, claims: str = "failed", iterations: int = 0
+        cls,
+        problem: ConicProblem,
+        status: str,
+        claims: str = "failed",
+        iterations: int = 0,
     ) -> Solution:
         """What a solver that gave up returned."""
         x, z = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
@@ -76,7 +82,8 @@ def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
 
 
 def svec(matrix: Array) -> Array:
-    """Upper triangle of symmetric (..., d, d), column by column, off-diagonals times sqrt(2)."""
+    """Upper triangle of symmetric (..., d, d), column by column, off-diagonals times
+    sqrt(2)."""
     i, j, weight = triangle(matrix.shape[-1])
     return matrix[..., i, j] * weight
 
@@ -93,7 +100,8 @@ CBF_NAMES = {"zero": "L=", "nonnegative": "L+", "soc": "Q", "exp": "EXP"}
 
 
 def sdpa_text(problem: ConicProblem) -> str:
-    """Sparse SDPA: minimise c^T x subject to sum_i x_i F_i - F_0 >= 0, blocks in order of the cones."""
+    """Sparse SDPA: minimise c^T x subject to sum_i x_i F_i - F_0 >= 0, blocks in order
+    of the cones."""
     sizes = [-c.size if c.kind == "nonnegative" else c.size for c in problem.cones]
     lines = [
         '"physically consistent identification of robot dynamics, by sdp-vs-penalty"',
@@ -103,15 +111,20 @@ def sdpa_text(problem: ConicProblem) -> str:
         " ".join(f"{x:.17g}" for x in problem.q),
     ]
     block, i, j, factor = svec_entries(problem.cones)
-    whole = sparse.hstack([sparse.csc_matrix(problem.b[:, None]), problem.A], "csc").tocoo()
-    for row, k, value in zip(whole.row, whole.col, -whole.data * factor[whole.row], strict=True):
+    whole = sparse.hstack(
+        [sparse.csc_matrix(problem.b[:, None]), problem.A], "csc"
+    ).tocoo()
+    for row, k, value in zip(
+        whole.row, whole.col, -whole.data * factor[whole.row], strict=True
+    ):
         if value != 0.0:
             lines.append(f"{k} {block[row] + 1} {i[row] + 1} {j[row] + 1} {value:.17g}")
     return "\n".join(lines) + "\n"
 
 
 def cbf_text(problem: ConicProblem) -> str:
-    """CBF: free variables x, affine cones by rows of (h - G x), psd cones by HCOORD and DCOORD."""
+    """CBF: free variables x, affine cones by rows of (h - G x), psd cones by HCOORD and
+    DCOORD."""
     m, starts = len(problem.q), np.cumsum([0, *(c.rows for c in problem.cones)])
     lines = ["VER", "3", "", "OBJSENSE", "MIN", "", "VAR", f"{m} 1", f"F {m}", ""]
     psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
@@ -122,7 +135,9 @@ def cbf_text(problem: ConicProblem) -> str:
     for start, cone in zip(starts, problem.cones, strict=False):
         if cone.kind != "psd":
             own = np.arange(start, start + cone.rows)
-            rows.append(own[::-1] if cone.kind == "exp" else own)  # CBF: (t, s, r), t >= s exp(r / s)
+            rows.append(
+                own[::-1] if cone.kind == "exp" else own
+            )  # CBF: (t, s, r), t >= s exp(r / s)
             cones.append(f"{CBF_NAMES[cone.kind]} {cone.rows}")
     order = np.concatenate(rows)
     if cones:
@@ -138,7 +153,9 @@ def cbf_text(problem: ConicProblem) -> str:
     lines += _section("ACOORD", rest.row, rest.col, rest.data)
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
     at = matrices[problem.b[matrices] != 0.0]
-    lines += _section("DCOORD", number[block[at]], j[at], i[at], problem.b[at] * factor[at])
+    lines += _section(
+        "DCOORD", number[block[at]], j[at], i[at], problem.b[at] * factor[at]
+    )
     return "\n".join(lines) + "\n"
 
 
@@ -148,7 +165,8 @@ def _nonzero(values: Any) -> tuple[Any, Any]:
 
 
 def _section(name: str, *columns: Any) -> list[str]:
-    """Whole numbers and a value a line, behind their count; nothing where there are none."""
+    """Whole numbers and a value a line, behind their count; nothing where there are
+    none."""
     found = [
         " ".join([*map(str, row[:-1]), f"{row[-1]:.17g}"])
         for row in zip(*(column.tolist() for column in columns), strict=True)
@@ -157,7 +175,8 @@ def _section(name: str, *columns: Any) -> list[str]:
 
 
 def svec_entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:
-    """For each row its block, row and column and the factor that turns svec into entries."""
+    """For each row its block, row and column and the factor that turns svec into
+    entries."""
     parts = []
     for number, cone in enumerate(cones):
         i = j = np.arange(cone.size)

@@ -1,8 +1,10 @@
-"""The smallest value of a linear function over feasible parameters, certified from the dual.
+"""The smallest value of a linear function over feasible parameters, certified from the
+dual.
 
-A :class:`Slice` is the feasible set cut by equalities, theta = interior + basis x. Its constraints in x
-are ordinary ones, each scaled so that the interior point becomes its unit: Clarabel then sees a problem
-of size one whatever the units, and :mod:`certificate` makes a lower bound of its multipliers.
+A :class:`Slice` is the feasible set cut by equalities, theta = interior + basis x. Its
+constraints in x are ordinary ones, each scaled so that the interior point becomes its
+unit: Clarabel then sees a problem of size one whatever the units, and
+:mod:`certificate` makes a lower bound of its multipliers.
 """
 
 from collections.abc import Sequence
@@ -16,7 +18,12 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import solver
 from sdp_vs_penalty.solvers.certificate import Fit, dual_evidence, repair
-from sdp_vs_penalty.solvers.identification import SdpProblem, conic_problem, largest_margin, scaled
+from sdp_vs_penalty.solvers.identification import (
+    SdpProblem,
+    conic_problem,
+    largest_margin,
+    scaled,
+)
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.verified import lower_bound
 
@@ -25,7 +32,8 @@ from sdp_vs_penalty.solvers.verified import lower_bound
 class Extreme:
     """The smallest value of a linear function on a slice.
 
-    value : attained by the feasible ``theta`` (p,); bound : no feasible theta is below it.
+    value : attained by the feasible ``theta`` (p,); bound : no feasible theta is below
+    it.
     """
 
     value: float
@@ -34,12 +42,13 @@ class Extreme:
 
 
 class Slice:
-    """All feasible parameters theta (p,) = interior + basis x, basis (p, k), with the same
-    equalities @ theta as a given one; reduced : the constraints in x, of which sdp is the conic form;
-    limit (k,) : |x_k| <= limit_k on the slice.
+    """All feasible parameters theta (p,) = interior + basis x, basis (p, k), with the
+    same equalities @ theta as a given one; reduced : the constraints in x, of which sdp
+    is the conic form; limit (k,) : |x_k| <= limit_k on the slice.
 
-    equalities (e, p); theta (p,), feasible or not; bound (p,) : |theta_k| <= bound_k wherever the
-    constraints hold. Raises InputError where the slice has no interior point.
+    equalities (e, p); theta (p,), feasible or not; bound (p,) : |theta_k| <= bound_k
+    wherever the constraints hold. Raises InputError where the slice has no interior
+    point.
     """
 
     def __init__(
@@ -48,10 +57,18 @@ class Slice:
         rows = equalities / np.linalg.norm(equalities, axis=1, keepdims=True)
         free = scipy.linalg.null_space(rows, rcond=1e-10)
         if free.shape[1] == 0:
-            raise InputError("the equalities leave no parameter free", "leave some of them out")
-        self.constraints, self.interior = constraints, _interior(constraints, free, theta, bound)
-        # Scaled so that all columns together, as seen from the interior point, are orthonormal.
-        seen = _posed([_reduced(c, free, self.interior) for c in constraints.convex]).conic.A
+            raise InputError(
+                "the equalities leave no parameter free", "leave some of them out"
+            )
+        self.constraints, self.interior = (
+            constraints,
+            _interior(constraints, free, theta, bound),
+        )
+        # Scaled so that all columns together, as seen from the interior point, are
+        # orthonormal.
+        seen = _posed(
+            [_reduced(c, free, self.interior) for c in constraints.convex]
+        ).conic.A
         r = np.linalg.qr(seen.toarray(), mode="r")
         self.basis = scipy.linalg.solve_triangular(r, free.T, trans="T").T
         self.reduced = ConstraintSet(
@@ -61,7 +78,10 @@ class Slice:
         # Free has orthonormal columns.
         self.limit = np.abs(r @ free.T) @ (bound + np.abs(self.interior))
         # Implied limits are generous: those of its own certified extremes are tighter.
-        ends = [[self._solve(s * row)[1] for s in (1.0, -1.0)] for row in np.eye(len(self.limit))]
+        ends = [
+            [self._solve(s * row)[1] for s in (1.0, -1.0)]
+            for row in np.eye(len(self.limit))
+        ]
         self.limit = np.minimum(self.limit, -np.array(ends).min(axis=1))
 
     def minimum(self, slope: Array) -> Extreme:
@@ -69,8 +89,11 @@ class Slice:
         g = self.basis.T @ slope
         size = float(np.linalg.norm(g))
         middle = float(slope @ self.interior)
-        if size <= 1e-12 * float(np.linalg.norm(slope * (np.abs(self.interior) + 1e-12))):
-            # The function is constant on the slice up to rounding, which this bound contains.
+        if size <= 1e-12 * float(
+            np.linalg.norm(slope * (np.abs(self.interior) + 1e-12))
+        ):
+            # The function is constant on the slice up to rounding, which this bound
+            # contains.
             spread = float(np.abs(g) @ self.limit)
             return Extreme(middle, middle - spread, self.interior)
         x, lower = self._solve(g / size)
@@ -83,16 +106,21 @@ class Slice:
         return replace(found, value=-found.value, bound=-found.bound)
 
     def _solve(self, g: Array) -> tuple[Array, float]:
-        """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that minimum."""
+        """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that
+        minimum."""
         solution = solver("clarabel").solve(replace(self.sdp.conic, q=g), 1e-10)
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.filled(self.sdp.multipliers(solution))
         fit = Fit(solution.x, objective, self.reduced, multipliers, bound=self.limit)
         found = dual_evidence(fit)
-        return solution.x, lower_bound(objective, self.reduced.entries, found, self.limit)
+        return solution.x, lower_bound(
+            objective, self.reduced.entries, found, self.limit
+        )
 
 
-def _interior(constraints: ConstraintSet, free: Array, theta: Array, bound: Array) -> Array:
+def _interior(
+    constraints: ConstraintSet, free: Array, theta: Array, bound: Array
+) -> Array:
     """The point of the slice through theta with the largest scaled margin."""
     reduced = [_reduced(c, free, theta) for c in constraints.convex]
     reach = np.abs(free.T) @ (bound + np.abs(theta))
@@ -102,9 +130,10 @@ def _interior(constraints: ConstraintSet, free: Array, theta: Array, bound: Arra
     margin = constraints.margin(point)
     if not margin > 0.0:
         raise InputError(
-            "No parameters with these equalities lie strictly inside all constraints (largest "
-            f"margin {margin:.1e})",
-            ("start from an estimate with a minimum thickness, or relax the bounds that it touches"),
+            "No parameters with these equalities lie strictly inside all constraints"
+            f" (largest margin {margin:.1e})",
+            "start from an estimate with a minimum thickness, or relax the bounds that"
+            " it touches",
         )
     return point
 
@@ -113,11 +142,15 @@ def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
     """The constraint in x with theta = origin + free x."""
     coefficients = np.tensordot(free[c.indices].T, c.coefficients, axes=(1, 0))
     every = np.arange(free.shape[1])
-    return replace(c, indices=every, constant=c.value(origin), coefficients=coefficients)
+    return replace(
+        c, indices=every, constant=c.value(origin), coefficients=coefficients
+    )
 
 
 def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
     """The constraints in x in conic form, F(0) turned into the unit of each matrix."""
     k = len(reduced[0].indices)
     groups, placed = scaled(reduced, np.zeros(k), np.ones(k), np.zeros(k))
-    return SdpProblem(conic_problem(groups, None, np.zeros(k)), np.zeros(k), np.ones(k), 1.0, placed)
+    return SdpProblem(
+        conic_problem(groups, None, np.zeros(k)), np.zeros(k), np.ones(k), 1.0, placed
+    )

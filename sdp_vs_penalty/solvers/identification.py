@@ -1,4 +1,5 @@
-"""Identification as a conic problem, and the way back from its solution to parameters and multipliers.
+"""Identification as a conic problem, and the way back from its solution to parameters
+and multipliers.
 
 :func:`least_squares_sdp` writes it in the standard form: x = (scaled theta, residual z, ...)
 with z = (R theta - rho) / lambda as variables of their own, and theta about a centre. In the bare
@@ -21,14 +22,16 @@ from sdp_vs_penalty.robot.constraint import Alike, Constraint, Entries, alike
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
-#: A unit of a scaled parameter that the data do not see moves no matrix farther than this, in the
-#: matrix's size: its bound alone (100 kg, metres) can make columns of a million beside those of one.
+#: A unit of a scaled parameter that the data do not see moves no matrix farther than
+#: this, in the matrix's size: its bound alone (100 kg, metres) can make columns of a
+#: million beside those of one.
 _FARTHEST = 100.0
 
 
 @dataclass(frozen=True)
 class Placed:
-    """Which rows are a constraint's, and how its cone was scaled: T F T^T (T a matrix) or c * F."""
+    """Which rows are a constraint's, and how its cone was scaled: T F T^T (T a matrix)
+    or c * F."""
 
     constraint: Constraint
     rows: slice
@@ -37,7 +40,8 @@ class Placed:
 
 @dataclass(frozen=True)
 class SdpProblem:
-    """An identification problem in conic form with what is needed to read a solution back."""
+    """An identification problem in conic form with what is needed to read a solution
+    back."""
 
     conic: ConicProblem
     centre: Array
@@ -52,27 +56,43 @@ class SdpProblem:
         return self.centre + self.theta_scale * solution.x[: len(self.theta_scale)]
 
     def entropy_slopes(self, solution: Solution) -> Array | None:
-        """(links, 4, 4) the dual's own idea of P(theta)^-1, for a tight bound on -log det."""
+        """(links, 4, 4) the dual's own idea of P(theta)^-1, for a tight bound on -log
+        det."""
         if self.entropy is None:
             return None
         rows = slice(self.entropy_row, self.entropy_row + 36 * len(self.entropy.links))
         blocks = unsvec(solution.z[rows].reshape(-1, 36), 8)[:, :4, :4]
-        return blocks * unit_diagonals(self.entropy.nominal) * self.loss_scale**2 / self.entropy.weight
+        return (
+            blocks
+            * unit_diagonals(self.entropy.nominal)
+            * self.loss_scale**2
+            / self.entropy.weight
+        )
 
     def multipliers(self, solution: Solution) -> dict[Constraint, Array]:
         """The dual matrix or vector of each constraint, in the units of loss per F."""
         out = {}
         for item in self.placed:
-            c, T, part = item.constraint, item.scale, solution.z[item.rows] * self.loss_scale**2
-            out[c] = T.T @ unsvec(part, len(c.constant)) @ T if c.cone == "psd" else T * part
+            c, T, part = (
+                item.constraint,
+                item.scale,
+                solution.z[item.rows] * self.loss_scale**2,
+            )
+            out[c] = (
+                T.T @ unsvec(part, len(c.constant)) @ T if c.cone == "psd" else T * part
+            )
         return out
 
     def shares(self, solution: Solution) -> Array:
-        """(k,) <z, e> of each constraint's scaled multiplier z: its share of a proof, free of units.
+        """(k,) <z, e> of each constraint's scaled multiplier z: its share of a proof,
+        free of units.
 
-        For :func:`largest_margin` they add up to one where no theta satisfies all constraints.
+        For :func:`largest_margin` they add up to one where no theta satisfies all
+        constraints.
         """
-        each = ((solution.z[item.rows], item.constraint.identity) for item in self.placed)
+        each = (
+            (solution.z[item.rows], item.constraint.identity) for item in self.placed
+        )
         return np.array([float(z @ (svec(e) if e.ndim > 1 else e)) for z, e in each])
 
 
@@ -85,7 +105,8 @@ def least_squares_sdp(
     fine: bool = False,
     least_loss: float = 0.0,
 ) -> SdpProblem:
-    """Minimise the objective subject to the constraints, centred and scaled for a solver.
+    """Minimise the objective subject to the constraints, centred and scaled for a
+    solver.
 
     reference (p,) : a theta inside the constraints, from where each cone is scaled.
     bound (p,) : largest plausible |theta|.
@@ -100,11 +121,17 @@ def least_squares_sdp(
     norms = np.linalg.norm(data.R, axis=0)
     seen = norms * bound > UNSEEN * torque
     unit = np.where(
-        seen, torque / np.where(seen, norms, 1.0), moving_scale(constraints, reference, bound)
+        seen,
+        torque / np.where(seen, norms, 1.0),
+        moving_scale(constraints, reference, bound),
     )
-    rows, rho, out_of_reach = _independent_rows(data.R * unit, data.rho - data.R @ centre)
+    rows, rho, out_of_reach = _independent_rows(
+        data.R * unit, data.rho - data.R @ centre
+    )
     r, offset = len(rho), data.residual_norm**2 + out_of_reach
-    loss_scale = float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss))) or 1.0
+    loss_scale = (
+        float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss))) or 1.0
+    )
     finer = loss_scale / torque if fine else 1.0
     scale = np.where(seen, np.minimum(bound, finer * unit), unit)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
@@ -119,9 +146,12 @@ def least_squares_sdp(
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
         linear[:p] = weight * scale * entropy.entries.adjoint(inverse.ravel(), p)
-        quadratic, linear = (np.pad(x, (0, logs.size + 10 * len(inverse))) for x in (quadratic, linear))
+        quadratic, linear = (
+            np.pad(x, (0, logs.size + 10 * len(inverse))) for x in (quadratic, linear)
+        )
         linear[logs] = -weight
-        # Of the divergence the conic problem leaves out the trace at the centre, log det and scaling.
+        # Of the divergence the conic problem leaves out the trace at the centre, log
+        # det and scaling.
         left = np.sum(inverse * links.values(centre)) + np.sum(log_det - 4.0)
         sizes = np.diagonal(entropy.nominal, axis1=1, axis2=2)
         offset += entropy.weight * float(left - np.sum(np.log(sizes)))
@@ -129,36 +159,52 @@ def least_squares_sdp(
     return SdpProblem(conic, centre, scale, loss_scale, placed, offset, entropy, start)
 
 
-def largest_margin(constraints: Sequence[Constraint], reference: Array, scale: Array) -> SdpProblem:
-    """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone: an interior point if t > 0.
+def largest_margin(
+    constraints: Sequence[Constraint], reference: Array, scale: Array
+) -> SdpProblem:
+    """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone: an interior point
+    if t > 0.
 
-    x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all constraints.
+    x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all
+    constraints.
     """
     p = len(scale)
     groups, placed = scaled(constraints, np.zeros(p), scale, reference, slack=True)
     top = -np.eye(p + 1)[p:]
-    conic = conic_problem([*groups, plain_rows("nonnegative", top, np.ones(1))], None, top[0])
+    conic = conic_problem(
+        [*groups, plain_rows("nonnegative", top, np.ones(1))], None, top[0]
+    )
     return SdpProblem(conic, np.zeros(p), scale, 1.0, placed)
 
 
 def conic_problem(
     groups: Sequence[Alike], quadratic: sparse.csc_matrix | None, linear: Array
 ) -> ConicProblem:
-    """minimise 1/2 x^T quadratic x + linear^T x (m,), every F(x) of the groups in its cone; matrices are
-    svec's there, constant (g, rows), coefficients (g, k, rows)."""
+    """minimise 1/2 x^T quadratic x + linear^T x (m,), every F(x) of the groups in its
+    cone; matrices are svec's there, constant (g, rows), coefficients (g, k, rows)."""
     every, m = Entries.of(groups), len(linear)
-    A = sparse.csc_matrix((-every.value, (every.row, every.column)), (len(every.constant), m))
+    A = sparse.csc_matrix(
+        (-every.value, (every.row, every.column)), (len(every.constant), m)
+    )
     cones = list[Cone]()
     for group in groups:
         count, size = group.constant.shape
-        cones += [Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)] * count
+        cones += [
+            Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)
+        ] * count
     P = sparse.csc_matrix((m, m)) if quadratic is None else quadratic
     return ConicProblem(P, linear, A, every.constant, tuple(cones))
 
 
 def plain_rows(kind: str, matrix: Array, constant: Array) -> Alike:
     """matrix (r, w) x[:w] + constant (r,) in one cone."""
-    return Alike(kind, np.arange(1), np.arange(matrix.shape[1])[None], constant[None], matrix.T[None])
+    return Alike(
+        kind,
+        np.arange(1),
+        np.arange(matrix.shape[1])[None],
+        constant[None],
+        matrix.T[None],
+    )
 
 
 def scaled(
@@ -169,16 +215,20 @@ def scaled(
     first: int = 0,
     slack: bool = False,
 ) -> tuple[list[Alike], tuple[Placed, ...]]:
-    """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`, and where
-    they stand from row ``first`` on.
+    """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`,
+    and where they stand from row ``first`` on.
 
-    reference (p,) : from where matrices are seen; None: cones as they are. slack : of F - t e, t the
-    entry of x behind theta's; matrices are not turned then.
+    reference (p,) : from where matrices are seen; None: cones as they are. slack : of F
+    - t e, t the entry of x behind theta's; matrices are not turned then.
     """
     groups, placed = list[Alike](), dict[int, Placed]()
     for group in alike(constraints):
         local, psd = theta_scale[group.indices][:, :, None], group.cone == "psd"
-        d, indices, middle = group.constant.shape[1], group.indices, group.values(centre)
+        d, indices, middle = (
+            group.constant.shape[1],
+            group.indices,
+            group.values(centre),
+        )
         if psd:
             T = np.broadcast_to(np.eye(d), group.constant.shape)
             if reference is not None:
@@ -190,18 +240,29 @@ def scaled(
         else:
             scale = np.ones_like(group.constant)
             if reference is not None:
-                size = np.abs(group.coefficients * local).max(axis=1) + np.abs(group.constant)
+                size = np.abs(group.coefficients * local).max(axis=1) + np.abs(
+                    group.constant
+                )
                 soc = group.cone == "soc"
-                scale = 1.0 / or_one(np.maximum(size, size.max(axis=1, keepdims=True)) if soc else size)
-            constant, columns = middle * scale, group.coefficients * scale[:, None] * local
+                scale = 1.0 / or_one(
+                    np.maximum(size, size.max(axis=1, keepdims=True)) if soc else size
+                )
+            constant, columns = (
+                middle * scale,
+                group.coefficients * scale[:, None] * local,
+            )
         if slack:
             unit = constraints[group.places[0]].identity
             unit = np.broadcast_to(svec(unit) if psd else unit, constant.shape)
             columns = np.concatenate([columns, -unit[:, None]], axis=1)
-            indices = np.column_stack([indices, np.full(len(indices), len(theta_scale))])
+            indices = np.column_stack(
+                [indices, np.full(len(indices), len(theta_scale))]
+            )
         groups.append(Alike(group.cone, group.places, indices, constant, columns))
         for place, own in zip(group.places.tolist(), scale, strict=True):
-            placed[place] = Placed(constraints[place], slice(first, first + constant.shape[1]), own)
+            placed[place] = Placed(
+                constraints[place], slice(first, first + constant.shape[1]), own
+            )
             first += constant.shape[1]
     return groups, tuple(placed[k] for k in range(len(constraints)))
 
@@ -209,10 +270,11 @@ def scaled(
 def _log_det(
     entropy: Entropy, centre: Array, theta_scale: Array, width: int
 ) -> tuple[list[Alike], NDArray[np.intp], Alike]:
-    """Groups that say sum t <= log det P for each link, the places of all t in x, and the links.
+    """Groups that say sum t <= log det P for each link, the places of all t in x, and
+    the links.
 
-    log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower triangular; Z's ten
-    entries and four t of each link stand in x from ``width`` on.
+    log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower
+    triangular; Z's ten entries and four t of each link stand in x from ``width`` on.
     """
     (links,) = alike(entropy.links)
     n, (i, j) = len(links.places), np.tril_indices(4)
@@ -229,53 +291,72 @@ def _log_det(
     matrices = Alike("psd", links.places, indices, svec(constant), svec(blocks))
     # exp(t) <= Z_dd
     pairs = np.column_stack([logs, new[:, diagonal].ravel()])
-    one, both = np.tile(np.eye(3)[1], (4 * n, 1)), np.tile(np.eye(3)[::2], (4 * n, 1, 1))
+    one, both = (
+        np.tile(np.eye(3)[1], (4 * n, 1)),
+        np.tile(np.eye(3)[::2], (4 * n, 1, 1)),
+    )
     return [matrices, Alike("exp", np.arange(4 * n), pairs, one, both)], logs, links
 
 
 def unit_diagonals(values: Array) -> Array:
-    """(g, d, d) by which matrices are multiplied, so that these (g, d, d) have diagonals of one."""
+    """(g, d, d) by which matrices are multiplied, so that these (g, d, d) have
+    diagonals of one."""
     size = _sizes(values)
     return np.asarray(size[:, :, None] * size[:, None])
 
 
-def moving_scale(constraints: Sequence[Constraint], reference: Array, bound: Array) -> Array:
-    """(p,) units of theta, at most ``bound``, that move no matrix far in its size at the reference."""
+def moving_scale(
+    constraints: Sequence[Constraint], reference: Array, bound: Array
+) -> Array:
+    """(p,) units of theta, at most ``bound``, that move no matrix far in its size at
+    the reference."""
     moves = np.zeros(len(bound))
     for group in alike([c for c in constraints if c.cone == "psd"]):
         t = _whitening(group.values(reference))[:, None]
-        size = np.linalg.norm(t @ group.coefficients @ np.swapaxes(t, 2, 3), axis=(2, 3))
+        size = np.linalg.norm(
+            t @ group.coefficients @ np.swapaxes(t, 2, 3), axis=(2, 3)
+        )
         np.maximum.at(moves, group.indices, size)
     return np.asarray(_FARTHEST / np.maximum(moves, _FARTHEST / bound))
 
 
 def _whitening(values: Array) -> Array:
-    """T (g, d, d) with T F T^T = 1 for positive definite F: the cones as seen from points inside them.
+    """T (g, d, d) with T F T^T = 1 for positive definite F: the cones as seen from
+    points inside them.
 
-    A link's matrix has its mass in one corner and moments of a thousandth in the others, coupled by
-    a centre of mass many times its thickness away; a solver that sees it as the identity gains one
-    to two digits of the certified gap. Directions in which F is singular are stretched at most 1e3
-    times.
+    A link's matrix has its mass in one corner and moments of a thousandth in the
+    others, coupled by a centre of mass many times its thickness away; a solver that
+    sees it as the identity gains one to two digits of the certified gap. Directions in
+    which F is singular are stretched at most 1e3 times.
     """
     size = _sizes(values)
     eigenvalues, vectors = np.linalg.eigh(values * unit_diagonals(values))
-    root = np.where(eigenvalues[:, -1:] > 0.0, np.sqrt(np.maximum(eigenvalues, 1e-6)), 1.0)
-    return np.asarray((vectors / root[:, None]) @ np.swapaxes(vectors, 1, 2) * size[:, None])
+    root = np.where(
+        eigenvalues[:, -1:] > 0.0, np.sqrt(np.maximum(eigenvalues, 1e-6)), 1.0
+    )
+    return np.asarray(
+        (vectors / root[:, None]) @ np.swapaxes(vectors, 1, 2) * size[:, None]
+    )
 
 
 def _sizes(values: Array) -> Array:
-    """(g, d) the scaling that brings diagonals to one; for matrices that need not be definite."""
+    """(g, d) the scaling that brings diagonals to one; for matrices that need not be
+    definite."""
     diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
     return np.asarray(1.0 / np.sqrt(or_one(diagonal)))
 
 
 def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
-    """An orthogonal change of rows that drops those without content and leaves an upper trapezoid.
+    """An orthogonal change of rows that drops those without content and leaves an upper
+    trapezoid.
 
-    Beside rows and right-hand side what no theta reaches, |rho|^2 less that of the new right-hand side.
-    By QR with pivoted columns: half the entries of any other choice, hence two thirds of the time.
+    Beside rows and right-hand side what no theta reaches, |rho|^2 less that of the new
+    right-hand side. By QR with pivoted columns: half the entries of any other choice,
+    hence two thirds of the time.
     """
-    q, r, pivots = scipy.linalg.qr(matrix, mode="economic", pivoting=True, check_finite=False)
+    q, r, pivots = scipy.linalg.qr(
+        matrix, mode="economic", pivoting=True, check_finite=False
+    )
     diagonal = np.abs(np.diagonal(r))
     rank = int(np.sum(diagonal > 1e-13 * diagonal[0])) if diagonal[0] > 0.0 else 0
     rows = np.zeros((rank, matrix.shape[1]))

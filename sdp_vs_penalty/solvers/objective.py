@@ -14,10 +14,11 @@ from sdp_vs_penalty.robot.constraint import Constraint, Entries, alike
 
 @dataclass(frozen=True)
 class Entropy:
-    """weight * sum over links of the Bregman divergence of -log det from P_0 to P(theta).
+    """weight * sum over links of the Bregman divergence of -log det from P_0 to
+    P(theta).
 
-    D(P || P0) = -log det P + tr(P0^-1 P) + log det P0 - 4 (Lee, Wensing, Park, T-RO 2020, eq. 25):
-    convex, coordinate-free, infinite at the boundary of consistency.
+    D(P || P0) = -log det P + tr(P0^-1 P) + log det P0 - 4 (Lee, Wensing, Park, T-RO
+    2020, eq. 25): convex, coordinate-free, infinite at the boundary of consistency.
     """
 
     weight: float
@@ -26,8 +27,8 @@ class Entropy:
 
     @cached_property
     def nominal_terms(self) -> tuple[Array, Array]:
-        """P_0^-1 (links, 4, 4) and log det P_0 (links,) as the doubles that define the entropy, for both
-        bounds alike."""
+        """P_0^-1 (links, 4, 4) and log det P_0 (links,) as the doubles that define the
+        entropy, for both bounds alike."""
         inverse = np.asarray(np.linalg.inv(self.nominal), float)
         log_det = np.asarray(np.linalg.slogdet(self.nominal)[1], float)
         return 0.5 * (inverse + np.swapaxes(inverse, 1, 2)), log_det
@@ -46,20 +47,24 @@ class Entropy:
         """At theta (p,); infinite outside of its domain."""
         matrices, roots = self.entries.at(theta)[0].reshape(-1, 4, 4), self._roots
         ratios = np.linalg.eigvalsh(roots @ matrices @ np.swapaxes(roots, 1, 2))
-        if ratios.min() <= 0.0:  # not the determinant's sign: two negative eigenvalues hide in it
+        if (
+            ratios.min() <= 0.0
+        ):  # not the determinant's sign: two negative eigenvalues hide in it
             return np.inf
         return self.weight * float(np.sum(ratios - np.log(ratios) - 1.0))
 
     def gradient(self, theta: Array) -> Array:
         """(p,) at theta (p,)."""
-        slope = self.nominal_terms[0] - np.linalg.inv(self.entries.at(theta)[0].reshape(-1, 4, 4))
+        slope = self.nominal_terms[0] - np.linalg.inv(
+            self.entries.at(theta)[0].reshape(-1, 4, 4)
+        )
         return self.weight * self.entries.adjoint(slope.ravel(), len(theta))
 
 
 @dataclass(frozen=True)
 class Objective:
-    """loss(theta) [+ entropy] [+ linear (p,) @ theta]: convex, with value and gradient. linear : what
-    bounds are proved of (:mod:`extremes`); estimates have none."""
+    """loss(theta) [+ entropy] [+ linear (p,) @ theta]: convex, with value and gradient.
+    linear : what bounds are proved of (:mod:`extremes`); estimates have none."""
 
     least_squares: LeastSquares
     entropy: Entropy | None = None
@@ -68,14 +73,22 @@ class Objective:
     @classmethod
     def without_data(cls, p: int, linear: Array | float = 0.0) -> Objective:
         """linear @ theta alone, theta (p,); zero: what infeasibility is proved of."""
-        return cls(LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0), linear=linear)
+        return cls(
+            LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0), linear=linear
+        )
 
     def value(self, theta: Array) -> float:
         """At theta (p,)."""
         extra = 0.0 if self.entropy is None else self.entropy.value(theta)
-        return self.least_squares.loss(theta) + extra + float(np.sum(self.linear * theta))
+        return (
+            self.least_squares.loss(theta) + extra + float(np.sum(self.linear * theta))
+        )
 
     def gradient(self, theta: Array) -> Array:
         """(p,) at theta (p,)."""
         gradient = self.least_squares.gradient(theta) + self.linear
-        return gradient if self.entropy is None else gradient + self.entropy.gradient(theta)
+        return (
+            gradient
+            if self.entropy is None
+            else gradient + self.entropy.gradient(theta)
+        )

@@ -1,4 +1,5 @@
-"""Conic solvers that are Python packages and take NumPy's arrays: CVXOPT, QICS, SCS and SDPA."""
+"""Conic solvers that are Python packages and take NumPy's arrays: CVXOPT, QICS, SCS and
+SDPA."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,7 +10,13 @@ from scipy import sparse
 
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import KINDS, sizes
-from sdp_vs_penalty.solvers.solver import ACCURACY, EVERYTHING, SDPA_CLAIMS, Solver, flat
+from sdp_vs_penalty.solvers.solver import (
+    ACCURACY,
+    EVERYTHING,
+    SDPA_CLAIMS,
+    Solver,
+    flat,
+)
 
 
 class Cvxopt(Solver):
@@ -22,7 +29,11 @@ class Cvxopt(Solver):
     order, full_matrices = KINDS, True
     finest = 1e-7
     told = {**dict.fromkeys(("abstol", "reltol", "feastol"), ACCURACY), "maxiters": 200}
-    claims = {"optimal": "optimal", "primal infeasible": "infeasible", "dual infeasible": "unbounded"}
+    claims = {
+        "optimal": "optimal",
+        "primal infeasible": "infeasible",
+        "dual infeasible": "unbounded",
+    }
 
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
         import cvxopt
@@ -30,11 +41,22 @@ class Cvxopt(Solver):
 
         dims, coo = sizes(problem.cones), problem.A.tocoo()
         equal, rows, columns = dims["z"], coo.row.astype(int), coo.col.astype(int)
-        A, b = cvxopt.spmatrix(coo.data, rows, columns, coo.shape), cvxopt.matrix(problem.b)
-        parts = A[equal:, :], b[equal:], {k: dims[k] for k in "lqs"}, A[:equal, :], b[:equal]
+        A, b = (
+            cvxopt.spmatrix(coo.data, rows, columns, coo.shape),
+            cvxopt.matrix(problem.b),
+        )
+        parts = (
+            A[equal:, :],
+            b[equal:],
+            {k: dims[k] for k in "lqs"},
+            A[:equal, :],
+            b[:equal],
+        )
         options = {**told, "show_progress": False}
         try:
-            result = solvers.conelp(cvxopt.matrix(problem.q), *parts, kktsolver="ldl", options=options)
+            result = solvers.conelp(
+                cvxopt.matrix(problem.q), *parts, kktsolver="ldl", options=options
+            )
         except (ValueError, ArithmeticError) as error:
             return Solution.none(problem, str(error))
         z = flat(result["y"], equal), flat(result["z"], len(problem.b) - equal)
@@ -43,14 +65,16 @@ class Cvxopt(Solver):
 
 
 class Qics(Solver):
-    """QICS (He, Saunderson, Fawzi 2024), an interior-point method for nonsymmetric cones."""
+    """QICS (He, Saunderson, Fawzi 2024), an interior-point method for nonsymmetric
+    cones."""
 
     name = "qics"
     extra = "solvers"
     requires = "package", "qics"
     cones = EVERYTHING - {"quadratic"}
     order, full_matrices = KINDS, True
-    # Iterative refinement and third-order adjustments are on by default, as its manual recommends.
+    # Iterative refinement and third-order adjustments are on by default, as its manual
+    # recommends.
     told = {"tol_gap": ACCURACY, "tol_feas": ACCURACY, "max_iter": 200}
     claims = (
         {"optimal": "optimal", "near_optimal": "inaccurate"}
@@ -67,22 +91,32 @@ class Qics(Solver):
             "psd": qics.cones.PosSemidefinite,
             "exp": lambda size: qics.cones.ClassRelEntr(1),
         }
-        cones = [made[cone.kind](cone.size) for cone in problem.cones if cone.kind != "zero"]
+        cones = [
+            made[cone.kind](cone.size) for cone in problem.cones if cone.kind != "zero"
+        ]
         dims, rows = sizes(problem.cones), len(problem.b)
-        # y exp(x / y) <= z exactly if -x >= y log(y / z): of three rows the first with another sign.
+        # y exp(x / y) <= z exactly if -x >= y log(y / z): of three rows the first with
+        # another sign.
         signs, equal = np.ones(rows), dims["z"]
         signs[rows - 3 * dims["ep"] :: 3] = -1.0
-        A, b = sparse.csr_matrix(sparse.diags(signs) @ problem.A), (signs * problem.b)[:, None]
+        A, b = (
+            sparse.csr_matrix(sparse.diags(signs) @ problem.A),
+            (signs * problem.b)[:, None],
+        )
         parts = {"A": A[:equal], "b": b[:equal], "G": A[equal:], "h": b[equal:]}
         model = qics.Model(problem.q[:, None], **parts, cones=cones)
         info = qics.Solver(model, verbose=0, **told).solve()
-        duals = info["y_opt"], getattr(info["z_opt"], "vec", info["z_opt"])  # as versions have it
+        duals = (
+            info["y_opt"],
+            getattr(info["z_opt"], "vec", info["z_opt"]),
+        )  # as versions have it
         z = signs * np.concatenate([np.asarray(dual, float).ravel() for dual in duals])
         x, more = np.asarray(info["x_opt"]).ravel(), f"({info['exit_status']})"
         return self.said(x, z, info["sol_status"], info["num_iter"], more)
 
     def warm_up(self) -> None:
-        """It compiles its code for each cone on first use: a tiny problem that has them all."""
+        """It compiles its code for each cone on first use: a tiny problem that has them
+        all."""
         rows = np.eye(2)
         square = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
         cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
@@ -94,15 +128,16 @@ class Qics(Solver):
 
 
 class Scs(Solver):
-    """SCS (O'Donoghue, Chu, Parikh, Boyd 2016), a first-order splitting method, called directly."""
+    """SCS (O'Donoghue, Chu, Parikh, Boyd 2016), a first-order splitting method, called
+    directly."""
 
     name = "scs"
     extra = "solvers"
     requires = "package", "scs"
     order = KINDS
     finest = 1e-7
-    # The rest are its defaults, which its documentation recommends (adaptive scale, normalisation,
-    # Anderson acceleration over 10 steps).
+    # The rest are its defaults, which its documentation recommends (adaptive scale,
+    # normalisation, Anderson acceleration over 10 steps).
     told = {"eps_abs": ACCURACY, "eps_rel": ACCURACY, "max_iters": 100_000}
     claims = {"solved": "optimal", "infeasible": "infeasible", "unbounded": "unbounded"}
 
@@ -111,8 +146,13 @@ class Scs(Solver):
 
         rows, start = [np.zeros(0, np.intp)], 0
         for cone in problem.cones:
-            i, j = np.triu_indices(cone.size)  # entry (j, i), j >= i: column i of the lower triangle
-            rows.append(start + (j * (j + 1) // 2 + i if cone.kind == "psd" else np.arange(cone.rows)))
+            i, j = np.triu_indices(
+                cone.size
+            )  # entry (j, i), j >= i: column i of the lower triangle
+            rows.append(
+                start
+                + (j * (j + 1) // 2 + i if cone.kind == "psd" else np.arange(cone.rows))
+            )
             start += cone.rows
         lower = np.concatenate(rows)
         A = problem.A.tocsr()[lower].tocsc()
@@ -123,7 +163,9 @@ class Scs(Solver):
         # The first word of its status; what follows says that it is inaccurate.
         word, _, more = info["status"].partition(" ")
         found = self.said(np.array(result["x"]), z, word, info["iter"], more)
-        return replace(found, claims="inaccurate") if word == "solved" and more else found
+        return (
+            replace(found, claims="inaccurate") if word == "solved" and more else found
+        )
 
 
 class Sdpa(Solver):
@@ -145,6 +187,8 @@ class Sdpa(Solver):
         free = sdpap.SymCone(f=len(problem.q))
         cones = sdpap.SymCone(l=dims["l"], s=tuple(dims["s"]))
         settings = {**told, "print": "no", "numThreads": 1}
-        x, y, info, _, more = sdpap.solve(-problem.A, -problem.b, problem.q, free, cones, settings)
+        x, y, info, _, more = sdpap.solve(
+            -problem.A, -problem.b, problem.q, free, cones, settings
+        )
         x, z = (np.asarray(v.todense()).ravel() for v in (x, y))
         return self.said(x, z, str(info.get("phasevalue")), more.get("iteration", 0))

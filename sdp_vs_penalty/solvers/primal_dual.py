@@ -1,14 +1,16 @@
-"""The default solver of identification SDPs: a primal-dual interior-point method in NumPy.
+"""The default solver of identification SDPs: a primal-dual interior-point method in
+NumPy.
 
     minimise |R theta - rho|^2 + l^T theta - sum_b w_b log det F_b(theta)
     subject to F_b(theta) >= 0 (matrices of order at most four), A theta + c >= 0
 
-It follows the central path S Z = max(w, mu) 1 of slacks S = F(theta) and multipliers Z in the HKM
-direction (Helmberg, Rendl, Vanderbei, Wolkowicz, SIAM J. Optim. 1996) with Mehrotra's predictor and
-corrector (SIAM J. Optim. 1992). A matrix with a log det is a cone whose complementarity goes to w
-instead of 0. theta stays inside of all cones; only the slope R^T(...) - F*(Z) starts above zero. A step
-is one Cholesky factor of 2 R^T R + sum F_i^* (S^-1 . Z) F_j (p, p); all small cones are worked on at
-once, as arrays (blocks, 4, 4). What it returns is certified by others (:mod:`certificate`).
+It follows the central path S Z = max(w, mu) 1 of slacks S = F(theta) and multipliers Z
+in the HKM direction (Helmberg, Rendl, Vanderbei, Wolkowicz, SIAM J. Optim. 1996) with
+Mehrotra's predictor and corrector (SIAM J. Optim. 1992). A matrix with a log det is a
+cone whose complementarity goes to w instead of 0. theta stays inside of all cones; only
+the slope R^T(...) - F*(Z) starts above zero. A step is one Cholesky factor of 2 R^T R +
+sum F_i^* (S^-1 . Z) F_j (p, p); all small cones are worked on at once, as arrays
+(blocks, 4, 4). What it returns is certified by others (:mod:`certificate`).
 """
 
 import math
@@ -23,13 +25,16 @@ from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array, or_one
 from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
-#: Complementarity of a cold start as a share of its objective. 1 to 1e-4 differ by two steps of ten.
+#: Complementarity of a cold start as a share of its objective. 1 to 1e-4 differ by two
+#: steps of ten.
 _COLD = 1e-3
 #: A start for similar data: the last iterate whose relative gap was above this.
 _CENTRAL = 1e-2
-#: A step goes this share of the way to the boundary, more where the predictor came near the optimum.
+#: A step goes this share of the way to the boundary, more where the predictor came near
+#: the optimum.
 _SHARE = 0.9
-#: Relative change of H's diagonal: what rounding in H may cost its positive definiteness.
+#: Relative change of H's diagonal: what rounding in H may cost its positive
+#: definiteness.
 _RIDGE = 1e-14
 #: A shorter step cannot be told from rounding.
 _SHORTEST = float(np.sqrt(np.finfo(float).eps))
@@ -37,7 +42,8 @@ _SHORTEST = float(np.sqrt(np.finfo(float).eps))
 
 @dataclass(frozen=True)
 class Iterate:
-    """theta (p,) strictly inside, multipliers (rows + 16 blocks,) strictly inside of their cones."""
+    """theta (p,) strictly inside, multipliers (rows + 16 blocks,) strictly inside of
+    their cones."""
 
     theta: Array
     multipliers: Array
@@ -45,8 +51,8 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Optimum(Iterate):
-    """error : gap and leftover slope as the method itself sees them, relative to the loss; central : an
-    iterate from which to start for similar data."""
+    """error : gap and leftover slope as the method itself sees them, relative to the
+    loss; central : an iterate from which to start for similar data."""
 
     iterations: int
     error: float
@@ -54,10 +60,14 @@ class Optimum(Iterate):
 
 
 def minimise(
-    cones: SmallCones, data: LeastSquares, starts: Sequence[Array | Iterate], accuracy: float
+    cones: SmallCones,
+    data: LeastSquares,
+    starts: Sequence[Array | Iterate],
+    accuracy: float,
 ) -> Optimum | None:
-    """From the first of the starts that lies inside, until gap and leftover slope cost no more than
-    ``accuracy`` of the loss, or no step helps any more; None where nothing could be factorised."""
+    """From the first of the starts that lies inside, until gap and leftover slope cost
+    no more than ``accuracy`` of the loss, or no step helps any more; None where nothing
+    could be factorised."""
     for start in starts:
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
             return _Path(cones, data, start).followed(accuracy)
@@ -65,10 +75,13 @@ def minimise(
 
 
 class _Path:
-    """The iterate on its way, and what one step needs of it. Array (2, rows + 16 blocks) ``both``:
-    slacks S and multipliers Z; ``mats`` (2, blocks, 4, 4) and ``rows`` (2, rows) are views of it."""
+    """The iterate on its way, and what one step needs of it. Array (2, rows + 16
+    blocks) ``both``: slacks S and multipliers Z; ``mats`` (2, blocks, 4, 4) and
+    ``rows`` (2, rows) are views of it."""
 
-    def __init__(self, cones: SmallCones, data: LeastSquares, start: Array | Iterate) -> None:
+    def __init__(
+        self, cones: SmallCones, data: LeastSquares, start: Array | Iterate
+    ) -> None:
         """Raises LinAlgError where the start is not strictly inside."""
         self.cones, self.data = cones, data
         self.theta = start.theta if isinstance(start, Iterate) else start
@@ -77,7 +90,9 @@ class _Path:
         self.ahead = np.empty_like(self.both)
         self.ahead_rows, self.ahead_mats = self._views(self.ahead)
         self.target = np.empty(self.both.shape[1])
-        self.target_rows, self.target_mats = (view[0] for view in self._views(self.target[None]))
+        self.target_rows, self.target_mats = (
+            view[0] for view in self._views(self.target[None])
+        )
         self.weight = cones.weight[:, None, None]
         self.degree = max(cones.rows + ORDER * len(cones.weight), 1)
         self.logs = float(cones.weight @ np.log(or_one(cones.weight)))
@@ -129,7 +144,8 @@ class _Path:
         return Iterate(self.theta, self.both[1].copy())
 
     def prepare(self) -> float:
-        """Factors of S, Z and H; returns what gap and leftover slope cost, relative to the loss."""
+        """Factors of S, Z and H; returns what gap and leftover slope cost, relative to
+        the loss."""
         cones = self.cones
         self.factors = np.linalg.cholesky(self.mats)
         self.roots = np.linalg.inv(self.factors)
@@ -146,7 +162,8 @@ class _Path:
         self.cholesky, failed = dpotrf(H.T, lower=1, overwrite_a=1, clean=0)
         if failed:
             raise np.linalg.LinAlgError
-        # Predictor and what the leftover slope asks for, by one pair of triangular solves.
+        # Predictor and what the leftover slope asks for, by one pair of triangular
+        # solves.
         self.leftover = self.gradient - cones.adjoint @ self.both[1]
         self.aim(0.0)
         both = np.array([cones.adjoint @ self.target - self.gradient, self.leftover])
@@ -176,14 +193,16 @@ class _Path:
         return out
 
     def direction(self, step: Array, second: Array | float) -> float:
-        """ahead : changes of S and Z for a step (p,) of theta; returns how far they stay inside."""
+        """ahead : changes of S and Z for a step (p,) of theta; returns how far they
+        stay inside."""
         self.ahead[0] = self.cones.slack_map @ step
         Z, dS = self.mats[1], self.ahead_mats[0]
         self.ahead[1] = self.target - self.both[1] - second
         self.ahead[1] -= self.scaled(self.ahead_rows[0], Z, dS, self.rows[1])
         inward = float((self.ahead_rows / self.rows).min(initial=-1e-12))
         turned = self.roots @ self.ahead_mats @ self.turned
-        # The norm bounds each eigenvalue; less than _SHARE inward lets a whole step be taken.
+        # The norm bounds each eigenvalue; less than _SHARE inward lets a whole step be
+        # taken.
         blocks = np.einsum("kbij,kbij->kb", turned, turned) > max(-inward, _SHARE) ** 2
         if blocks.any():
             inward = min(inward, float(np.linalg.eigvalsh(turned[blocks])[:, 0].min()))
@@ -202,7 +221,10 @@ class _Path:
         left = self.complementarity(self.both + reach * self.ahead) / (now or 1.0)
         centring = min(max(left ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
         second = self.scaled(
-            self.ahead_rows[0], self.ahead_mats[1], self.ahead_mats[0], self.ahead_rows[1]
+            self.ahead_rows[0],
+            self.ahead_mats[1],
+            self.ahead_mats[0],
+            self.ahead_rows[1],
         )
         self.aim(centring * now / self.degree)
         right = cones.adjoint @ (self.target - second) - self.gradient

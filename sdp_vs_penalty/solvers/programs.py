@@ -12,16 +12,23 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.solvers.conic import ConicProblem, Solution, sdpa_text, svec, svec_entries
+from sdp_vs_penalty.solvers.conic import (
+    ConicProblem,
+    Solution,
+    sdpa_text,
+    svec,
+    svec_entries,
+)
 from sdp_vs_penalty.solvers.solver import ACCURACY, SDPA_CLAIMS, Solver
 
 
 class Program(Solver):
-    """Runs in a fresh folder that holds problem.dat-s, and the parameters that it is told where they go
-    into a file: param.csdp, param.sdpa, as beside this one."""
+    """Runs in a fresh folder that holds problem.dat-s, and the parameters that it is
+    told where they go into a file: param.csdp, param.sdpa, as beside this one."""
 
     cones = frozenset({"nonnegative", "psd"})
-    # All inequalities in one block at the end: of several, DSDP's saved solution holds none.
+    # All inequalities in one block at the end: of several, DSDP's saved solution holds
+    # none.
     order = "psd", "nonnegative"
 
     @abstractmethod
@@ -33,13 +40,16 @@ class Program(Solver):
         """Claims, its own words and iterations, from what it printed and its exit code."""
 
     def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
-        """x and z of "solution" in the format of CSDP, which DSDP shares: matrix 1 is Z, matrix 2 X.
+        """x and z of "solution" in the format of CSDP, which DSDP shares: matrix 1 is
+        Z, matrix 2 X.
 
         Raises OSError, ValueError or IndexError where there is no answer.
         """
         lines = (folder / "solution").read_text().splitlines()
         x = np.array([float(word) for word in lines[0].split()])
-        entries = np.array([[float(w) for w in line.split()] for line in lines[1:] if line.strip()])
+        entries = np.array(
+            [[float(w) for w in line.split()] for line in lines[1:] if line.strip()]
+        )
         z, (block, i, j, factor) = np.zeros(len(problem.b)), svec_entries(problem.cones)
         rows = {place: k for k, place in enumerate(zip(block, i, j, strict=True))}
         for matrix, number, *place, value in entries.reshape(-1, 5):
@@ -56,13 +66,23 @@ class Program(Solver):
             (folder / "problem.dat-s").write_text(sdpa_text(problem))
             parameters = Path(__file__).with_name(f"param.{command[0]}")
             if parameters.is_file():
-                (folder / parameters.name).write_text(parameters.read_text().format(**told))
-            piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+                (folder / parameters.name).write_text(
+                    parameters.read_text().format(**told)
+                )
+            piped = {
+                "stdout": subprocess.PIPE,
+                "stderr": subprocess.STDOUT,
+                "text": True,
+            }
             done = subprocess.run(command, cwd=folder, check=False, **piped)  # type: ignore[call-overload]
             if -done.returncode == signal.SIGXCPU:
                 raise TimeoutError(f"{command[0]} used up its processor time")
-            if done.returncode < 0:  # killed by a signal: the caller's process counts it as a crash
-                raise ChildProcessError(f"{command[0]} ended by signal {-done.returncode}")
+            if (
+                done.returncode < 0
+            ):  # killed by a signal: the caller's process counts it as a crash
+                raise ChildProcessError(
+                    f"{command[0]} ended by signal {-done.returncode}"
+                )
             claims, status, iterations = self.ended(done.stdout, done.returncode)
             try:
                 x, z = self.read(folder, problem)
@@ -87,12 +107,18 @@ class Csdp(Program):
         return ["csdp", "problem.dat-s", "solution"]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
-        said = re.findall(r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M)
+        said = re.findall(
+            r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M
+        )
         found = (s for s in text.splitlines() if said and s.startswith(said[-1]))
         iterations = len(re.findall(r"^Iter:", text, re.M)) - 1
         # By its exit codes. Our problem is the one that CSDP calls the dual.
         claims = dict(enumerate(("optimal", "unbounded", "infeasible", "inaccurate")))
-        return claims.get(code, "failed"), next(found, f"exit code {code}"), max(iterations, 0)
+        return (
+            claims.get(code, "failed"),
+            next(found, f"exit code {code}"),
+            max(iterations, 0),
+        )
 
 
 class Dsdp(Program):
@@ -112,11 +138,15 @@ class Dsdp(Program):
     }
 
     def command(self, told: Mapping[str, Any]) -> list[str]:
-        words = [word for key, value in told.items() for word in (f"-{key}", str(value))]
+        words = [
+            word for key, value in told.items() for word in (f"-{key}", str(value))
+        ]
         return ["dsdp5", "problem.dat-s", "-save", "solution", *words]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
-        status = next((p for p in reversed(self.claims) if p in text), f"exit code {code}")
+        status = next(
+            (p for p in reversed(self.claims) if p in text), f"exit code {code}"
+        )
         steps = re.findall(r"^(\d+)\s+[-\d.e+]+\s+[-\d.e+]+", text, re.M)
         return self.claims.get(status, "failed"), status, int(steps[-1]) if steps else 0
 
@@ -141,7 +171,11 @@ class SdpaProgram(Program):
         phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
         steps = re.search(r"Iteration\s*=\s*(\d+)", text)
         status = phase.group(1) if phase else f"exit code {code}"
-        return self.claims.get(status, "failed"), status, int(steps.group(1)) if steps else 0
+        return (
+            self.claims.get(status, "failed"),
+            status,
+            int(steps.group(1)) if steps else 0,
+        )
 
     def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
         text = (folder / "answer").read_text()
@@ -157,4 +191,9 @@ class SdpaProgram(Program):
 
 
 def _numbers(text: str) -> Array:
-    return np.array([float(w) for w in re.findall(r"[-+]?(?:\d[\d.]*(?:[eE][-+]?\d+)?|nan|inf)", text)])
+    return np.array(
+        [
+            float(w)
+            for w in re.findall(r"[-+]?(?:\d[\d.]*(?:[eE][-+]?\d+)?|nan|inf)", text)
+        ]
+    )

@@ -1,14 +1,16 @@
-"""A proof that travels: one JSON file from which anyone can check an optimum in rational arithmetic.
+"""A proof that travels: one JSON file from which anyone can check an optimum in
+rational arithmetic.
 
-The file holds the problem (R, rho, floor, constraint arrays, bounds) as the rational numbers that the
-doubles are, the estimate as it is written in model.json, multipliers that lie in the cones exactly, and
-the interval. :mod:`verify_proof` checks it with the standard library alone; docs/proof.md is the format
-in full. How these numbers came from the measured samples is outside of the proof: the file names the
-model and the data by their hashes; ``verify --model --data`` poses the problem again and compares it
-with all that the file states (:func:`difference`).
+The file holds the problem (R, rho, floor, constraint arrays, bounds) as the rational
+numbers that the doubles are, the estimate as it is written in model.json, multipliers
+that lie in the cones exactly, and the interval. :mod:`verify_proof` checks it with the
+standard library alone; docs/proof.md is the format in full. How these numbers came from
+the measured samples is outside of the proof: the file names the model and the data by
+their hashes; ``verify --model --data`` poses the problem again and compares it with all
+that the file states (:func:`difference`).
 
-Weak duality as in :mod:`certificate`; Jansson, Chaykin, Keil, SIAM J. Numer. Anal. 2007, for bounds from
-approximate multipliers.
+Weak duality as in :mod:`certificate`; Jansson, Chaykin, Keil, SIAM J. Numer. Anal.
+2007, for bounds from approximate multipliers.
 """
 
 import hashlib
@@ -37,11 +39,12 @@ Proof = dict[str, Any]
 def optimum_proof(
     fit: Fit, parameters: Sequence[str] = (), made_of: Mapping[str, str] | None = None
 ) -> Proof:
-    """The proof that the least objective lies between a lower bound and that of the fit's theta.
+    """The proof that the least objective lies between a lower bound and that of the
+    fit's theta.
 
-    fit : with its multipliers and bound, theta feasible exactly, as its decimal text says
-    (:func:`verified.certainly_feasible`); made_of : hashes of the "model" and the "data".
-    Raises ValueError where it is not, or the multipliers prove nothing.
+    fit : with its multipliers and bound, theta feasible exactly, as its decimal text
+    says (:func:`verified.certainly_feasible`); made_of : hashes of the "model" and the
+    "data". Raises ValueError where it is not, or the multipliers prove nothing.
     """
     assert fit.bound is not None
     evidence = dual_evidence(fit)
@@ -61,12 +64,17 @@ def optimum_proof(
 
 
 def infeasibility_proof(
-    constraints: ConstraintSet, multipliers: Array, bound: Array, parameters: Sequence[str] = ()
+    constraints: ConstraintSet,
+    multipliers: Array,
+    bound: Array,
+    parameters: Sequence[str] = (),
 ) -> Proof:
-    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex constraints; multipliers
-    (e,) of their entries."""
+    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex constraints;
+    multipliers (e,) of their entries."""
     nothing = Objective.without_data(len(bound))
-    evidence = dual_evidence(Fit(np.zeros(len(bound)), nothing, constraints, multipliers, bound=bound))
+    evidence = dual_evidence(
+        Fit(np.zeros(len(bound)), nothing, constraints, multipliers, bound=bound)
+    )
     problem = stated(nothing, constraints.convex, bound, parameters)
     return _checked({**_proof("infeasible", problem, constraints, evidence), "y": []})
 
@@ -77,13 +85,20 @@ def write_proof(proof: Proof, path: str | Path) -> None:
 
 
 def stated(
-    objective: Objective, constraints: Sequence[Constraint], bound: Array, parameters: Sequence[str] = ()
+    objective: Objective,
+    constraints: Sequence[Constraint],
+    bound: Array,
+    parameters: Sequence[str] = (),
 ) -> Proof:
-    """The problem as a proof states it: every field but multipliers, interval and hashes."""
+    """The problem as a proof states it: every field but multipliers, interval and
+    hashes."""
     data, entropy = objective.least_squares, objective.entropy
     weight, held = 0.0, list[tuple[Constraint, Array, float]]()
     if entropy is not None:
-        weight, held = entropy.weight, [*zip(entropy.links, *entropy.nominal_terms, strict=True)]
+        weight, held = (
+            entropy.weight,
+            [*zip(entropy.links, *entropy.nominal_terms, strict=True)],
+        )
     return {
         "parameters": list(parameters) or [f"x{k}" for k in range(len(bound))],
         "R": _texts(data.R),
@@ -99,7 +114,11 @@ def stated(
                 "constant": _texts(c.constant.ravel()),
                 "coefficients": _texts(c.coefficients.reshape(len(c.indices), -1)),
                 "entropy": [
-                    {"weight": _text(weight), "inverse": _texts(P.ravel()), "log_det": _text(x)}
+                    {
+                        "weight": _text(weight),
+                        "inverse": _texts(P.ravel()),
+                        "log_det": _text(x),
+                    }
                     for link, P, x in held
                     if link is c
                 ],
@@ -110,15 +129,17 @@ def stated(
 
 
 def difference(proof: Proof, own: Proof) -> str:
-    """The first thing in which a proof states another problem than ``own`` (:func:`stated`), in words;
-    "" where they are the same.
+    """The first thing in which a proof states another problem than ``own``
+    (:func:`stated`), in words; "" where they are the same.
 
-    Names, their order, cones and indices are compared exactly, numbers to the promised gap (TIGHT) of
-    themselves or of their columns' norms, far above two machines' rounding and far below any option's
-    change; R, rho and floor by the loss that they make, since another triangle R may make the same one.
+    Names, their order, cones and indices are compared exactly, numbers to the promised
+    gap (TIGHT) of themselves or of their columns' norms, far above two machines'
+    rounding and far below any option's change; R, rho and floor by the loss that they
+    make, since another triangle R may make the same one.
     """
     titles = [
-        [f"{_title(c)}, {c['cone']} in {c['indices']}" for c in p["constraints"]] for p in (proof, own)
+        [f"{_title(c)}, {c['cone']} in {c['indices']}" for c in p["constraints"]]
+        for p in (proof, own)
     ]
     names = proof["parameters"], own["parameters"]
     for kind, pair in (("parameter", names), ("constraint", titles)):
@@ -138,10 +159,14 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
         size = np.sqrt(np.diagonal(gram))
         return np.outer(size, size)
 
-    def itself(x: Array) -> Array:  # what is rounding of the largest entry does not count
+    def itself(
+        x: Array,
+    ) -> Array:  # what is rounding of the largest entry does not count
         return np.abs(x) + safe_depth(1) / TIGHT * np.abs(x).max(initial=0.0)
 
-    rows = np.column_stack([_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])])
+    rows = np.column_stack(
+        [_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])]
+    )
     gram = rows.T @ rows
     gram[-1, -1] += float(Fraction(p["floor"])) ** 2
     yield "R, rho or floor", gram, squares(gram)
@@ -152,7 +177,9 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
             yield f"{field} of {_title(c)}", (x := _array(c[field])), itself(x)
         parts = [(np.zeros(0), np.zeros(0))]
         for e in c["entropy"]:
-            weight, log_det, inverse = (_array(x) for x in ([e["weight"]], [e["log_det"]], e["inverse"]))
+            weight, log_det, inverse = (
+                _array(x) for x in ([e["weight"]], [e["log_det"]], e["inverse"])
+            )
             # Of a logarithm the error is a relative one of the determinant.
             parts += [(weight, itself(weight)), (log_det, np.ones(1))]
             parts += [(inverse, squares(inverse.reshape(4, 4)).ravel())]
@@ -165,7 +192,10 @@ def _title(constraint: Proof) -> str:
 
 
 def _array(texts: Any) -> Array:
-    rows = [[Fraction(x) for x in row] if isinstance(row, list) else Fraction(row) for row in texts]
+    rows = [
+        [Fraction(x) for x in row] if isinstance(row, list) else Fraction(row)
+        for row in texts
+    ]
     return np.array(rows, float)
 
 
@@ -177,12 +207,21 @@ def _proof(
     entropy: Entropy | None = None,
 ) -> Proof:
     """A stated problem with its multipliers."""
-    slopes = [] if entropy is None else list(zip(entropy.links, evidence.entropy_slopes, strict=True))
+    slopes = (
+        []
+        if entropy is None
+        else list(zip(entropy.links, evidence.entropy_slopes, strict=True))
+    )
     proved = []
     duals = _duals(constraints, evidence)
-    for c, own, dual in zip(constraints.convex, problem["constraints"], duals, strict=True):
+    for c, own, dual in zip(
+        constraints.convex, problem["constraints"], duals, strict=True
+    ):
         roots = [np.linalg.cholesky(0.5 * (s + s.T)) for link, s in slopes if link is c]
-        pulls = [{**e, "dual": _gram(root)} for e, root in zip(own["entropy"], roots, strict=True)]
+        pulls = [
+            {**e, "dual": _gram(root)}
+            for e, root in zip(own["entropy"], roots, strict=True)
+        ]
         proved.append({**own, "dual": dual, "entropy": pulls})
     about = {"format": verify_proof.FORMAT, "kind": kind, "model": "", "data": ""}
     return {**about, **problem, "constraints": proved}
@@ -196,9 +235,14 @@ def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
             out.append(_gram(factor(0.5 * (multiplier + multiplier.T)[None])[0]))
         elif c.cone == "soc":
             across = [Fraction(float(x)) for x in multiplier[1:]]
-            axis, square = Fraction(float(multiplier[0])), sum((x * x for x in across), Fraction(0))
+            axis, square = (
+                Fraction(float(multiplier[0])),
+                sum((x * x for x in across), Fraction(0)),
+            )
             while axis < 0 or axis * axis < square:
-                axis = Fraction(math.nextafter(max(float(axis), math.sqrt(float(square))), math.inf))
+                axis = Fraction(
+                    math.nextafter(max(float(axis), math.sqrt(float(square))), math.inf)
+                )
             out.append([_text(x) for x in (axis, *across)])
         else:
             out.append(_texts(np.maximum(multiplier, 0.0)))
@@ -211,19 +255,25 @@ def _gram(factor: NDArray[np.floating]) -> list[str]:
     return [_text(verify_proof.dot(a, b)) for a in rows for b in rows]
 
 
-def _polished(exact: dict[str, Any], evidence: DualEvidence, bound: Array) -> list[Fraction]:
+def _polished(
+    exact: dict[str, Any], evidence: DualEvidence, bound: Array
+) -> list[Fraction]:
     """y, shifted until nothing is left of the slope wherever the data determine theta."""
     for _ in range(CORRECTIONS):
         _, slope = verify_proof.dual_bound(exact)
         shift = evidence.push(bound * np.array([float(x) for x in slope]))
-        exact["y"] = [a - Fraction(float(b)) for a, b in zip(exact["y"], shift, strict=True)]
+        exact["y"] = [
+            a - Fraction(float(b)) for a, b in zip(exact["y"], shift, strict=True)
+        ]
     return list(exact["y"])
 
 
 def _interval(exact: dict[str, Any]) -> tuple[str, str]:
     """Lower and upper bound, rounded outward to decimal numbers of 17 digits."""
     lower, slope = verify_proof.dual_bound(exact)
-    lower -= sum((abs(e) * b for e, b in zip(slope, exact["bound"], strict=True)), Fraction(0))
+    lower -= sum(
+        (abs(e) * b for e, b in zip(slope, exact["bound"], strict=True)), Fraction(0)
+    )
     return _outward(lower, -math.inf), _outward(verify_proof.objective(exact), math.inf)
 
 
@@ -252,4 +302,8 @@ def _text(x: float | Fraction) -> str:
 
 def _texts(values: ArrayLike) -> Any:
     array = np.asarray(values, float)
-    return [_texts(row) for row in array] if array.ndim > 1 else [_text(x) for x in array.tolist()]
+    return (
+        [_texts(row) for row in array]
+        if array.ndim > 1
+        else [_text(x) for x in array.tolist()]
+    )

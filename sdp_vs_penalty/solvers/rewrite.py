@@ -1,7 +1,9 @@
-"""The same conic problem for solvers that lack a quadratic objective, equalities or second-order cones.
+"""The same conic problem for solvers that lack a quadratic objective, equalities or
+second-order cones.
 
-Each step is a change of rows and columns with its way back: x and z of the rewritten problem become
-x and z of the original, so that a solver is judged on the problem that was posed.
+Each step is a change of rows and columns with its way back: x and z of the rewritten
+problem become x and z of the original, so that a solver is judged on the problem that
+was posed.
 
     quadratic    1/2 |L^T x|^2 <= t    as    |(t - 1, sqrt(2) L^T x)| <= t + 1, in groups of rows
     equality     a_j x_j + ... = b     solved for variables that no other equality holds
@@ -30,7 +32,8 @@ class NotApplicableError(ValueError):
 
 @dataclass(frozen=True)
 class Rewritten:
-    """A problem and back(x, z), from its solutions to those of the problem it came from.
+    """A problem and back(x, z), from its solutions to those of the problem it came
+    from.
 
     constant : the objective of that problem less that of this one.
     """
@@ -52,15 +55,21 @@ def unchanged(problem: ConicProblem) -> Rewritten:
     return Rewritten(problem, lambda x, z: (x, z))
 
 
-def suited(problem: ConicProblem, kinds: Collection[str], order: Sequence[str] = ()) -> Rewritten:
-    """For a solver that takes a "quadratic" objective and cones of these ``kinds``, or not, in an order.
+def suited(
+    problem: ConicProblem, kinds: Collection[str], order: Sequence[str] = ()
+) -> Rewritten:
+    """For a solver that takes a "quadratic" objective and cones of these ``kinds``, or
+    not, in an order.
 
     Raises NotApplicableError where a cone is left that it lacks.
     """
     found = unchanged(problem)
     if "quadratic" not in kinds:
-        # Ten rows share one matrix where only these are left: many small ones are cheaper.
-        found = found.then(lambda p: linear_objective(p, None if "soc" in kinds else 10))
+        # Ten rows share one matrix where only these are left: many small ones are
+        # cheaper.
+        found = found.then(
+            lambda p: linear_objective(p, None if "soc" in kinds else 10)
+        )
     if "zero" not in kinds:
         found = found.then(without_equalities)
     if "soc" not in kinds:
@@ -77,7 +86,9 @@ def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
     if P.nnz == np.count_nonzero(diagonal):
         seen = np.flatnonzero(diagonal)
         ones = np.arange(len(seen))
-        return sparse.csr_matrix((np.sqrt(diagonal[seen]), (ones, seen)), (len(seen), P.shape[0]))
+        return sparse.csr_matrix(
+            (np.sqrt(diagonal[seen]), (ones, seen)), (len(seen), P.shape[0])
+        )
     full = P.toarray()
     values, vectors = np.linalg.eigh(full + np.triu(full, 1).T)
     kept = values > 1e-15 * values[-1]
@@ -85,7 +96,8 @@ def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
 
 
 def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritten:
-    """The quadratic part bounded by new variables t, one for each group of its rows (None: one)."""
+    """The quadratic part bounded by new variables t, one for each group of its rows
+    (None: one)."""
     if problem.P.nnz == 0:
         return unchanged(problem)
     factor = quadratic_factor(problem)
@@ -112,12 +124,15 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
 
 
 def without_equalities(problem: ConicProblem) -> Rewritten:
-    """Each equality solved for a variable that occurs in no other equality, and substituted.
+    """Each equality solved for a variable that occurs in no other equality, and
+    substituted.
 
-    Raises NotApplicableError where an equality has no such variable. The objective is linear.
+    Raises NotApplicableError where an equality has no such variable. The objective is
+    linear.
     """
     equal = np.concatenate(
-        [np.full(c.rows, c.kind == "zero") for c in problem.cones] or [np.zeros(0, bool)]
+        [np.full(c.rows, c.kind == "zero") for c in problem.cones]
+        or [np.zeros(0, bool)]
     )
     if not equal.any():
         return unchanged(problem)
@@ -157,7 +172,8 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
 
 
 def arrows(problem: ConicProblem) -> Rewritten:
-    """Second-order cones as arrow matrices; the adjoint of the map brings multipliers back."""
+    """Second-order cones as arrow matrices; the adjoint of the map brings multipliers
+    back."""
     if not any(c.kind == "soc" for c in problem.cones):
         return unchanged(problem)
     maps, cones = [], []
@@ -169,7 +185,10 @@ def arrows(problem: ConicProblem) -> Rewritten:
             continue
         j = np.arange(d)
         diagonal, border = j * (j + 1) // 2 + j, j[1:] * (j[1:] + 1) // 2
-        rows, columns = np.concatenate([diagonal, border]), np.concatenate([np.zeros(d, int), j[1:]])
+        rows, columns = (
+            np.concatenate([diagonal, border]),
+            np.concatenate([np.zeros(d, int), j[1:]]),
+        )
         values = np.repeat([1.0, np.sqrt(2.0)], [d, d - 1])
         maps.append(sparse.csr_matrix((values, (rows, columns)), (d * (d + 1) // 2, d)))
         cones.append(Cone("psd", d))
@@ -177,21 +196,28 @@ def arrows(problem: ConicProblem) -> Rewritten:
     return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
 
 
-def _mapped(problem: ConicProblem, change: sparse.csr_matrix, home: sparse.csr_matrix) -> Rewritten:
+def _mapped(
+    problem: ConicProblem, change: sparse.csr_matrix, home: sparse.csr_matrix
+) -> Rewritten:
     """Other rows, and their multipliers brought home."""
-    made = replace(problem, A=sparse.csc_matrix(change @ problem.A), b=change @ problem.b)
+    made = replace(
+        problem, A=sparse.csc_matrix(change @ problem.A), b=change @ problem.b
+    )
     return Rewritten(made, lambda x, z: (x, home @ z))
 
 
 def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
-    """The cones sorted by kind, in the order given; nonnegative and zero cones are merged."""
+    """The cones sorted by kind, in the order given; nonnegative and zero cones are
+    merged."""
     starts = np.cumsum([0, *(c.rows for c in problem.cones)])
     order, cones = [np.zeros(0, np.intp)], []
     for kind in kinds:
         mine = [k for k, c in enumerate(problem.cones) if c.kind == kind]
         order += [np.arange(starts[k], starts[k + 1]) for k in mine]
         if kind in ("zero", "nonnegative"):
-            cones += [Cone(kind, sum(problem.cones[k].size for k in mine))] if mine else []
+            cones += (
+                [Cone(kind, sum(problem.cones[k].size for k in mine))] if mine else []
+            )
         else:
             cones += [problem.cones[k] for k in mine]
     change = sparse.identity(len(problem.b), format="csr")[np.concatenate(order)]
@@ -208,17 +234,24 @@ def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
 def full_matrices(problem: ConicProblem) -> Rewritten:
     """Rows of psd cones become d^2 entries.
 
-    The rewritten problem keeps the cones of the original: its rows no longer match Cone.rows. A
-    solver may return any matrix; back takes its lower triangle, which is what CVXOPT fills.
+    The rewritten problem keeps the cones of the original: its rows no longer match
+    Cone.rows. A solver may return any matrix; back takes its lower triangle, which is
+    what CVXOPT fills.
     """
     both = []
     for cone in problem.cones:
         d, rows = cone.size, cone.rows
         out = home = sparse.identity(rows, format="csr")
         if cone.kind == "psd":
-            # Entries stand column by column: (row j, column i) of the lower triangle at i * d + j.
+            # Entries stand column by column: (row j, column i) of the lower triangle at
+            # i * d + j.
             i, j, weight = triangle(d)
             out = sparse.csr_matrix(unsvec(np.eye(rows), d).reshape(rows, -1).T)
-            home = sparse.csr_matrix((weight, (np.arange(rows), i * d + j)), (rows, d * d))
+            home = sparse.csr_matrix(
+                (weight, (np.arange(rows), i * d + j)), (rows, d * d)
+            )
         both.append((out, home))
-    return _mapped(problem, *(sparse.block_diag(maps, format="csr") for maps in zip(*both, strict=True)))
+    return _mapped(
+        problem,
+        *(sparse.block_diag(maps, format="csr") for maps in zip(*both, strict=True)),
+    )

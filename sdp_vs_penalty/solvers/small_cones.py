@@ -1,4 +1,5 @@
-"""Constraints of an identification problem as arrays for :mod:`primal_dual`: small cones together."""
+"""Constraints of an identification problem as arrays for :mod:`primal_dual`: small
+cones together."""
 
 import math
 
@@ -12,30 +13,43 @@ from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
 #: Order of the largest matrix; smaller ones are padded with ones on the diagonal.
 ORDER = 4
-#: Up to so many entries a product with the whole matrix takes less than the call of a sparse one.
+#: Up to so many entries a product with the whole matrix takes less than the call of a
+#: sparse one.
 _DENSE = 1 << 16
 
 
 class SmallCones:
-    """Non-negative rows and 4x4 blocks, prepared for any data in the same parameters theta (p,).
+    """Non-negative rows and 4x4 blocks, prepared for any data in the same parameters
+    theta (p,).
 
-    Slacks (rows + 16 blocks,) = constant + slack_map theta: those of all rows, of the entropy's links,
-    of further blocks. weight (blocks,) : of -log det; linear (p,) : the slope of its trace term.
-    curvature turns y / s of the rows and the Kronecker products of S^-1 and Z of the blocks into the
-    entries ``places`` of H (p, p), lower triangle column by column. home (e, rows + 16 blocks) : from
-    multipliers to those of the constraints' entries, zero where another constraint implies one.
+    Slacks (rows + 16 blocks,) = constant + slack_map theta: those of all rows, of the
+    entropy's links, of further blocks. weight (blocks,) : of -log det; linear (p,) :
+    the slope of its trace term. curvature turns y / s of the rows and the Kronecker
+    products of S^-1 and Z of the blocks into the entries ``places`` of H (p, p), lower
+    triangle column by column. home (e, rows + 16 blocks) : from multipliers to those of
+    the constraints' entries, zero where another constraint implies one.
     """
 
-    def __init__(self, entropy: Entropy | None, constraints: ConstraintSet, p: int) -> None:
+    def __init__(
+        self, entropy: Entropy | None, constraints: ConstraintSet, p: int
+    ) -> None:
         """Raises NotApplicableError for cones of an order above four."""
         links = entropy.links if entropy is not None and entropy.weight > 0.0 else ()
-        barred = {("pseudo-inertia", *link.indices.tolist()) for link in links}  # by their log det
-        kept = {c for c in constraints.essential if (c.family, *c.indices.tolist()) not in barred}
+        barred = {
+            ("pseudo-inertia", *link.indices.tolist()) for link in links
+        }  # by their log det
+        kept = {
+            c
+            for c in constraints.essential
+            if (c.family, *c.indices.tolist()) not in barred
+        }
         groups, start, parts = (*constraints.groups, *alike(links)), 0, []
         for number, group in enumerate(groups):
             own, turn = np.arange(len(group.places)), 1
             if number < len(constraints.groups):
-                own = np.flatnonzero([constraints.convex[k] in kept for k in group.places])
+                own = np.flatnonzero(
+                    [constraints.convex[k] in kept for k in group.places]
+                )
                 turn = 0 if group.cone == "nonnegative" else 2
             image, ones = _image(group.cone, group.constant.shape[1])
             parts.append((turn, image, ones, start + image.shape[1] * own))
@@ -45,44 +59,59 @@ class SmallCones:
         row, column, value = [none], [none], [np.zeros(0)]
         for _, image, _, begins in parts:
             entry, of = np.nonzero(image)
-            row.append((first + len(image) * np.arange(len(begins))[:, None] + entry).ravel())
+            row.append(
+                (first + len(image) * np.arange(len(begins))[:, None] + entry).ravel()
+            )
             column.append((begins[:, None] + of).ravel())
             value.append(np.tile(image[entry, of], len(begins)))
             first += len(image) * len(begins)
         every = Entries.of(groups)
         where = np.concatenate(row), np.concatenate(column)
         image = sparse.csr_matrix((np.concatenate(value), where), (first, start))
-        self.rows = sum(ones.size * len(begins) for turn, _, ones, begins in parts if turn == 0)
+        self.rows = sum(
+            ones.size * len(begins) for turn, _, ones, begins in parts if turn == 0
+        )
         self.constant = image @ every.constant
-        self.constant += np.concatenate([np.zeros(0), *(np.tile(x[2], len(x[3])) for x in parts)])
+        self.constant += np.concatenate(
+            [np.zeros(0), *(np.tile(x[2], len(x[3])) for x in parts)]
+        )
         self.home = image[:, : len(constraints.entries.constant)].T.tocsr()
-        self.weight, self.linear = np.zeros((first - self.rows) // ORDER**2), np.zeros(p)
+        self.weight, self.linear = (
+            np.zeros((first - self.rows) // ORDER**2),
+            np.zeros(p),
+        )
         if entropy is not None and links:
             self.weight[: len(links)] = entropy.weight
             inverse = entropy.nominal_terms[0]
             self.linear = entropy.weight * entropy.entries.adjoint(inverse.ravel(), p)
         shape = (start, p)
-        slack_map = image @ sparse.csr_matrix((every.value, (every.row, every.column)), shape)
+        slack_map = image @ sparse.csr_matrix(
+            (every.value, (every.row, every.column)), shape
+        )
         curvature = _curvature(slack_map, self.rows)
         self.places = np.flatnonzero(np.diff(curvature.indptr))
         self.curvature = curvature[self.places]
         small = math.prod(slack_map.shape) <= _DENSE
-        self.slack_map: Array | sparse.csr_matrix = slack_map.toarray() if small else slack_map
+        self.slack_map: Array | sparse.csr_matrix = (
+            slack_map.toarray() if small else slack_map
+        )
         self.adjoint: Array | sparse.csr_matrix = slack_map.T.tocsr()
         if small:
             self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
 
     def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
-        """(e,) of the constraints' entries, and of each link of the entropy the slope S (links, 4, 4)
-        with which -log det is bounded; flat (rows + 16 blocks,)."""
+        """(e,) of the constraints' entries, and of each link of the entropy the slope S
+        (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""
         links = np.count_nonzero(self.weight)
-        slopes = flat[self.rows : self.rows + links * ORDER**2].reshape(-1, ORDER, ORDER)
+        slopes = flat[self.rows : self.rows + links * ORDER**2].reshape(
+            -1, ORDER, ORDER
+        )
         return self.home @ flat, slopes / self.weight[0] if links else None
 
 
 def _image(cone: str, d: int) -> tuple[Array, Array]:
-    """From a cone's entries to its slacks, and what is added: itself, or a 4x4 matrix with ones beside
-    a smaller one; of a second-order cone the arrow."""
+    """From a cone's entries to its slacks, and what is added: itself, or a 4x4 matrix
+    with ones beside a smaller one; of a second-order cone the arrow."""
     if cone == "nonnegative":
         return np.eye(d), np.zeros(d)
     if d > ORDER:
@@ -92,16 +121,21 @@ def _image(cone: str, d: int) -> tuple[Array, Array]:
     if cone == "psd":
         image[at[:d, :d].ravel(), np.arange(d * d)] = 1.0
     else:
-        image[at[0, :d], entry] = image[at[:d, 0], entry] = image[np.diagonal(at)[:d], 0] = 1.0
+        image[at[0, :d], entry] = image[at[:d, 0], entry] = image[
+            np.diagonal(at)[:d], 0
+        ] = 1.0
     return image, np.asarray(np.diag(np.arange(ORDER) >= d).ravel(), float)
 
 
 def _curvature(slack_map: sparse.csr_matrix, rows: int) -> sparse.csr_matrix:
-    """(p^2, rows + 256 blocks): of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d] (S^-1)[a, c] Z[d, b] with
-    which factor each product of S^-1 and Z counts at (j, i), i >= j."""
+    """(p^2, rows + 256 blocks): of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d]
+    (S^-1)[a, c] Z[d, b] with which factor each product of S^-1 and Z counts at (j, i),
+    i >= j."""
     part, p = slack_map.tocoo(), slack_map.shape[1]
     block, entry = np.divmod(part.row - rows, ORDER**2)
-    block, entry = np.where(part.row < rows, [part.row, 0 * entry], [rows + block, entry])
+    block, entry = np.where(
+        part.row < rows, [part.row, 0 * entry], [rows + block, entry]
+    )
     count, begins = np.bincount(block)[block], np.searchsorted(block, block)
     one = np.repeat(np.arange(len(block)), count)
     other = np.arange(len(one)) - np.repeat(np.cumsum(count) - count - begins, count)
@@ -112,4 +146,6 @@ def _curvature(slack_map: sparse.csr_matrix, rows: int) -> sparse.csr_matrix:
     product = product + ((a * ORDER + c) * ORDER + d) * ORDER + b
     wide = rows + (slack_map.shape[0] - rows) * ORDER**2
     value = part.data[one] * part.data[other]
-    return sparse.csr_matrix((value, (part.col[other] * p + part.col[one], product)), (p * p, wide))
+    return sparse.csr_matrix(
+        (value, (part.col[other] * p + part.col[one], product)), (p * p, wide)
+    )

@@ -1,8 +1,8 @@
 """What a conic solver declares, and how any of them is asked.
 
-A subclass of :class:`Solver` in a file of this folder is its registration: it says what the
-solver takes and is told, and runs it on a problem of that form. Rewriting the problem, reading the
-answer back and finding out what is installed are here, once.
+A subclass of :class:`Solver` in a file of this folder is its registration: it says what
+the solver takes and is told, and runs it on a problem of that form. Rewriting the
+problem, reading the answer back and finding out what is installed are here, once.
 """
 
 import importlib
@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sdp_vs_penalty.plugins import summary_line
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import full_matrices, suited
@@ -36,7 +37,8 @@ SDPA_CLAIMS = {
 
 @cache
 def _distributions() -> Mapping[str, list[str]]:
-    """What was installed that brings a package: half a second's search through everything."""
+    """What was installed that brings a package: half a second's search through
+    everything."""
     return metadata.packages_distributions()
 
 
@@ -48,13 +50,14 @@ def flat(values: Any, size: int) -> Array:
 class Solver(ABC):
     """A conic solver of others, named on the command line.
 
-    extra : what installs it, an extra of this package or words (None: the core installation); requires :
-    the ("package", module) or ("program", command) without which it is absent; system_package : Debian's
-    name of a program, where it is not the command's.
-    cones : what it takes; what it lacks is rewritten. order : of the kinds of cones, where it wants one;
-    full_matrices : whether a psd cone's rows are all entries of the matrix instead of svec's.
-    told : options by the names of its documentation; claims : what its status claims (of a Solution;
-    else "failed"); finest : the finest accuracy that a loop around it may ask for.
+    extra : what installs it, an extra of this package or words (None: the core
+    installation); requires : the ("package", module) or ("program", command) without
+    which it is absent; system_package : Debian's name of a program, where it is not the
+    command's. cones : what it takes; what it lacks is rewritten. order : of the kinds
+    of cones, where it wants one; full_matrices : whether a psd cone's rows are all
+    entries of the matrix instead of svec's. told : options by the names of its
+    documentation; claims : what its status claims (of a Solution; else "failed");
+    finest : the finest accuracy that a loop around it may ask for.
     """
 
     name: ClassVar[str]
@@ -74,18 +77,25 @@ class Solver(ABC):
 
     def options(self, accuracy: float) -> dict[str, Any]:
         """What it is told for an accuracy, relative, of gap and feasibility."""
-        return {name: accuracy if value is ACCURACY else value for name, value in self.told.items()}
+        return {
+            name: accuracy if value is ACCURACY else value
+            for name, value in self.told.items()
+        }
 
     def solve(self, problem: ConicProblem, accuracy: float) -> Solution:
-        """Its answer to any problem; raises NotApplicableError for cones that it cannot be given."""
+        """Its answer to any problem; raises NotApplicableError for cones that it cannot
+        be given."""
         form = suited(problem, self.cones, self.order)
         form = form.then(full_matrices) if self.full_matrices else form
         found = self.run(form.problem, self.options(accuracy))
         x, z = form.back(found.x, found.z)
         return replace(found, x=x, z=z)
 
-    def said(self, x: Array, z: Array, status: str, iterations: float, more: str = "") -> Solution:
-        """Its answer with what its status claims; more : words that belong to the status."""
+    def said(
+        self, x: Array, z: Array, status: str, iterations: float, more: str = ""
+    ) -> Solution:
+        """Its answer with what its status claims; more : words that belong to the
+        status."""
         claims = self.claims.get(status, "failed")
         return Solution(x, z, claims, f"{status} {more}".rstrip(), int(iterations))
 
@@ -93,8 +103,14 @@ class Solver(ABC):
     def absent(self) -> str:
         """Why it cannot be used on this machine and what to do, "" where it can."""
         kind, what = self.requires
-        there = shutil.which(what) if kind == "program" else importlib.util.find_spec(what)
-        return "" if there else f"the {kind} {what} is not installed (source: {self.source})"
+        there = (
+            shutil.which(what) if kind == "program" else importlib.util.find_spec(what)
+        )
+        return (
+            ""
+            if there
+            else f"the {kind} {what} is not installed (source: {self.source})"
+        )
 
     @property
     def source(self) -> str:
@@ -108,8 +124,8 @@ class Solver(ABC):
 
     @property
     def description(self) -> str:
-        """The first line of its docstring."""
-        return (type(self).__doc__ or "").partition("\n")[0]
+        """The first sentence of its docstring."""
+        return summary_line(type(self))
 
     def warm_up(self) -> None:
         """Pay for what its first call costs once."""
@@ -117,7 +133,8 @@ class Solver(ABC):
             importlib.import_module(self.requires[1])
 
     def version(self) -> str:
-        """The installed version of what it requires; empty where a program does not say."""
+        """The installed version of what it requires; empty where a program does not
+        say."""
         kind, what = self.requires
         if kind == "package":
             return metadata.version(_distributions().get(what, [what])[0])

@@ -22,8 +22,9 @@ CLAIMS = {
 
 
 class ThroughCvxpy(Solver):
-    """A solver of CVXPY's, called there by our name in capitals; group : the argument that holds its
-    options, "" where each is an argument; licences : files of which it needs one, or port@server."""
+    """A solver of CVXPY's, called there by our name in capitals; group : the argument
+    that holds its options, "" where each is an argument; licences : files of which it
+    needs one, or port@server."""
 
     extra = "its vendor, with a licence"
     full_matrices = True
@@ -33,7 +34,8 @@ class ThroughCvxpy(Solver):
 
     @staticmethod
     def warm_up() -> None:
-        """Import CVXPY and let it build every kind of cone once; starts no thread and runs no solver."""
+        """Import CVXPY and let it build every kind of cone once; starts no thread and
+        runs no solver."""
         import cvxpy as cp
 
         x = cp.Variable(2)
@@ -43,10 +45,13 @@ class ThroughCvxpy(Solver):
 
     @property
     def absent(self) -> str:
-        """Why it cannot be used on this machine: for lack of the package, or of a licence."""
+        """Why it cannot be used on this machine: for lack of the package, or of a
+        licence."""
         found = (Path(os.path.expandvars(path)).expanduser() for path in self.licences)
         there = any("@" in path.name or path.is_file() for path in found)
-        return super().absent or ("" if there else f"no licence in {', '.join(self.licences)}")
+        return super().absent or (
+            "" if there else f"no licence in {', '.join(self.licences)}"
+        )
 
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
         import cvxpy as cp
@@ -63,10 +68,15 @@ class ThroughCvxpy(Solver):
         model = cp.Problem(cp.Minimize(objective), constraints)
         try:
             with warnings.catch_warnings(action="ignore"):
-                model.solve(solver=self.name.upper(), **({self.group: told} if self.group else told))
+                model.solve(
+                    solver=self.name.upper(),
+                    **({self.group: told} if self.group else told),
+                )
         except cp.error.SolverError as error:
             return Solution.none(problem, str(error))
-        z = np.concatenate([_dual(c, m) for c, m in zip(problem.cones, constraints, strict=True)])
+        z = np.concatenate(
+            [_dual(c, m) for c, m in zip(problem.cones, constraints, strict=True)]
+        )
         steps = model.solver_stats.num_iters or 0
         return self.said(flat(x.value, len(problem.q)), z, model.status, steps)
 
@@ -91,23 +101,32 @@ def _dual(cone: Cone, constraint: Any) -> Array:
         return np.full(cone.size**2 if cone.kind == "psd" else cone.rows, np.nan)
     if cone.kind == "psd":
         return np.ravel(0.5 * (value + value.T))
-    return np.concatenate([np.ravel(v) for v in (value if isinstance(value, list) else [value])])
+    return np.concatenate(
+        [np.ravel(v) for v in (value if isinstance(value, list) else [value])]
+    )
 
 
 class Mosek(ThroughCvxpy):
-    """MOSEK, commercial, where its package and a licence are found; called through CVXPY."""
+    """MOSEK, commercial, where its package and a licence are found; called through
+    CVXPY."""
 
     name = "mosek"
     requires = "package", "mosek"
     group = "mosek_params"
-    told = {f"MSK_DPAR_INTPNT_CO_TOL_{what}": ACCURACY for what in ("REL_GAP", "PFEAS", "DFEAS")}
+    told = {
+        f"MSK_DPAR_INTPNT_CO_TOL_{what}": ACCURACY
+        for what in ("REL_GAP", "PFEAS", "DFEAS")
+    }
     licences = "$MOSEKLM_LICENSE_FILE", "~/mosek/mosek.lic"
 
 
 class Copt(ThroughCvxpy):
-    """COPT, commercial, where its package and a licence are found; called through CVXPY."""
+    """COPT, commercial, where its package and a licence are found; called through
+    CVXPY."""
 
     name = "copt"
     requires = "package", "coptpy"
     told = dict.fromkeys(("RelGap", "FeasTol", "DualTol"), ACCURACY)
-    licences = tuple(f"{home}/license.dat" for home in ("$COPT_LICENSE_DIR", "$COPT_HOME", "~/copt"))
+    licences = tuple(
+        f"{home}/license.dat" for home in ("$COPT_LICENSE_DIR", "$COPT_HOME", "~/copt")
+    )

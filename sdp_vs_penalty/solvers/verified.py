@@ -1,16 +1,17 @@
 """Bounds on the optimum that hold in floating point, whatever was rounded on the way.
 
 In the manner of Jansson, Chaykin, Keil ("Rigorous error bounds for the optimal value in
-semidefinite programming", SIAM J. Numer. Anal. 2007): any numbers a solver returns are turned into
-a lower bound on the optimum over {theta feasible, |theta_k| <= B_k}; whether a point is feasible is
-decided beyond doubt. R, rho, residual_norm and the constraint arrays are taken as
-exact, as the doubles they are.
+semidefinite programming", SIAM J. Numer. Anal. 2007): any numbers a solver returns are
+turned into a lower bound on the optimum over {theta feasible, |theta_k| <= B_k};
+whether a point is feasible is decided beyond doubt. R, rho, residual_norm and the
+constraint arrays are taken as exact, as the doubles they are.
 
-Lower side. A multiplier is used as V V^T, which is positive semidefinite whatever V's entries are,
-so that no eigenvalue has to be trusted. Sums are formed in extended precision beside the same sums of
-absolute values: where no number passes through more than k operations, those times gamma_k bound the
-error, in any order of summation (Higham, Accuracy and Stability, 2002, sec. 3.1). Upper side. F(theta)
-is formed in rational arithmetic and factorised exactly: feasible is then a fact.
+Lower side. A multiplier is used as V V^T, which is positive semidefinite whatever V's
+entries are, so that no eigenvalue has to be trusted. Sums are formed in extended
+precision beside the same sums of absolute values: where no number passes through more
+than k operations, those times gamma_k bound the error, in any order of summation
+(Higham, Accuracy and Stability, 2002, sec. 3.1). Upper side. F(theta) is formed in
+rational arithmetic and factorised exactly: feasible is then a fact.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,23 +26,27 @@ from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, Entries, 
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
-#: Extended precision where the machine has it, plain doubles elsewhere; the error bounds follow.
+#: Extended precision where the machine has it, plain doubles elsewhere; the error
+#: bounds follow.
 Long = np.longdouble
 Extended = Any  # an array or a number of Long
 
 
 def _gamma(operations: int) -> Extended:
-    """gamma_k, four times: the rounding of the bound itself, and of a few operations more, is in it."""
+    """gamma_k, four times: the rounding of the bound itself, and of a few operations
+    more, is in it."""
     return 4 * (operations + 16) * Long(np.finfo(Long).eps)
 
 
-#: What underflow can lose in one operation, where numbers have the exponents of doubles.
+#: What underflow can lose in one operation, where numbers have the exponents of
+#: doubles.
 _TINY = Long(np.finfo(float).tiny)
 
 
 def in_cones(entries: Entries, multipliers: Array) -> tuple[Extended, Array]:
-    """Multipliers (e,) that lie in their (self-dual) cones, near those given; their sums' absolute
-    values. A matrix is V V^T, formed with rounding; the others are exact."""
+    """Multipliers (e,) that lie in their (self-dual) cones, near those given; their
+    sums' absolute values. A matrix is V V^T, formed with rounding; the others are
+    exact."""
     size = np.maximum(multipliers, 0.0)
     exact = np.asarray(size, Long)
     parts = [entries.split(x) for x in (multipliers, exact, size)]
@@ -51,7 +56,10 @@ def in_cones(entries: Entries, multipliers: Array) -> tuple[Extended, Array]:
             own[:], its_size[:] = _square(factor(0.5 * (raw + np.swapaxes(raw, 1, 2))))
         elif group.cone == "soc":
             own[:] = raw
-            norm = np.sqrt(np.sum(own[:, 1:] ** 2, axis=1)) * (1 + _gamma(own.shape[1])) + _TINY
+            norm = (
+                np.sqrt(np.sum(own[:, 1:] ** 2, axis=1)) * (1 + _gamma(own.shape[1]))
+                + _TINY
+            )
             own[:, 0] = np.maximum(own[:, 0], norm)
             its_size[:] = np.abs(own)
     return exact, size
@@ -64,11 +72,14 @@ def _square(v: Array) -> tuple[Extended, Array]:
 
 
 def factor(matrices: Array) -> Array:
-    """V (g, d, d) with V V^T near symmetric matrices; near their projections where one is indefinite,
-    seen with a diagonal of size one: what is near does not depend on units."""
+    """V (g, d, d) with V V^T near symmetric matrices; near their projections where one
+    is indefinite, seen with a diagonal of size one: what is near does not depend on
+    units."""
     out, used = np.zeros_like(matrices), matrices.any(axis=(1, 2))
     try:
-        out[used] = np.linalg.cholesky(matrices[used])  # near entry by entry, in any system of units
+        out[used] = np.linalg.cholesky(
+            matrices[used]
+        )  # near entry by entry, in any system of units
     except np.linalg.LinAlgError:
         size = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
         size = or_one(size)[:, :, None]
@@ -77,36 +88,51 @@ def factor(matrices: Array) -> Array:
     return out
 
 
-def _against(entries: Entries, dual: Extended, sizes: Array, p: int) -> tuple[Extended, Extended]:
-    """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of absolute values;
-    dual, sizes (e,)."""
+def _against(
+    entries: Entries, dual: Extended, sizes: Array, p: int
+) -> tuple[Extended, Extended]:
+    """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of
+    absolute values; dual, sizes (e,)."""
     slope = np.zeros((2, p), Long)
     np.add.at(slope[0], entries.column, entries.value * dual[entries.row])
-    slope[1] = np.bincount(entries.column, np.abs(entries.value) * sizes[entries.row], p)
-    return slope, np.array([entries.constant @ dual, np.abs(entries.constant) @ sizes], Long)
+    slope[1] = np.bincount(
+        entries.column, np.abs(entries.value) * sizes[entries.row], p
+    )
+    return slope, np.array(
+        [entries.constant @ dual, np.abs(entries.constant) @ sizes], Long
+    )
 
 
-def _entropy_tangent(entropy: Entropy, slopes: Array, p: int) -> tuple[Extended, Extended]:
-    """The same of -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly."""
-    v = np.asarray(np.linalg.cholesky(0.5 * (slopes + np.swapaxes(slopes, 1, 2))), float)
+def _entropy_tangent(
+    entropy: Entropy, slopes: Array, p: int
+) -> tuple[Extended, Extended]:
+    """The same of -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T
+    exactly."""
+    v = np.asarray(
+        np.linalg.cholesky(0.5 * (slopes + np.swapaxes(slopes, 1, 2))), float
+    )
     logs = np.log(np.asarray(np.diagonal(v, axis1=1, axis2=2), Long))
     (inverse, log_det), (exact, size) = entropy.nominal_terms, _square(v)
     both = (inverse - exact).ravel(), (np.abs(inverse) + size).ravel()
     slope, constant = _against(entropy.entries, *both, p)
     # A logarithm is right to a few units of its last place, or of one.
-    more = 2 * logs.sum() + log_det.sum(), 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
+    more = (
+        2 * logs.sum() + log_det.sum(),
+        16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum(),
+    )
     weight = Long(entropy.weight)
     return weight * slope, weight * (constant + np.array(more, Long))
 
 
 @dataclass(frozen=True)
 class DualEvidence:
-    """What a lower bound follows from, whoever adds it up: the numbers may be off, the bound holds.
+    """What a lower bound follows from, whoever adds it up: the numbers may be off, the
+    bound holds.
 
-    multipliers (e,) : of the constraints' entries, near their cones; y (r,) : near the residual at the
-    optimum; entropy_slopes (links, 4, 4) : positive definite S, -log det P >= log det S + 4 - tr(S P);
-    push : from a leftover slope (p,) times its limit to the shift of y (r,) that removes it, by default
-    none.
+    multipliers (e,) : of the constraints' entries, near their cones; y (r,) : near the
+    residual at the optimum; entropy_slopes (links, 4, 4) : positive definite S, -log
+    det P >= log det S + 4 - tr(S P); push : from a leftover slope (p,) times its limit
+    to the shift of y (r,) that removes it, by default none.
     """
 
     multipliers: Array
@@ -118,22 +144,27 @@ class DualEvidence:
 def lower_bound(
     objective: Objective, constraints: Entries, evidence: DualEvidence, bound: Array
 ) -> float:
-    """A number that is certainly <= min objective over the constraints and |theta_k| <= bound_k; -inf
-    where slopes of the entropy are not definite.
+    """A number that is certainly <= min objective over the constraints and |theta_k| <=
+    bound_k; -inf where slopes of the entropy are not definite.
 
-    f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)> for every y and
-    all S_i in their cones; what is left of the slope, e, costs |e|^T bound. y is shifted, in extended
-    precision from the second time on, until that no longer matters.
+    f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)>
+    for every y and all S_i in their cones; what is left of the slope, e, costs |e|^T
+    bound. y is shifted, in extended precision from the second time on, until that no
+    longer matters.
     """
     data, signs = objective.least_squares, np.array([-1, 1])
-    slope, constant = _against(constraints, *in_cones(constraints, evidence.multipliers), len(bound))
+    slope, constant = _against(
+        constraints, *in_cones(constraints, evidence.multipliers), len(bound)
+    )
     slope, constant = signs[:, None] * slope, signs * constant
     slope += np.array([objective.linear, np.abs(objective.linear)]).reshape(2, -1)
     operations = len(evidence.y) + len(constraints.constant)
     if objective.entropy is not None:
         operations += len(objective.entropy.entries.constant)
         try:
-            tangent = _entropy_tangent(objective.entropy, evidence.entropy_slopes, len(bound))
+            tangent = _entropy_tangent(
+                objective.entropy, evidence.entropy_slopes, len(bound)
+            )
         except np.linalg.LinAlgError:
             return -np.inf
         slope, constant = slope + tangent[0], constant + tangent[1]
@@ -149,7 +180,9 @@ def lower_bound(
         y = y - push(leftover)
         left = slope[0] + 2 * (y @ R)
     gamma = _gamma(operations)
-    sizes = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))  # whose own rounding gamma holds
+    sizes = 2 * (
+        np.abs(data.R).T @ np.abs(np.asarray(y, float))
+    )  # whose own rounding gamma holds
     left_at_most = np.abs(left) + gamma * (slope[1] + sizes) + _TINY
     cost = left_at_most @ limit
     size = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
@@ -158,20 +191,27 @@ def lower_bound(
     return double if double <= least else float(np.nextafter(double, -np.inf))
 
 
-#: Gap relative to the loss that is promised: an answer within it is kept at once, a bound within half of
-#: it is not made tighter, and a leftover slope that costs a thousandth of it is left.
+#: Gap relative to the loss that is promised: an answer within it is kept at once, a
+#: bound within half of it is not made tighter, and a leftover slope that costs a
+#: thousandth of it is left.
 TIGHT = 1e-8
 #: Corrections of y at most.
 CORRECTIONS = 3
 
 
-def proves_infeasible(constraints: ConstraintSet, multipliers: Array, bound: Array) -> bool:
-    """Whether the multipliers prove that no |theta_k| <= bound_k satisfies all constraints.
+def proves_infeasible(
+    constraints: ConstraintSet, multipliers: Array, bound: Array
+) -> bool:
+    """Whether the multipliers prove that no |theta_k| <= bound_k satisfies all
+    constraints.
 
-    0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas). It is the
-    lower bound of the objective zero: positive exactly if the set is empty.
+    0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas).
+    It is the lower bound of the objective zero: positive exactly if the set is empty.
     """
-    evidence, nothing = DualEvidence(multipliers, np.zeros(0)), Objective.without_data(len(bound))
+    evidence, nothing = (
+        DualEvidence(multipliers, np.zeros(0)),
+        Objective.without_data(len(bound)),
+    )
     return lower_bound(nothing, constraints.entries, evidence, bound) > 0.0
 
 
@@ -187,7 +227,8 @@ def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
 
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
-    """Worst violation of each family; one that only rounding in its evaluation sees is none."""
+    """Worst violation of each family; one that only rounding in its evaluation sees is
+    none."""
     out = constraints.worst(theta)
     for family in [family for family, violation in out.items() if violation > 0.0]:
         convex = [c for c in constraints.convex if c.family == family]
@@ -196,11 +237,14 @@ def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
     return out
 
 
-#: A margin above this share of the constraint's terms is no matter of rounding, of either kind.
+#: A margin above this share of the constraint's terms is no matter of rounding, of
+#: either kind.
 _WELL_INSIDE = np.sqrt(np.finfo(float).eps)
 
 
-def _exact_value(constraint: Constraint, theta: Mapping[int, Fraction]) -> list[Fraction]:
+def _exact_value(
+    constraint: Constraint, theta: Mapping[int, Fraction]
+) -> list[Fraction]:
     """F(theta) in rational numbers, entry by entry; a matrix's symmetric part."""
     out = [Fraction(float(x)) for x in constraint.constant.ravel()]
     for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):

@@ -1,4 +1,5 @@
-"""Check a proof of an identification optimum: `python verify_proof.py proof.json` (exit code 0 or 1).
+"""Check a proof of an identification optimum: `python verify_proof.py proof.json` (exit
+code 0 or 1).
 
 Standard library, rational numbers, no rounding; docs/proof.md is the format. The claim, for all x with
 |x_k| <= bound_k and each F_i(x) = constant_i + sum_k x[indices_ik] coefficients_ik in its cone:
@@ -21,14 +22,40 @@ from fractions import Fraction
 FORMAT = "sdp-vs-penalty proof 2"
 MAX_BYTES, MAX_DIGITS, MAX_ROWS, LARGEST = 2**25, 4000, 100, 10**308
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][-+]?[0-9]{1,3})?|-?[0-9]+/[1-9][0-9]*")
-# What is where: one of some types, a number, or [n, what], a list; a letter stands for one length.
+# What is where: one of some types, a number, or [n, what], a list; a letter stands for
+# one length.
 VECTOR, TEXT, CONES = ["s", NUMBER], (str,), ("psd", "soc", "nonnegative")
 ENTROPY: dict = {"weight": NUMBER, "dual": VECTOR, "inverse": VECTOR, "log_det": NUMBER}
-CONSTRAINT: dict = {"family": TEXT, "name": TEXT, "cone": TEXT, "constant": VECTOR, "dual": VECTOR}
-CONSTRAINT |= {"indices": ["k", (int,)], "coefficients": ["k", VECTOR], "entropy": ["e", ENTROPY]}
-PROOF: dict = {"format": TEXT, "kind": TEXT, "sha256": TEXT, "model": TEXT, "data": TEXT}
-PROOF |= {"bound": ["n", NUMBER], "rho": ["m", NUMBER], "y": ["m", NUMBER], "floor": NUMBER}
-PROOF |= {"R": ["m", ["n", NUMBER]], "parameters": ["n", TEXT], "constraints": ["c", CONSTRAINT]}
+CONSTRAINT: dict = {
+    "family": TEXT,
+    "name": TEXT,
+    "cone": TEXT,
+    "constant": VECTOR,
+    "dual": VECTOR,
+}
+CONSTRAINT |= {
+    "indices": ["k", (int,)],
+    "coefficients": ["k", VECTOR],
+    "entropy": ["e", ENTROPY],
+}
+PROOF: dict = {
+    "format": TEXT,
+    "kind": TEXT,
+    "sha256": TEXT,
+    "model": TEXT,
+    "data": TEXT,
+}
+PROOF |= {
+    "bound": ["n", NUMBER],
+    "rho": ["m", NUMBER],
+    "y": ["m", NUMBER],
+    "floor": NUMBER,
+}
+PROOF |= {
+    "R": ["m", ["n", NUMBER]],
+    "parameters": ["n", TEXT],
+    "constraints": ["c", CONSTRAINT],
+}
 OPTIMUM = PROOF | {"theta": ["n", NUMBER], "lower": NUMBER, "upper": NUMBER}
 
 
@@ -40,27 +67,45 @@ def need(condition, what):
 def read(path):
     """The JSON of a file, in which no field comes twice."""
     with open(path, "rb") as file:
-        need(len(text := file.read(MAX_BYTES + 1)) <= MAX_BYTES, "the file is too large")
-    pairs = {"object_pairs_hook": lambda x: need(len(dict(x)) == len(x), "twice") or dict(x)}
-    return json.loads(text.decode(), **pairs)  # as text, of which a byte-order mark is no JSON
+        need(
+            len(text := file.read(MAX_BYTES + 1)) <= MAX_BYTES, "the file is too large"
+        )
+    pairs = {
+        "object_pairs_hook": lambda x: need(len(dict(x)) == len(x), "twice") or dict(x)
+    }
+    return json.loads(
+        text.decode(), **pairs
+    )  # as text, of which a byte-order mark is no JSON
 
 
 def typed(value, kind, sizes):
-    """The value with rational numbers; ValueError where a field, type or length is not the kind's."""
+    """The value with rational numbers; ValueError where a field, type or length is not
+    the kind's."""
     if isinstance(kind, dict):
-        need(type(value) is dict and value.keys() == kind.keys(), "fields are missing, or too many")
+        need(
+            type(value) is dict and value.keys() == kind.keys(),
+            "fields are missing, or too many",
+        )
         sizes = dict(sizes)
         return {name: typed(value[name], kind[name], sizes) for name in kind}
     if isinstance(kind, list):
-        fits = type(value) is list and len(value) == sizes.setdefault(kind[0], len(value))
+        fits = type(value) is list and len(value) == sizes.setdefault(
+            kind[0], len(value)
+        )
         need(fits, "a list is missing, or has a wrong length")
         return [typed(v, kind[1], sizes) for v in value]
     if isinstance(kind, tuple):
         need(type(value) in kind, "a text or an index is missing")
         return value
-    need(type(value) is str and len(value) <= MAX_DIGITS and NUMBER.fullmatch(value), "no number")
+    need(
+        type(value) is str and len(value) <= MAX_DIGITS and NUMBER.fullmatch(value),
+        "no number",
+    )
     x, power = Fraction(value), int(value.partition("/")[2] or 1)
-    need(abs(x) <= LARGEST and not power & (power - 1), "a number is too large, or no binary fraction")
+    need(
+        abs(x) <= LARGEST and not power & (power - 1),
+        "a number is too large, or no binary fraction",
+    )
     return x
 
 
@@ -71,12 +116,16 @@ def dot(a, b):
 def symmetric(flat):
     d = math.isqrt(len(flat))
     rows = [flat[i : i + d] for i in range(0, d * d, d)]
-    need(d * d == len(flat) and rows == [list(x) for x in zip(*rows, strict=True)], "asymmetric")
+    need(
+        d * d == len(flat) and rows == [list(x) for x in zip(*rows, strict=True)],
+        "asymmetric",
+    )
     return rows
 
 
 def determinant(flat):
-    """Of a positive semidefinite matrix, by Bareiss' elimination in integers; None if it is not one."""
+    """Of a positive semidefinite matrix, by Bareiss' elimination in integers; None if
+    it is not one."""
     scale, last, least = math.lcm(*(x.denominator for x in flat)), 1, 1
     rows = [[int(x * scale) for x in row] for row in symmetric(flat)]
     for k, row in enumerate(rows):
@@ -84,7 +133,10 @@ def determinant(flat):
             return None
         least = min(least, row[k])
         for i in range(k + 1, len(rows) if row[k] else 0):
-            rows[i] = [(row[k] * a - rows[i][k] * b) // last for a, b in zip(rows[i], row, strict=True)]
+            rows[i] = [
+                (row[k] * a - rows[i][k] * b) // last
+                for a, b in zip(rows[i], row, strict=True)
+            ]
         last = row[k] or last
     return Fraction(last if least else 0, scale ** len(rows))
 
@@ -92,28 +144,46 @@ def determinant(flat):
 def inside(cone, value):
     if cone == "soc":
         return value[0] >= 0 and value[0] ** 2 >= dot(value[1:], value[1:])
-    return determinant(value) is not None if cone == "psd" else all(x >= 0 for x in value)
+    return (
+        determinant(value) is not None if cone == "psd" else all(x >= 0 for x in value)
+    )
 
 
 def log_below(x):
     """ln x less at most 1e-49: a Decimal's logarithm is correctly rounded."""
     need(x, "a singular matrix has no finite entropy, and proves nothing")
-    top, bottom = (Decimal(n).ln(Context(prec=80)) for n in (x.numerator, x.denominator))
+    top, bottom = (
+        Decimal(n).ln(Context(prec=80)) for n in (x.numerator, x.denominator)
+    )
     return Fraction(top) - Fraction(bottom) - Fraction(1, 10**50)
 
 
 def dual_bound(p):
     """Constant and slope of an affine function below f wherever all constraints hold."""
     constant = p["floor"] ** 2 - 2 * dot(p["y"], p["rho"]) - dot(p["y"], p["y"])
-    slope = [2 * dot(p["y"], column) for column in zip(*p["R"], strict=True)] or [0] * len(p["bound"])
+    slope = [2 * dot(p["y"], column) for column in zip(*p["R"], strict=True)] or [
+        0
+    ] * len(p["bound"])
     for c in p["constraints"]:
-        need(c["cone"] in CONES and 0 < len(c["constant"]) <= MAX_ROWS, "a cone is unknown or too large")
-        need(len({*c["indices"]} & {*range(len(slope))}) == len(c["indices"]), "an index is wrong")
+        need(
+            c["cone"] in CONES and 0 < len(c["constant"]) <= MAX_ROWS,
+            "a cone is unknown or too large",
+        )
+        need(
+            len({*c["indices"]} & {*range(len(slope))}) == len(c["indices"]),
+            "an index is wrong",
+        )
         need(inside(c["cone"], S := c["dual"]), "a multiplier lies outside its cone")
         for e in c["entropy"]:
-            need(e["weight"] >= 0 and c["cone"] == "psd", "the entropy is not convex, or of no matrix")
+            need(
+                e["weight"] >= 0 and c["cone"] == "psd",
+                "the entropy is not convex, or of no matrix",
+            )
             constant += e["weight"] * (log_below(determinant(e["dual"])) + e["log_det"])
-            S = [s + e["weight"] * (t - q) for s, t, q in zip(S, e["dual"], e["inverse"], strict=True)]
+            S = [
+                s + e["weight"] * (t - q)
+                for s, t, q in zip(S, e["dual"], e["inverse"], strict=True)
+            ]
         for F in (S, c["constant"], *c["coefficients"]) if c["cone"] == "psd" else ():
             symmetric(F)
         constant -= dot(c["constant"], S)
@@ -123,12 +193,21 @@ def dual_bound(p):
 
 
 def objective(p):
-    """An upper bound of f(theta), exact without entropy; ValueError where theta is not feasible."""
+    """An upper bound of f(theta), exact without entropy; ValueError where theta is not
+    feasible."""
     x = p["theta"]
-    need(all(abs(a) <= b for a, b in zip(x, p["bound"], strict=True)), "theta lies outside its bound")
-    total = p["floor"] ** 2 + sum((dot(a, x) - r) ** 2 for a, r in zip(p["R"], p["rho"], strict=True))
+    need(
+        all(abs(a) <= b for a, b in zip(x, p["bound"], strict=True)),
+        "theta lies outside its bound",
+    )
+    total = p["floor"] ** 2 + sum(
+        (dot(a, x) - r) ** 2 for a, r in zip(p["R"], p["rho"], strict=True)
+    )
     for c in p["constraints"]:
-        terms = [[x[k] * a for a in F] for k, F in zip(c["indices"], c["coefficients"], strict=True)]
+        terms = [
+            [x[k] * a for a in F]
+            for k, F in zip(c["indices"], c["coefficients"], strict=True)
+        ]
         F = [sum(column) for column in zip(c["constant"], *terms, strict=True)]
         need(inside(c["cone"], F), "theta violates a constraint")
         for e in c["entropy"]:
@@ -138,23 +217,39 @@ def objective(p):
 
 
 def check(proof):
-    """The proved interval (lower, upper), or None for a proof of infeasibility; ValueError otherwise."""
-    need(type(proof) is dict and proof.get("format") == FORMAT, f"its format is not {FORMAT!r}")
+    """The proved interval (lower, upper), or None for a proof of infeasibility;
+    ValueError otherwise."""
+    need(
+        type(proof) is dict and proof.get("format") == FORMAT,
+        f"its format is not {FORMAT!r}",
+    )
     p = typed(proof, OPTIMUM if proof.get("kind") == "optimum" else PROOF, {})
-    text = json.dumps({name: proof[name] for name in proof if name != "sha256"}, sort_keys=True)
-    need(hashlib.sha256(text.encode()).hexdigest() == p["sha256"], "its sha256 is of another content")
+    text = json.dumps(
+        {name: proof[name] for name in proof if name != "sha256"}, sort_keys=True
+    )
+    need(
+        hashlib.sha256(text.encode()).hexdigest() == p["sha256"],
+        "its sha256 is of another content",
+    )
     constant, slope = dual_bound(p)
     proved = constant - sum(abs(e) * b for e, b in zip(slope, p["bound"], strict=True))
     if p["kind"] == "optimum":
-        need(p["lower"] <= proved and objective(p) <= p["upper"], "lower or upper is not proved")
+        need(
+            p["lower"] <= proved and objective(p) <= p["upper"],
+            "lower or upper is not proved",
+        )
         return p["lower"], p["upper"]
     zero = not (p["rho"] or p["floor"] or any(c["entropy"] for c in p["constraints"]))
-    need(p["kind"] == "infeasible" and zero and proved > 0, "infeasibility is not proved")
+    need(
+        p["kind"] == "infeasible" and zero and proved > 0, "infeasibility is not proved"
+    )
 
 
 if __name__ == "__main__":
     try:
         found = check(read(sys.argv[1]))
-        print("infeasible" if found is None else f"optimum in {[float(x) for x in found]}")
+        print(
+            "infeasible" if found is None else f"optimum in {[float(x) for x in found]}"
+        )
     except Exception as error:
         sys.exit(f"refused: {type(error).__name__}: {error}")

@@ -26,7 +26,8 @@ Spoil = Callable[[Measurements], Measurements]
 
 @pytest.fixture(scope="module")
 def simulated(panda: Problem) -> tuple[Problem, Measurements]:
-    """The Panda's exciting trajectory, simulated with the real arm's noise, jitter and quantisation."""
+    """The Panda's exciting trajectory, simulated with the real arm's noise, jitter and
+    quantisation."""
     return panda, experiment(panda).training_run(0).window(0.0, 16.0).runs()[0]
 
 
@@ -37,7 +38,10 @@ def small(two_link: Problem) -> tuple[Problem, Measurements]:
 
 
 def changed(
-    name: str, j: int, change: Callable[[np.ndarray], object], of: slice | list = slice(None)
+    name: str,
+    j: int,
+    change: Callable[[np.ndarray], object],
+    of: slice | list = slice(None),
 ) -> Spoil:
     """One channel (joint j counted from 1), in some of its rows."""
 
@@ -69,39 +73,73 @@ def sparse(run: Measurements) -> Measurements:
 NOISE = np.random.default_rng(0).normal(size=200_000)
 FLIPPED = changed("tau", 2, lambda x: -x)
 
-#: name : (how the data are spoiled, the kind of the finding, what it must name, its severity)
+#: name : (how the data are spoiled, the kind of the finding, what it must name, its
+#: severity)
 SPOILED: dict[str, tuple[Spoil, str, str, str]] = {
     "missing samples": (
-        lambda run: run.rows(np.r_[:7500, 8300 : len(run.t)]), "gap in time", "0.8", "warning",
+        lambda run: run.rows(np.r_[:7500, 8300 : len(run.t)]),
+        "gap in time",
+        "0.8",
+        "warning",
     ),
     "rows twice": (repeated, "repeated time", "copies", "error"),
     "not a number": (
-        changed("tau", 2, lambda x: np.nan, [70, 900]), "missing numbers", "2 rows", "error",
+        changed("tau", 2, lambda x: np.nan, [70, 900]),
+        "missing numbers",
+        "2 rows",
+        "error",
     ),
     "quantisation": (
-        changed("q", 2, lambda x: np.round(x / 0.01) * 0.01), "quantisation", "q2", "warning",
+        changed("q", 2, lambda x: np.round(x / 0.01) * 0.01),
+        "quantisation",
+        "q2",
+        "warning",
     ),
     "a knock": (knocked, "one-off event", "t = 12", "warning"),
     "no motion": (still, "no motion", "no joint moves", "error"),
     "an idle joint": (
-        changed("q", 7, lambda x: x[0] + 1e-6 * NOISE[: len(x)]), "idle joints", "joint 7", "warning",
+        changed("q", 7, lambda x: x[0] + 1e-6 * NOISE[: len(x)]),
+        "idle joints",
+        "joint 7",
+        "warning",
     ),
     "few samples": (sparse, "low sample rate", "too few", "warning"),
     "another arm's torque": (
-        lambda run: replace(run, tau=NOISE[: run.tau.size].reshape(run.tau.shape).cumsum(axis=0) / 50.0),
-        "torque not explained", "No inertia and friction", "error",
+        lambda run: replace(
+            run, tau=NOISE[: run.tau.size].reshape(run.tau.shape).cumsum(axis=0) / 50.0
+        ),
+        "torque not explained",
+        "No inertia and friction",
+        "error",
     ),
-    "microseconds": (lambda run: replace(run, t=1e6 * run.t), "time unit", "microseconds", "error"),
-    "nanoseconds": (lambda run: replace(run, t=1e9 * run.t), "time unit", "nanoseconds", "error"),
-    "a dead channel": (changed("tau", 2, lambda x: 0.25), "dead channel", "tau2 is 0.25", "error"),
-}  # fmt: skip
+    "microseconds": (
+        lambda run: replace(run, t=1e6 * run.t),
+        "time unit",
+        "microseconds",
+        "error",
+    ),
+    "nanoseconds": (
+        lambda run: replace(run, t=1e9 * run.t),
+        "time unit",
+        "nanoseconds",
+        "error",
+    ),
+    "a dead channel": (
+        changed("tau", 2, lambda x: 0.25),
+        "dead channel",
+        "tau2 is 0.25",
+        "error",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", SPOILED)
 def test_what_is_wrong_is_named(name, simulated, small):
     """On two joints; where the others' weight has to tell it, on seven."""
     spoil, kind, words, severity = SPOILED[name]
-    problem, run = simulated if name in ("another arm's torque", "an idle joint") else small
+    problem, run = (
+        simulated if name in ("another arm's torque", "an idle joint") else small
+    )
     (report,) = check(problem, spoil(run))
     found = {f.kind: f for f in report.problems}
     assert kind in found, [f.kind for f in report.problems]
@@ -114,12 +152,19 @@ def test_what_is_wrong_is_named(name, simulated, small):
     assert name != "a dead channel" or finding.where == "tau2"
     assert report.meaningless == (severity == "error")
     # No other gross mistake is invented beside it.
-    gross = {"torque sign", "torque order", "gravity direction", "position sign", "positions in degrees"}
+    gross = {
+        "torque sign",
+        "torque order",
+        "gravity direction",
+        "position sign",
+        "positions in degrees",
+    }
     assert {f.kind for f in report.problems} & gross <= {kind}
 
 
 def test_only_what_is_certain_is_fixed(simulated):
-    """A knock is likely, a clock that is read from the file certain: the first is left to the user."""
+    """A knock is likely, a clock that is read from the file certain: the first is left
+    to the user."""
     problem, run = simulated
     (report,) = check(problem, knocked(SPOILED["rows twice"][0](run)))
     assert {f.kind for f in report.problems} >= {"one-off event"}
@@ -138,7 +183,9 @@ def test_few_rows_far_apart_are_not_asked_for_two_arms(small):
     assert list(two_arms(log, log.none)) == []
 
 
-@pytest.mark.parametrize(("far", "kind"), [(-2.0 * np.pi, "position range"), (0.45, "encoder offset")])
+@pytest.mark.parametrize(
+    ("far", "kind"), [(-2.0 * np.pi, "position range"), (0.45, "encoder offset")]
+)
 def test_positions_beyond_a_straight_axis_name_it(far, kind):
     t = np.arange(0.0, 3.0, 0.005)
     q = 0.15 + 0.1 * np.sin(5.0 * t)[:, None]
@@ -154,16 +201,28 @@ SOME = ("12-50sec_12harm", "15harm50secLoad", "joint_2")
 @pytest.mark.real_data
 @pytest.mark.parametrize("some", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_silence_on_real_arms(some, panda_run):
-    runs = [("ur10e", r) for r in measured_runs("ur10e").values() if r.names[0].endswith(SOME) == some]
+    runs = [
+        ("ur10e", r)
+        for r in measured_runs("ur10e").values()
+        if r.names[0].endswith(SOME) == some
+    ]
     if some:
-        runs += [("emps", run) for run in measured_runs("emps").values()] + [("panda", panda_run)]
+        runs += [("emps", run) for run in measured_runs("emps").values()] + [
+            ("panda", panda_run)
+        ]
     assert len(runs) == 5 + some
     for name, run in runs:
         report = check(load_problem(name), run)[0]
-        if "joint_" in run.names[0]:  # one joint moves alone: that, and nothing else, is a problem
-            assert {f.kind for f in report.problems} == {"idle joints", "poor excitation"}
+        if (
+            "joint_" in run.names[0]
+        ):  # one joint moves alone: that, and nothing else, is a problem
+            assert {f.kind for f in report.problems} == {
+                "idle joints",
+                "poor excitation",
+            }
         else:
-            # At 3062.75 s of this run joint 2's torque falls from 101 to 52 N m while it moves smoothly.
+            # At 3062.75 s of this run joint 2's torque falls from 101 to 52 N m while
+            # it moves smoothly.
             knocked = "15harm50secLoad" in run.names[0]
             found = [(f.kind, f.severity) for f in report.problems]
             assert found == knocked * [("one-off event", "warning")], (run.names, found)
@@ -185,11 +244,18 @@ def test_a_joint_that_rests_between_two_moves_is_not_frozen(two_link):
     t = np.arange(0.0, 16.0, 0.002)
     into = np.clip(t / 3.0, 0.0, 1.0)
     later = np.maximum(t - 4.2, 0.0)
-    slow = 0.6 * (10.0 * into**3 - 15.0 * into**4 + 6.0 * into**5) - 0.3 * (1.0 - np.cos(1.5 * later))
+    slow = 0.6 * (10.0 * into**3 - 15.0 * into**4 + 6.0 * into**5) - 0.3 * (
+        1.0 - np.cos(1.5 * later)
+    )
     slow = np.round(slow * 2**15) / 2**15
-    q, tau = np.column_stack([np.sin(3.0 * t), slow]), np.column_stack([np.cos(t), np.sin(t)])
+    q, tau = (
+        np.column_stack([np.sin(3.0 * t), slow]),
+        np.column_stack([np.cos(t), np.sin(t)]),
+    )
     run = Measurements(t, q, tau)
-    assert "frozen position" not in [issue.kind for issue in mended(run, two_link.robot, 0.005)[0]]
+    assert "frozen position" not in [
+        issue.kind for issue in mended(run, two_link.robot, 0.005)[0]
+    ]
 
 
 @pytest.mark.parametrize("samples", [1, 2, 5, 40])
@@ -201,23 +267,37 @@ def test_short_runs_are_findings(samples, simulated):
 
 
 def test_the_verb(tmp_path, two_link, capsys):
-    """Exit codes, the JSON file, and a mended copy that is clean; the original stays as it was."""
-    good, bad, mended = tmp_path / "good.csv", tmp_path / "bad.csv", tmp_path / "mended.csv"
+    """Exit codes, the JSON file, and a mended copy that is clean; the original stays as
+    it was."""
+    good, bad, mended = (
+        tmp_path / "good.csv",
+        tmp_path / "bad.csv",
+        tmp_path / "mended.csv",
+    )
     run = experiment(two_link).training_run(0)
     save(run, good)
     save(FLIPPED(run), bad)
     before = bad.read_bytes()
     assert run_cli("check", good, "--problem", "two_link") == 0
     out = tmp_path / "out.json"
-    assert run_cli("check", bad, "--problem", "two_link", "--json", out, "--fix", mended) == 1
+    assert (
+        run_cli("check", bad, "--problem", "two_link", "--json", out, "--fix", mended)
+        == 1
+    )
     shown = capsys.readouterr().out
-    for words in ("joint 2", "How sure: ", "What to do: flip the sign of tau2 (--fix does it)"):
+    for words in (
+        "joint 2",
+        "How sure: ",
+        "What to do: flip the sign of tau2 (--fix does it)",
+    ):
         assert words in shown
     report = json.loads(out.read_text())["runs"][0]
     assert report["meaningless"] is True
     assert report["findings"][0]["kind"] == "torque sign"
     assert report["findings"][0]["figures"]["joints"] == [2]
-    told = re.findall(r"falls from (\S+) % to (\S+) %", report["findings"][0]["certainty"])
+    told = re.findall(
+        r"falls from (\S+) % to (\S+) %", report["findings"][0]["certainty"]
+    )
     assert [float(x) < 0.3 * float(y) for y, x in told] == [True]
     assert bad.read_bytes() == before
     assert load_measurements(mended).tau == pytest.approx(run.tau, abs=0)
@@ -226,15 +306,25 @@ def test_the_verb(tmp_path, two_link, capsys):
     assert "Done: flip the sign of tau2" in note
     assert run_cli("check", mended, "--problem", "two_link") == 0
     assert run_cli("check", bad, "--problem", "two_link", "--fix", bad) == 2
-    assert run_cli("check", good, bad, "--problem", "two_link", "--fix", tmp_path / "all") == 1
+    assert (
+        run_cli("check", good, bad, "--problem", "two_link", "--fix", tmp_path / "all")
+        == 1
+    )
     assert sorted(p.name for p in (tmp_path / "all").iterdir()) == [
-        "bad.csv", "bad_changes.txt", "good.csv", "good_changes.txt",
-    ]  # fmt: skip
+        "bad.csv",
+        "bad_changes.txt",
+        "good.csv",
+        "good_changes.txt",
+    ]
 
 
 def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys):
     """In one sentence and without a model, unless it is told not to check."""
-    bad, good, model = tmp_path / "bad.csv", tmp_path / "good.csv", tmp_path / "model.json"
+    bad, good, model = (
+        tmp_path / "bad.csv",
+        tmp_path / "good.csv",
+        tmp_path / "model.json",
+    )
     run = experiment(two_link).training_run(0)
     save(FLIPPED(run), bad)
     save(run, good)
@@ -243,38 +333,83 @@ def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys)
     said = capsys.readouterr().err
     assert not model.exists()
     assert len(said.splitlines()) == 1
-    for words in ("bad.csv: the torque of joint 2 has the wrong sign: flip", "--fix", "--no-check"):
+    for words in (
+        "bad.csv: the torque of joint 2 has the wrong sign: flip",
+        "--fix",
+        "--no-check",
+    ):
         assert words in said
     assert run_cli("identify", "two_link", "--data", bad, "--no-check", *to) == 0
     assert model.exists()
-    # Whoever wanted that model is not asked again about the same runs; about others they are.
-    consents = [consented(load_estimate(model), load_measurements(path)) for path in (bad, good)]
+    # Whoever wanted that model is not asked again about the same runs; about others
+    # they are.
+    consents = [
+        consented(load_estimate(model), load_measurements(path)) for path in (bad, good)
+    ]
     assert consents == [True, False]
     assert run_cli("identify", "two_link", "--data", good, *to) == 0
     assert not consented(load_estimate(model), load_measurements(good))
 
 
-@pytest.mark.parametrize("spoil", [still, lambda run: run.rows(np.arange(len(run.t)) < 150)])
+@pytest.mark.parametrize(
+    "spoil", [still, lambda run: run.rows(np.arange(len(run.t)) < 150)]
+)
 def test_a_run_without_rows_is_named_once(spoil, tmp_path, two_link, capsys):
     path = tmp_path / "lame.csv"
     save(spoil(experiment(two_link).training_run(0)), path)
     assert run_cli("check", path, "--problem", "two_link") == 1
     assert capsys.readouterr().out.count("lame.csv") == 1
-    assert run_cli("identify", "two_link", "--data", path, "--out", tmp_path / "model.json") == 2
+    assert (
+        run_cli(
+            "identify", "two_link", "--data", path, "--out", tmp_path / "model.json"
+        )
+        == 2
+    )
     said = capsys.readouterr().err
     assert len(said.splitlines()) == 1
     assert said.count("lame.csv") == 1
     assert said.count(": record") == 1
 
 
-#: What a problem says wrongly : (field, value, effort limits known, kind of the finding, its words)
+#: What a problem says wrongly : (field, value, effort limits known, kind of the
+#: finding, its words)
 WRONG_PROBLEMS: dict[str, tuple[str, object, bool, str, str]] = {
     "no gravity": ("gravity", (0.0, 0.0, 0.0), True, "gravity of the problem", ""),
-    "gravity in mm/s^2": ("gravity", (0, 0, -9810.0), True, "gravity of the problem", ""),
-    "too light": ("total_mass", (0.5, 1.0), True, "masses of the problem", "masses are wrong"),
-    "too heavy": ("total_mass", (900.0, 1000.0), True, "masses of the problem", "masses are wrong"),
-    "too light, no limits": ("total_mass", (0.5, 1.0), False, "torque unit", "0.5 to 1 kg"),
-    "too heavy, no limits": ("total_mass", (900.0, 1e3), False, "torque channel kind", "900 to 1000 kg"),
+    "gravity in mm/s^2": (
+        "gravity",
+        (0, 0, -9810.0),
+        True,
+        "gravity of the problem",
+        "",
+    ),
+    "too light": (
+        "total_mass",
+        (0.5, 1.0),
+        True,
+        "masses of the problem",
+        "masses are wrong",
+    ),
+    "too heavy": (
+        "total_mass",
+        (900.0, 1000.0),
+        True,
+        "masses of the problem",
+        "masses are wrong",
+    ),
+    "too light, no limits": (
+        "total_mass",
+        (0.5, 1.0),
+        False,
+        "torque unit",
+        "0.5 to 1 kg",
+    ),
+    "too heavy, no limits": (
+        "total_mass",
+        (900.0, 1e3),
+        False,
+        "torque channel kind",
+        "900 to 1000 kg",
+    ),
 }
 
 
@@ -282,25 +417,42 @@ LONG = ("too heavy", "too light, no limits")
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(x, marks=pytest.mark.long) if x in LONG else x for x in WRONG_PROBLEMS]
+    "name",
+    [
+        pytest.param(x, marks=pytest.mark.long) if x in LONG else x
+        for x in WRONG_PROBLEMS
+    ],
 )
 def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
-    """Where effort limits witness the torques' size, masses are doubted; torques are never rescaled."""
+    """Where effort limits witness the torques' size, masses are doubted; torques are
+    never rescaled."""
     problem, run = simulated
     field, value, limits, kind, words = WRONG_PROBLEMS[name]
     joints = problem.robot.joints
     if not limits:
         joints = tuple(replace(joint, effort=np.inf) for joint in joints)
     wrong = replace(problem, robot=replace(problem.robot, joints=joints))
-    wrong = wrong.with_gravity(value) if field == "gravity" else replace(wrong, total_mass=value)
+    wrong = (
+        wrong.with_gravity(value)
+        if field == "gravity"
+        else replace(wrong, total_mass=value)
+    )
     report = check(wrong, run, thorough=False)[0]
     (finding,) = report.problems
     assert finding.kind == kind
     assert words in finding.what
-    if field == "gravity":  # the direction is stated as measured, at the length of gravity
+    if (
+        field == "gravity"
+    ):  # the direction is stated as measured, at the length of gravity
         stated = re.search(r"points along \((.+), (.+), (.+)\) m/s\^2", finding.what)
-        assert np.allclose([float(x) for x in stated.groups()], (0.0, 0.0, -9.81), atol=0.03)
-    assert "masses" in finding.remedy or field == "gravity" or "total_mass" in finding.remedy
+        assert np.allclose(
+            [float(x) for x in stated.groups()], (0.0, 0.0, -9.81), atol=0.03
+        )
+    assert (
+        "masses" in finding.remedy
+        or field == "gravity"
+        or "total_mass" in finding.remedy
+    )
     assert report.mended.tau is run.tau
 
 

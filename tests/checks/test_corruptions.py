@@ -1,4 +1,5 @@
-"""The bench of corruptions on one arm that is simulated by Pinocchio alone: named, or without harm."""
+"""The bench of corruptions on one arm that is simulated by Pinocchio alone: named, or
+without harm."""
 
 import numpy as np
 import pytest
@@ -15,26 +16,37 @@ def arm() -> Arm:
     return simulated("sim5", FIVE, 3)
 
 
-#: Mended, they leave what the clean log leaves; tests/checks/test_figures.py has logs of every kind.
+#: Mended, they leave what the clean log leaves; tests/checks/test_figures.py has logs
+#: of every kind.
 MENDED = (
-    "torque scale mN m", "torque sign joint 2", "all torque signs", "torques swapped joint 2+3",
-    "all torques late 60 ms", "clock set +1.5 s", "encoder offset joint 2 90 deg",
-    "position sign joint 2", "joints swapped joint 2+5 q and tau",
-    "doubled rows, clock re-made every tenth", "time reversed",
-)  # fmt: skip
-#: The number that undoes it, in the unit in which its interval is told (of factors the logarithm), and
-#: how far off it may come out: the arm's friction has laws that the model lacks.
+    "torque scale mN m",
+    "torque sign joint 2",
+    "all torque signs",
+    "torques swapped joint 2+3",
+    "all torques late 60 ms",
+    "clock set +1.5 s",
+    "encoder offset joint 2 90 deg",
+    "position sign joint 2",
+    "joints swapped joint 2+5 q and tau",
+    "doubled rows, clock re-made every tenth",
+    "time reversed",
+)
+#: The number that undoes it, in the unit in which its interval is told (of factors the
+#: logarithm), and how far off it may come out: the arm's friction has laws that the
+#: model lacks.
 NUMBERS = {
-    "all torques late 60 ms": (0.06, 1e-3), "encoder offset joint 2 90 deg": (-np.pi / 2, 1e-9),
+    "all torques late 60 ms": (0.06, 1e-3),
+    "encoder offset joint 2 90 deg": (-np.pi / 2, 1e-9),
     "encoder offset joint 2 30 deg": (-np.pi / 6, 5e-3),
     "soft saturation joint 3 at 0.4 of the peak": (np.tanh(2.5), 0.01),
     "torque gain joint 2 x 1.1": (-np.log(1.1), 0.003),
     "torque unit of one column joint 3 N cm": (np.log(0.01), 1e-9),
     "causal filter of one torque joint 3 0.7 Hz": (1.0 / (2.0 * np.pi * 0.7), 0.01),
     "one torque channel late joint 3 50 ms": (0.05, 3e-3),
-    "clock rate x 1.25": (-np.log(1.25), 0.01), "gravity removed joint 2 90 %": (0.9, 5e-3),
+    "clock rate x 1.25": (-np.log(1.25), 0.01),
+    "gravity removed joint 2 90 %": (0.9, 5e-3),
     "gravity removed 100 %": (1.0, 1e-9),
-}  # fmt: skip
+}
 
 
 #: When another load, or arm, begins [s].
@@ -52,9 +64,13 @@ def test_what_was_done_is_named(name, arm):
     assert name in known, f"a name of benchmarks/corruptions/kinds.py: {[*known]}"
     corruption = known[name]
     case = run_case(arm, corruption)
-    assert case.outcome == "named" or (case.outcome == "silent" and (case.harm or 9.0) < HARMFUL), case
+    assert case.outcome == "named" or (
+        case.outcome == "silent" and (case.harm or 9.0) < HARMFUL
+    ), case
     assert not case.contradicts, case
-    (clean,), (spoiled,) = (check(arm.problem, x) for x in (arm.train, corruption.spoil(arm.train)))
+    (clean,), (spoiled,) = (
+        check(arm.problem, x) for x in (arm.train, corruption.spoil(arm.train))
+    )
     issue = next(f for f in spoiled.problems if f.kind in corruption.causes)
     if name in MIDDLE:
         assert issue.figures["t"] == pytest.approx(MIDDLE[name], abs=0.3)
@@ -72,7 +88,9 @@ def test_what_was_done_is_named(name, arm):
 def test_a_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
     x = 9.81 * np.sin(np.radians(degrees))
     given = arm.problem.with_gravity((x, 0.0, -9.81 * np.cos(np.radians(degrees))))
-    found = [f for f in check(given, arm.train)[0].problems if f.kind == "gravity direction"]
+    found = [
+        f for f in check(given, arm.train)[0].problems if f.kind == "gravity direction"
+    ]
     severe = "error" if degrees > 10.0 else "warning"
     assert [f.severity for f in found] == [severe] * bool(degrees)
     for f in found:

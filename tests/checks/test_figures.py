@@ -1,4 +1,5 @@
-"""What the check says of every kind of corruption that the bench knows, and how it mends it."""
+"""What the check says of every kind of corruption that the bench knows, and how it
+mends it."""
 
 from typing import Any
 
@@ -21,12 +22,18 @@ def arm() -> Arm:
 
 def told(report: Report) -> dict[str, Any]:
     issues = {
-        f"{i.kind}, {i.where}": said(f"{i.severity} | {i.what} | {i.certainty} | {i.remedy}")
+        f"{i.kind}, {i.where}": said(
+            f"{i.severity} | {i.what} | {i.certainty} | {i.remedy}"
+        )
         | {"figures": dict(i.figures), "gravity": i.gravity, "mends": i.mends}
         for i in report.issues
     }
     runs = {"mended": report.mended, "fixed": report.fixed}
-    kept = {f"{name}.{k}": getattr(r, k)[::50] for name, r in runs.items() for k in ("t", "q", "tau")}
+    kept = {
+        f"{name}.{k}": getattr(r, k)[::50]
+        for name, r in runs.items()
+        for k in ("t", "q", "tau")
+    }
     return {"issues": issues, "unexplained": report.unexplained, **kept}
 
 
@@ -36,7 +43,9 @@ def test_figures_are_what_they_were(part, arm):
     every = arm.corruptions()
     ends = {c.kind: c for c in reversed(every)}, {c.kind: c for c in every}
     chosen = {c.name: c for end in ends for c in end.values()}
-    reports = {name: check(*given(arm, chosen[name])) for name in sorted(chosen)[part::PARTS]}
+    reports = {
+        name: check(*given(arm, chosen[name])) for name in sorted(chosen)[part::PARTS]
+    }
     assert not [name for name, of in reports.items() if any(map(contradicts, of))]
     found = {f"{name}, {r.run}": told(r) for name, of in reports.items() for r in of}
     assert not changed(f"checks_{part}", found)

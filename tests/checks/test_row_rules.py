@@ -1,4 +1,5 @@
-"""Copies, freezes and skips: told where they were made, and not where a coarse sensor looks like one."""
+"""Copies, freezes and skips: told where they were made, and not where a coarse sensor
+looks like one."""
 
 import json
 import re
@@ -24,7 +25,8 @@ def stepped(x: np.ndarray, step: float) -> np.ndarray:
 def motion(
     periods: int = 3, encoder: float = 0.0, torque: float = 0.0, noise: float = 0.02
 ) -> Measurements:
-    """Two joints whose motion repeats exactly, with dry friction; sensors in steps of so much."""
+    """Two joints whose motion repeats exactly, with dry friction; sensors in steps of
+    so much."""
     t = np.arange(0.0, periods * PERIOD, 1.0 / RATE)
     w = 2.0 * np.pi * np.array([[2.0], [5.0]]) / PERIOD
     q, dq = (np.array([[0.9], [0.5]]) * f for f in (np.sin(w * t), w * np.cos(w * t)))
@@ -46,15 +48,18 @@ def told(run: Measurements) -> tuple[list[Issue], Measurements]:
     return issues, fixed
 
 
-#: Corruptions of rows and clocks of the bench: the kind that names them, how many rows go, and by how
-#: many steps the time of those that stay is off.
+#: Corruptions of rows and clocks of the bench: the kind that names them, how many rows
+#: go, and by how many steps the time of those that stay is off.
 DATA = Path(__file__).parents[1] / "data"
-ROWS: dict[str, tuple[str, int, float]] = json.loads((DATA / "spoiled_rows.json").read_text())
+ROWS: dict[str, tuple[str, int, float]] = json.loads(
+    (DATA / "spoiled_rows.json").read_text()
+)
 
 
 @pytest.mark.parametrize("name", ROWS)
 def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
-    """Every row that was spoiled goes, no other, and those that stay have their time again."""
+    """Every row that was spoiled goes, no other, and those that stay have their time
+    again."""
     (kind, gone, off), clean = ROWS[name], replace(motion(), dq=None)
     (corruption,) = (c for c in corruptions(2) if c.name == name)
     spoiled = corruption.spoil(clean)
@@ -70,7 +75,9 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
     assert len(clean.t) - len(rows) == gone
     assert np.abs(whole.t - clean.t[rows]).max() * RATE <= off + 1e-6
     np.testing.assert_array_equal((whole if issue.mends else spoiled).t, fixed.t)
-    wrong = np.flatnonzero(clean_rows.query(np.hstack([spoiled.q, spoiled.tau]))[0] > 1e-9)
+    wrong = np.flatnonzero(
+        clean_rows.query(np.hstack([spoiled.q, spoiled.tau]))[0] > 1e-9
+    )
     if gone and len(wrong):  # as the user counts them, from a header in row 1
         first = int(re.search(r"rows? (\d+)", issue.where)[1])
         assert abs(first - wrong[0] - 2) <= 1  # what froze was right in its first row
@@ -82,7 +89,8 @@ def test_what_is_left_of_a_spoiled_log_is_the_clean_one(name):
 
 @pytest.mark.parametrize("velocity", [True, False])
 def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
-    """Many rows are equal one period later by chance; a part that is in the file twice still is told."""
+    """Many rows are equal one period later by chance; a part that is in the file twice
+    still is told."""
     clean = motion(encoder=2.0 * np.pi / 4096, torque=0.1, noise=0.1)
     clean = clean if velocity else replace(clean, dq=None)
     lag = int(PERIOD * RATE)
@@ -93,7 +101,10 @@ def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
     assert found("repeated run", clean) is None
     rows = np.r_[0:3000, 1500:2500, 3000 : len(clean.t)]
     copied = Measurements(
-        np.arange(len(rows)) / RATE, clean.q[rows], clean.tau[rows], clean.dq[rows] if velocity else None
+        np.arange(len(rows)) / RATE,
+        clean.q[rows],
+        clean.tau[rows],
+        clean.dq[rows] if velocity else None,
     )
     issue = found("repeated run", copied)
     assert (issue.figures["rows"], issue.figures["lag"]) == (1000, 1500)
@@ -105,41 +116,61 @@ def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("step", [0.8, 1.2])
 def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed, step):
-    """A slow load and Coulomb's friction, in steps of so much: at one level for long, then a jump."""
+    """A slow load and Coulomb's friction, in steps of so much: at one level for long,
+    then a jump."""
     clean, rng = motion(2), np.random.default_rng(seed)
     load = 1.5 * np.sin(2.6 * np.pi * clean.t / clean.t[-1] + seed)[:, None]
-    tau = 2.4 * np.sign(clean.dq) + 0.2 * clean.dq + load + 0.02 * rng.normal(size=clean.q.shape)
+    tau = (
+        2.4 * np.sign(clean.dq)
+        + 0.2 * clean.dq
+        + load
+        + 0.02 * rng.normal(size=clean.q.shape)
+    )
     assert found("frozen torque", replace(clean, tau=stepped(tau, step))) is None
 
 
 def test_packets_that_froze_for_a_few_rows_are_no_rows_lost():
-    """Positions stand still bit by bit, then jump, while the stamps go on evenly: the clock is right."""
+    """Positions stand still bit by bit, then jump, while the stamps go on evenly: the
+    clock is right."""
     clean = motion()
     rows = np.arange(len(clean.t))
     for k in range(200, 5800, 500):
         rows[k : k + 4] = k
-    issues, fixed = told(replace(clean, q=clean.q[rows], tau=clean.tau[rows], dq=clean.dq[rows]))
+    issues, fixed = told(
+        replace(clean, q=clean.q[rows], tau=clean.tau[rows], dq=clean.dq[rows])
+    )
     assert not issues
     np.testing.assert_array_equal(fixed.t, clean.t)
 
 
 @pytest.mark.parametrize("follows", [False, True])
 def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(follows):
-    """A sine of .9 rad through a range of .7: the position stays there, or the range is a wrong one."""
+    """A sine of .9 rad through a range of .7: the position stays there, or the range is
+    a wrong one."""
     run, range_ = motion(), 0.7
     narrow = replace(
-        ROBOT, joints=(replace(ROBOT.joints[0], lower=-range_, upper=range_), ROBOT.joints[1])
+        ROBOT,
+        joints=(replace(ROBOT.joints[0], lower=-range_, upper=range_), ROBOT.joints[1]),
     )
-    told, q = np.roll(run.q, -5, axis=0), run.q.copy()  # it follows its command 20 ms later
+    told, q = (
+        np.roll(run.q, -5, axis=0),
+        run.q.copy(),
+    )  # it follows its command 20 ms later
     q[:, 0] = q[:, 0] if follows else np.clip(q[:, 0], -range_ - 0.01, range_ + 0.01)
     run = replace(run, q=q, commanded={"qcmd": told})
     issues, _, fixed = mended(run, narrow, STANDSTILL)
     issue = next((x for x in issues if x.kind == "end stop"), None)
     assert (issue is None) is follows
     if issue is not None:
-        against = np.abs(told[:, 0]) > range_ + 0.03  # the position is .01 beyond: a third of that
+        against = (
+            np.abs(told[:, 0]) > range_ + 0.03
+        )  # the position is .01 beyond: a third of that
         assert issue.figures["joints"] == [1]
-        assert np.count_nonzero(against) <= issue.figures["rows"] < 1.2 * np.count_nonzero(against)
+        assert (
+            np.count_nonzero(against)
+            <= issue.figures["rows"]
+            < 1.2 * np.count_nonzero(against)
+        )
         assert len(fixed.t) == len(run.t) - issue.figures["rows"]
 
 
@@ -147,14 +178,19 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
     clean, rng = motion(), np.random.default_rng(2)
     even = clean.t
     jittered = even + rng.uniform(-0.4, 0.4, len(even)) / RATE
-    issues, whole, _ = mended(replace(clean, t=jittered), ROBOT, STANDSTILL)  # likely, not certain
+    issues, whole, _ = mended(
+        replace(clean, t=jittered), ROBOT, STANDSTILL
+    )  # likely, not certain
     (issue,) = [x for x in issues if x.kind == "jittered time stamps"]
     steps = np.diff(jittered)
     assert issue.severity == "warning"
-    assert issue.figures["percent"] == pytest.approx(100.0 * steps.std() / steps.mean(), rel=0.05)
+    assert issue.figures["percent"] == pytest.approx(
+        100.0 * steps.std() / steps.mean(), rel=0.05
+    )
     assert issue.figures["ratio"] > 3.0
     np.testing.assert_allclose(np.diff(whole.t), 1.0 / RATE, rtol=0.01)
-    # Samples that were taken at uneven times lie smoothly over these: nothing is wrong with the stamps.
+    # Samples that were taken at uneven times lie smoothly over these: nothing is wrong
+    # with the stamps.
     true = np.sort(even + rng.uniform(-0.4, 0.4, len(even)) / RATE)
     q = np.column_stack([np.interp(true, even, x) for x in clean.q.T])
     uneven = replace(clean, t=true, q=q, dq=None)

@@ -1,4 +1,5 @@
-"""What every transformation promises: on rows it does what it does to a log, and says it once."""
+"""What every transformation promises: on rows it does what it does to a log, and says
+it once."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,7 +8,15 @@ import numpy as np
 import pytest
 from small_runs import hostile_log, small_run
 
-from sdp_vs_penalty import InputError, Measurements, Problem, check, compare, identify, load_problem
+from sdp_vs_penalty import (
+    InputError,
+    Measurements,
+    Problem,
+    check,
+    compare,
+    identify,
+    load_problem,
+)
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations import Gain
 from sdp_vs_penalty.data import concatenate
@@ -35,19 +44,29 @@ def test_a_gain_that_is_taken_away_again_costs_nothing():
     """However a processor rounds x / x."""
     none = Repair.none(2, (0.0, 0.0, -9.81))
     for x in np.random.default_rng(0).uniform(-2.0, 2.0, 200):
-        (gain,) = Gain().elements(SimpleNamespace(n=2), none.with_entries("gain", (1,), x))
+        (gain,) = Gain().elements(
+            SimpleNamespace(n=2), none.with_entries("gain", (1,), x)
+        )
         assert gain.without == none.with_entries("gain", (1,), np.sign(x))
 
 
 def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
     first, second = small_run(PROBLEM, seconds=8.0), small_run(PROBLEM, seconds=8.0)
-    clean = check(PROBLEM, concatenate([first, replace(second, names=("b",))]), thorough=False)
+    clean = check(
+        PROBLEM, concatenate([first, replace(second, names=("b",))]), thorough=False
+    )
     assert not [f for r in clean for f in r.problems]
     strong = replace(second, tau=second.tau * np.array([1.0, 1.3]), names=("b",))
     (found,) = (
-        f for r in check(PROBLEM, concatenate([first, strong]), thorough=False) for f in r.problems
+        f
+        for r in check(PROBLEM, concatenate([first, strong]), thorough=False)
+        for f in r.problems
     )
-    assert (found.kind, found.where, found.figures["run"]) == ("torque gain", "joint 2", "b")
+    assert (found.kind, found.where, found.figures["run"]) == (
+        "torque gain",
+        "joint 2",
+        "b",
+    )
     assert found.figures["size"] == pytest.approx(0.3, rel=0.1)
 
 
@@ -57,8 +76,15 @@ def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda)
     run = replace(small_run(panda, seconds=8.0), dq=None)
     turned = np.pi * np.array([0.0, second, 0.0, fourth, 0.0, 0.0, 0.0])
     (report,) = check(panda, replace(run, q=run.q + turned), thorough=False)
-    told = {f.where: f.figures["shifts"] for f in report.problems if f.kind == "encoder offset"}
-    away = {f"joint {j}": [np.pi * (abs(x) if x == 1.0 else -x)] for j, x in ((2, second), (4, fourth))}
+    told = {
+        f.where: f.figures["shifts"]
+        for f in report.problems
+        if f.kind == "encoder offset"
+    }
+    away = {
+        f"joint {j}": [np.pi * (abs(x) if x == 1.0 else -x)]
+        for j, x in ((2, second), (4, fourth))
+    }
     assert told == away
 
 
@@ -69,7 +95,9 @@ def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
     run = replace(small_run(problem, seconds=8.0), dq=None)
     noise = level * run.tau.std(axis=0) * rng.normal(size=run.tau.shape)
     turned = run.q - 0.5 * np.pi * np.eye(problem.robot.n)[3]
-    (report,) = check(problem, replace(run, q=turned, tau=run.tau + noise), thorough=False)
+    (report,) = check(
+        problem, replace(run, q=turned, tau=run.tau + noise), thorough=False
+    )
     (told,) = (f for f in report.problems if f.kind == "encoder offset")
     assert (told.where, told.figures["shifts"]) == ("joint 4", [0.5 * np.pi])
     assert "-90 degrees away" in told.what
@@ -81,13 +109,18 @@ def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
 def test_friction_that_is_larger_than_all_inertia_is_no_other_unit(tmp_path):
     """Upright axes bear no weight: of light links friction is ten times all else."""
     light = replace(TURN, mass=0.3, com="0.2 0 0")
-    urdf = write_urdf(tmp_path / "upright.urdf", "upright", (light, replace(light, origin="0.3 0 0")))
+    urdf = write_urdf(
+        tmp_path / "upright.urdf", "upright", (light, replace(light, origin="0.3 0 0"))
+    )
     problem = load_problem(urdf)
-    (report,) = check(problem, replace(small_run(problem, seconds=8.0), dq=None), thorough=False)
+    (report,) = check(
+        problem, replace(small_run(problem, seconds=8.0), dq=None), thorough=False
+    )
     assert not report.problems
 
 
-#: Torque by position and velocity, of unit size; hysteresis was called a filter of the channel.
+#: Torque by position and velocity, of unit size; hysteresis was called a filter of the
+#: channel.
 STRONG = {
     "a spring": lambda q, dq: q,
     "drag": lambda q, dq: dq * np.abs(dq),
@@ -103,15 +136,19 @@ STRONG = {
         ("hysteresis", 4, 8.0),
     ],
 )
-def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(law, joint, size, panda):
-    """A spring larger than its joint's weight was called a gain sixteen times too small."""
+def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(
+    law, joint, size, panda
+):
+    """A spring larger than its joint's weight was called a gain sixteen times too
+    small."""
     run = replace(small_run(panda, seconds=8.0), dq=None)
     q = run.q[:, joint - 1]
     dq = np.gradient(q, run.t)
     more = np.zeros_like(run.tau)
     more[:, joint - 1] = size * STRONG[law](q, dq)
     clean, spoiled = (
-        check(panda, r, thorough=False)[0] for r in (run, replace(run, tau=run.tau + more))
+        check(panda, r, thorough=False)[0]
+        for r in (run, replace(run, tau=run.tau + more))
     )
     assert [f.kind for f in spoiled.problems] == [f.kind for f in clean.problems]
     notes = [(f.kind, f.where) for f in spoiled.issues if f.severity == "note"]
@@ -124,9 +161,12 @@ COULOMB, VISCOUS = np.array([4.0, 5.0, 2.0]), np.array([1.0, 2.0, 0.5])
 
 @pytest.fixture(scope="module")
 def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measurements]:
-    """From point to point with pauses, one joint after the other started and stopped at its own time;
-    at each stop the controller's integrator leaves another torque within Coulomb's limits."""
-    problem = load_problem(write_urdf(tmp_path_factory.mktemp("arm") / "arm.urdf", "stops", THREE))
+    """From point to point with pauses, one joint after the other started and stopped at
+    its own time; at each stop the controller's integrator leaves another torque within
+    Coulomb's limits."""
+    problem = load_problem(
+        write_urdf(tmp_path_factory.mktemp("arm") / "arm.urdf", "stops", THREE)
+    )
     rng = np.random.default_rng(3)
     t = np.arange(0.0, SECONDS, 1.0 / RATE)
     q, held = np.zeros((2, len(t), 3))
@@ -140,7 +180,9 @@ def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measure
             q[:, j] += (aim - place) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
             held[t > start + length, j] = rng.uniform(-1.0, 1.0)
             place = aim
-    dq, ddq = (np.gradient(np.gradient(q, t, axis=0) if k else q, t, axis=0) for k in (0, 1))
+    dq, ddq = (
+        np.gradient(np.gradient(q, t, axis=0) if k else q, t, axis=0) for k in (0, 1)
+    )
     rests = np.abs(dq) < 1e-9
     dry = np.where(rests, held, np.sign(dq))
     rigid = problem.robot.inverse_dynamics(problem.nominal_links.ravel(), q, dq, ddq)
@@ -148,14 +190,23 @@ def stopping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Measure
     return problem, Measurements(t, q + 1e-6 * rng.normal(size=q.shape), tau)
 
 
-@pytest.mark.parametrize(("gain", "drift"), [(1.0, 0.0), (1.3, 0.0), (0.75, 0.0), (1.0, 1.0)])
-def test_beside_joints_that_stick_what_was_done_is_named_and_nothing_else(stopping, gain, drift):
+@pytest.mark.parametrize(
+    ("gain", "drift"), [(1.0, 0.0), (1.3, 0.0), (0.75, 0.0), (1.0, 1.0)]
+)
+def test_beside_joints_that_stick_what_was_done_is_named_and_nothing_else(
+    stopping, gain, drift
+):
     """No cause of a clean log; a gain of joint 2, a drift of joint 3."""
     problem, run = stopping
-    tau = run.tau * [1.0, gain, 1.0] + np.array([0.0, 0.0, drift]) * (run.t / run.t[-1])[:, None]
+    tau = (
+        run.tau * [1.0, gain, 1.0]
+        + np.array([0.0, 0.0, drift]) * (run.t / run.t[-1])[:, None]
+    )
     (report,) = check(problem, replace(run, tau=tau), thorough=False)
     told = {(f.kind, f.where): f.figures for f in report.problems}
-    expected = [("torque gain", "joint 2")] * (gain != 1.0) + [("torque drift", "joint 3")] * (drift > 0)
+    expected = [("torque gain", "joint 2")] * (gain != 1.0) + [
+        ("torque drift", "joint 3")
+    ] * (drift > 0)
     assert [*told] == expected
     if gain != 1.0:
         assert told[expected[0]]["factor"] == pytest.approx(1.0 / gain, rel=0.05)
@@ -179,7 +230,12 @@ def test_check_and_identify_quote_the_same_share():
     for problem, noise in ((PROBLEM, 0.0), (load_problem("ur10e"), 0.02)):
         run = small_run(problem, seconds=8.0)
         rng = np.random.default_rng(1)
-        run = replace(run, tau=run.tau + noise * run.tau.std(axis=0) * rng.normal(size=run.tau.shape))
+        run = replace(
+            run,
+            tau=run.tau + noise * run.tau.std(axis=0) * rng.normal(size=run.tau.shape),
+        )
         (report,) = check(problem, run)
         (found,) = compare(identify(problem, run, check=False), run)
-        assert 100.0 * report.unexplained**0.5 == pytest.approx(found.relative_error_percent, rel=0.15)
+        assert 100.0 * report.unexplained**0.5 == pytest.approx(
+            found.relative_error_percent, rel=0.15
+        )

@@ -53,7 +53,9 @@ def test_help_answers_at_once():
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         result = python(*PROGRAM, "--help", check=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+        seconds.append(
+            after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        )
     assert "identify" in result.stdout
     assert min(seconds) < 0.2
 
@@ -81,14 +83,18 @@ def test_the_programs_own_words(run):
     assert "Start here" in out
 
 
-def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(run, monkeypatch):
+def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(
+    run, monkeypatch
+):
     """Every list names what is registered, a line each at its beginning."""
     monkeypatch.setattr(console.out, "_width", 80)
     for kind in sorted((kind.value for kind in Kind), key="effects".__eq__):
         code, out, _ = run("list", kind)
         assert code == 0
         names = [row[0] for row in listing(kind)[1]]
-        assert set(names) <= {line.split()[0] for line in out.splitlines() if line.split()}
+        assert set(names) <= {
+            line.split()[0] for line in out.splitlines() if line.split()
+        }
     assert len(names) < len(out.splitlines()) <= 2 * len(names)
     assert all(len(line) <= 80 for line in out.splitlines())
     for name in names:
@@ -96,7 +102,13 @@ def test_the_list_of_effects_is_compact_and_one_of_them_is_told_in_full(run, mon
         assert code == 0
         kind = effect_types()[name]
         shown = " ".join(out.split())
-        for text in (name, kind.equation, kind.explanation, kind.reference, *kind.shapes):
+        for text in (
+            name,
+            kind.equation,
+            kind.explanation,
+            kind.reference,
+            *kind.shapes,
+        ):
             assert text.strip()
             assert " ".join(text.split()) in shown
 
@@ -107,8 +119,15 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
     for name in ("panda gram g mm", "log-cholesky L-BFGS", "sdpa-program"):
         assert name in said
     assert re.search(r"clarabel +here", said)
-    choice = ("--solvers", "clarabel,lmi-sdp", "--problems", "two_link simulated one-step plain")
-    code, said, _ = run("shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", tmp_path)
+    choice = (
+        "--solvers",
+        "clarabel,lmi-sdp",
+        "--problems",
+        "two_link simulated one-step plain",
+    )
+    code, said, _ = run(
+        "shootout", *choice, "--accuracy", "1e-6", "--jobs", 1, "--out", tmp_path
+    )
     assert code == 0
     assert "Take " in said
     for name in ("runs.csv", "summary.md", "summary.csv"):
@@ -116,7 +135,9 @@ def test_shootout_lists_what_there_is_and_writes_its_tables(run, tmp_path):
         assert (tmp_path / name).is_file()
 
 
-def test_an_error_of_our_own_is_no_traceback_unless_asked_for(run, runs, tmp_path, monkeypatch):
+def test_an_error_of_our_own_is_no_traceback_unless_asked_for(
+    run, runs, tmp_path, monkeypatch
+):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("inner")
 
@@ -139,7 +160,9 @@ def test_ctrl_c_leaves_the_old_file(run, runs, tmp_path, monkeypatch):
     """SIGINT in the middle of an identification: exit 130 and the file as it was."""
     kept = tmp_path / "model.json"
     kept.write_text("old")
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
+    before = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a background job ignores it
     monkeypatch.setattr(LmiSdp, "fit", lambda *_: os.kill(os.getpid(), signal.SIGINT))
     code, _, err = run("identify", "two_link", "--data", runs[0], "--out", kept)
     signal.signal(signal.SIGINT, before)
@@ -158,7 +181,9 @@ def test_a_closed_pipe_is_no_traceback():
 
 NOSE_PLUGIN = "def main():\n    pass\n"
 OLD_ROS = "__version__ = '2.7.0'\ndef computeJointTorqueRegressor():\n    pass\n"
-BROKEN = "raise ImportError('libpinocchio_default.so: cannot open shared object file')\n"
+BROKEN = (
+    "raise ImportError('libpinocchio_default.so: cannot open shared object file')\n"
+)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +195,8 @@ BROKEN = "raise ImportError('libpinocchio_default.so: cannot open shared object 
     ],
 )
 def test_another_pinocchio_is_told_from_ours(content, words, tmp_path):
-    """PyPI's `pinocchio`, a ROS copy in front of the wheel, a wheel without its libraries."""
+    """PyPI's `pinocchio`, a ROS copy in front of the wheel, a wheel without its
+    libraries."""
     (tmp_path / "pinocchio.py").write_text(content)
     command = (*PROGRAM, "excite", "two_link", "--out", tmp_path / "t.csv")
     result = python(*command, path=f"{tmp_path}{os.pathsep}{HOME}")

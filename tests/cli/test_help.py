@@ -1,4 +1,5 @@
-"""Every verb, its help and its example are of one piece; the documentation runs the verbs."""
+"""Every verb, its help and its example are of one piece; the documentation runs the
+verbs."""
 
 import inspect
 import re
@@ -13,13 +14,23 @@ from sdp_vs_penalty.cli.main import VERBS, main, named
 from sdp_vs_penalty.cli.options import Parser
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
-PARSERS = {verb: Parser(verb, named(verb)) for verbs in VERBS.values() for verb in verbs}
-EXAMPLES = {verb: re.findall(r"Example:\n  (.*)", parser.epilog) for verb, parser in PARSERS.items()}
+PARSERS = {
+    verb: Parser(verb, named(verb)) for verbs in VERBS.values() for verb in verbs
+}
+EXAMPLES = {
+    verb: re.findall(r"Example:\n  (.*)", parser.epilog)
+    for verb, parser in PARSERS.items()
+}
 
 
 def test_every_file_of_verbs_is_in_the_programs_help(capsys):
-    files = {path.stem.replace("_", "-") for path in (ROOT / "cli" / "verbs").glob("[!_]*.py")}
-    assert set(EXAMPLES) == files, "VERBS of cli/main.py names each file of cli/verbs, and no other"
+    files = {
+        path.stem.replace("_", "-")
+        for path in (ROOT / "cli" / "verbs").glob("[!_]*.py")
+    }
+    assert set(EXAMPLES) == files, (
+        "VERBS of cli/main.py names each file of cli/verbs, and no other"
+    )
     with pytest.raises(SystemExit):
         main(["--help"])
     lines = capsys.readouterr().out.splitlines()
@@ -30,7 +41,9 @@ def test_every_file_of_verbs_is_in_the_programs_help(capsys):
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))
 def test_there_is_one_example_and_it_parses(verb):
-    assert len(EXAMPLES[verb]) == 1, f"{verb}: one line 'Example: sdp-vs-penalty ...' in the docstring"
+    assert len(EXAMPLES[verb]) == 1, (
+        f"{verb}: one line 'Example: sdp-vs-penalty ...' in the docstring"
+    )
     (example,) = EXAMPLES[verb]
     program, called, *words = shlex.split(example)
     assert (program, called) == ("sdp-vs-penalty", verb)
@@ -41,7 +54,11 @@ def test_values_that_a_verb_begins_with_are_those_of_its_function():
     told = 0
     for verb in EXAMPLES:
         function = getattr(sdp_vs_penalty, verb.replace("-", "_"), None)
-        theirs = inspect.signature(function).parameters if inspect.isroutine(function) else {}
+        theirs = (
+            inspect.signature(function).parameters
+            if inspect.isroutine(function)
+            else {}
+        )
         for name, own in inspect.signature(named(verb)).parameters.items():
             if name in theirs and own.default not in (None, own.empty):
                 told += 1
@@ -51,8 +68,14 @@ def test_values_that_a_verb_begins_with_are_those_of_its_function():
 
 def test_a_flag_is_given_by_its_name_and_taken_back_where_it_holds_by_itself():
     page, export = PARSERS["page"], PARSERS["export"]
-    assert [page.given(words)["browser"] for words in ([], ["--no-browser"])] == [True, False]
+    assert [page.given(words)["browser"] for words in ([], ["--no-browser"])] == [
+        True,
+        False,
+    ]
     words = ["m.json", "--out", "a.urdf"]
-    assert [export.given([*words, *more])["force"] for more in ([], ["--force"])] == [False, True]
+    assert [export.given([*words, *more])["force"] for more in ([], ["--force"])] == [
+        False,
+        True,
+    ]
     with pytest.raises(InputError, match="did you mean --force"):
         export.given([*words, "--no-force"])

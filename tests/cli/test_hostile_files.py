@@ -1,4 +1,5 @@
-"""Every verb's every file argument, given what is no such file: one sentence, exit 2, bounded."""
+"""Every verb's every file argument, given what is no such file: one sentence, exit 2,
+bounded."""
 
 import json
 import os
@@ -23,8 +24,11 @@ from sdp_vs_penalty.data import save
 #: Seconds and bytes that a refusal may take.
 SECONDS, MEMORY = 10, 650e6
 
-#: Commands by the kind of the file that stands for @; RUN, MODEL and PROOF are good ones.
-COMMANDS = json.loads((Path(__file__).parents[1] / "data" / "commands_of_files.json").read_text())
+#: Commands by the kind of the file that stands for @; RUN, MODEL and PROOF are good
+#: ones.
+COMMANDS = json.loads(
+    (Path(__file__).parents[1] / "data" / "commands_of_files.json").read_text()
+)
 SUFFIXES = {
     "run": (".csv", ".npz", ".mat", ".parquet", ".mcap"),
     "model": (".json",),
@@ -36,7 +40,8 @@ SUFFIXES = {
 def chain(links: int) -> str:
     """A URDF of so many links, one on the other."""
     joint = (
-        '<link name="{0}"/><joint name="j{0}" type="{2}"><parent link="{1}"/><child link="{0}"/></joint>'
+        '<link name="{0}"/><joint name="j{0}" type="{2}"><parent link="{1}"/><child'
+        ' link="{0}"/></joint>'
     )
     kinds = ("fixed", "continuous")
     body = "".join(joint.format(k, k - 1, kinds[k % 2]) for k in range(1, links))
@@ -44,18 +49,31 @@ def chain(links: int) -> str:
 
 
 def bombs(kind: str, folder: Path) -> Iterator[Path]:
-    """Files of about a megabyte that nest or count without end; data/test_bad_input.py unpacks some."""
+    """Files of about a megabyte that nest or count without end; data/test_bad_input.py
+    unpacks some."""
     size = 10**6
     entities = "".join(f'<!ENTITY a{k} "{10 * f"&a{k - 1};"}">' for k in range(2, 10))
     texts = {
-        "run": {"bomb.csv": "t,q1,tau1\n" + "1," * (size // 2), "digits.csv": "9" * size},
-        "model": {"bomb.json": '{"format":2,"robot":' * (size // 20), "list.json": "[" * size},
+        "run": {
+            "bomb.csv": "t,q1,tau1\n" + "1," * (size // 2),
+            "digits.csv": "9" * size,
+        },
+        "model": {
+            "bomb.json": '{"format":2,"robot":' * (size // 20),
+            "list.json": "[" * size,
+        },
         "urdf": {
-            "bomb.urdf": f'<!DOCTYPE robot [<!ENTITY a1 "aaaaaaaaaa">{entities}]><robot>&a9;</robot>',
+            "bomb.urdf": (
+                "<!DOCTYPE robot [<!ENTITY a1"
+                f' "aaaaaaaaaa">{entities}]><robot>&a9;</robot>'
+            ),
             "deep.urdf": "<robot>" + "<a>" * (size // 3),
             "chain.urdf": chain(8000),
         },
-        "problem": {"bomb/problem.toml": "a = " + "[" * size, "keys/problem.toml": "x=" + "9" * size},
+        "problem": {
+            "bomb/problem.toml": "a = " + "[" * size,
+            "keys/problem.toml": "x=" + "9" * size,
+        },
     }
     for name, text in texts[kind].items():
         path = folder / name
@@ -65,7 +83,8 @@ def bombs(kind: str, folder: Path) -> Iterator[Path]:
 
 
 def hostile(kind: str, folder: Path, every: bool) -> Iterator[Path]:
-    """What an argument must survive: devices, pipes, folders, unreadable files, and bombs.
+    """What an argument must survive: devices, pipes, folders, unreadable files, and
+    bombs.
 
     every : with every suffix and every bomb of this kind, instead of one.
     """
@@ -117,16 +136,26 @@ def good(two_link: Problem, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     identify(two_link, run, proof=folder / "proof.json").save(folder / "model.json")
     return {
         k: str(folder / v)
-        for k, v in (("RUN", "run.csv"), ("MODEL", "model.json"), ("PROOF", "proof.json"))
+        for k, v in (
+            ("RUN", "run.csv"),
+            ("MODEL", "model.json"),
+            ("PROOF", "proof.json"),
+        )
     }
 
 
 CASES = [(kind, command) for kind, commands in COMMANDS.items() for command in commands]
 
 
-@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="devices and limits of Linux")
-@pytest.mark.parametrize(("kind", "command"), CASES, ids=[command for _, command in CASES])
-def test_no_file_crashes_hangs_or_bursts(kind, command, good, tmp_path, monkeypatch, capsys):
+@pytest.mark.skipif(
+    not Path("/proc/self/mem").exists(), reason="devices and limits of Linux"
+)
+@pytest.mark.parametrize(
+    ("kind", "command"), CASES, ids=[command for _, command in CASES]
+)
+def test_no_file_crashes_hangs_or_bursts(
+    kind, command, good, tmp_path, monkeypatch, capsys
+):
     given, work = tmp_path / "given", tmp_path / "work"
     given.mkdir()
     work.mkdir()
@@ -137,8 +166,13 @@ def test_no_file_crashes_hangs_or_bursts(kind, command, good, tmp_path, monkeypa
         with peak_memory() as peak, at_most(SECONDS), pytest.raises(SystemExit) as end:
             cli.main(words)
         said = capsys.readouterr().err.strip()
-        told = f"{command} with {path.name}: exit {end.value.code}, {peak[0] / 1e6:.0f} MB: {said}"
-        assert end.value.code == 2 or (command.startswith("verify @") and end.value.code == 1), told
+        told = (
+            f"{command} with {path.name}: exit {end.value.code}, {peak[0] / 1e6:.0f}"
+            f" MB: {said}"
+        )
+        assert end.value.code == 2 or (
+            command.startswith("verify @") and end.value.code == 1
+        ), told
         assert "internal error" not in said, told
         assert len(said.splitlines()) <= 1, told
         assert len(said) < 1000, told
@@ -147,18 +181,23 @@ def test_no_file_crashes_hangs_or_bursts(kind, command, good, tmp_path, monkeypa
 
 
 def refused(verb: str, before: str, good: dict[str, str], folder: Path) -> str:
-    """What a verb says that ends with exit code 2, after the words of a shell, and leaves nothing."""
+    """What a verb says that ends with exit code 2, after the words of a shell, and
+    leaves nothing."""
     words = [good.get(word, word) for word in shlex.split(verb)]
     command = f"{before} {shlex.join([sys.executable, '-m', 'sdp_vs_penalty', *words])}"
     bare = {name: value for name, value in os.environ.items() if name != "HOME"}
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=folder, env=bare)
+    done = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, cwd=folder, env=bare
+    )
     assert done.returncode == 2, done.stderr
     assert done.stderr.count("\n") == 1, done.stderr
     assert not [path for path in folder.rglob("*") if path.is_file()]
     return done.stderr
 
 
-@pytest.mark.parametrize("verb", ["identify two_link --data RUN --out out.json", "check RUN", "list"])
+@pytest.mark.parametrize(
+    "verb", ["identify two_link --data RUN --out out.json", "check RUN", "list"]
+)
 def test_a_limit_of_memory_is_one_sentence(verb, good, tmp_path):
     """OpenBLAS would end the process in words of its own."""
     said = refused(verb, "ulimit -v 250000; exec", good, tmp_path)
@@ -172,11 +211,17 @@ def test_a_limit_of_memory_is_one_sentence(verb, good, tmp_path):
         *(
             pytest.param(verb, marks=pytest.mark.slow)
             for verb in (
-                "identify two_link --data RUN --jobs 2 --out out/model.json --proof out/proof.json",
+                (
+                    "identify two_link --data RUN --jobs 2 --out out/model.json --proof"
+                    " out/proof.json"
+                ),
                 "report MODEL --data RUN --out out/report.html",
                 "simulate two_link --out out",
                 "tables VIII --problem two_link --out out",
-                "shootout --problems 'chain of 2 links gyration 0' --solvers clarabel,scs --out out",
+                (
+                    "shootout --problems 'chain of 2 links gyration 0' --solvers"
+                    " clarabel,scs --out out"
+                ),
                 "excite two_link --duration 2 --out out/path.csv",
             )
         ),
@@ -187,5 +232,9 @@ def test_where_nothing_can_be_written(verb, good, tmp_path):
     assert "too large" in refused(verb, "ulimit -f 0; exec", good, tmp_path).lower()
     folder = tmp_path / "theirs"
     folder.mkdir(mode=0o555)
-    someone = "exec setpriv --bounding-set=-all --inh-caps=-all" if os.getuid() == 0 else "exec"
+    someone = (
+        "exec setpriv --bounding-set=-all --inh-caps=-all"
+        if os.getuid() == 0
+        else "exec"
+    )
     assert "Permission denied" in refused(verb, someone, good, folder)

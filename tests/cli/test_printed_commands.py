@@ -1,4 +1,5 @@
-"""Every command that a verb or the page prints is run as printed, on arms of every kind."""
+"""Every command that a verb or the page prints is run as printed, on arms of every
+kind."""
 
 import json
 import re
@@ -27,11 +28,16 @@ Run = Callable[..., str]
 
 
 @pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a line, in an empty folder, then every command that it prints; what it printed itself."""
+def run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Run:
+    """Run a line, in an empty folder, then every command that it prints; what it
+    printed itself."""
     monkeypatch.chdir(tmp_path)
     search = separation.separate  # that a motion is found, not how good a one
-    monkeypatch.setattr(separation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 20}))
+    monkeypatch.setattr(
+        separation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 20})
+    )
     reported: set[tuple[str, ...]] = set()
 
     def call(line: str) -> str:
@@ -39,7 +45,9 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         assert program == PROGRAM
         code = run_cli(*words)
         out, err = capsys.readouterr()
-        allowed = (0, 1) if words[0] == "check" else (0,)  # 1: a check that found errors
+        allowed = (
+            (0, 1) if words[0] == "check" else (0,)
+        )  # 1: a check that found errors
         assert code in allowed, f"{line}\n{out}{err}"
         assert not re.search(r"\bNone\b(?! of)|\bnan\b", out), f"{line}\n{out}"
         for command in printed(out + err):
@@ -49,7 +57,8 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         return out
 
     def again(command: str) -> bool:
-        """Whether a report was made that differs in the name of its last model's file alone."""
+        """Whether a report was made that differs in the name of its last model's file
+        alone."""
         verb, *words = shlex.split(command)[1:]
         if verb != "report":
             return False
@@ -64,31 +73,42 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 
 
 def printed(text: str) -> list[str]:
-    """The commands of a text: at the start of a line or after a colon, up to the line's end."""
+    """The commands of a text: at the start of a line or after a colon, up to the line's
+    end."""
     return re.findall(rf"(?:^|: )({PROGRAM} [a-z-]+ .*)$", text, re.MULTILINE)
 
 
 def robot(kind: str, folder: Path) -> str:
-    """What identifies a robot of a kind on the command line; its files are in the folder."""
+    """What identifies a robot of a kind on the command line; its files are in the
+    folder."""
     if kind == "URDF named two_link":
         return write_urdf(folder / "my arm.urdf", "two_link", HEAVY).name
     if kind == "folder":
         return write_folder(folder / "my folder").name
-    return write_urdf(folder / "scara.urdf", "scara", SCARA).name if kind == "SCARA" else kind
+    return (
+        write_urdf(folder / "scara.urdf", "scara", SCARA).name
+        if kind == "SCARA"
+        else kind
+    )
 
 
 #: Arms, and whether what they miss is searched for (in half a minute) or told.
 KINDS = [
-    ("folder", False), pytest.param("URDF named two_link", True, marks=pytest.mark.long),
-    *(pytest.param(kind, True, marks=pytest.mark.slow) for kind in ("panda", "folder", "SCARA")),
-]  # fmt: skip
+    ("folder", False),
+    pytest.param("URDF named two_link", True, marks=pytest.mark.long),
+    *(
+        pytest.param(kind, True, marks=pytest.mark.slow)
+        for kind in ("panda", "folder", "SCARA")
+    ),
+]
 
 
 @pytest.mark.parametrize(("kind", "searched"), KINDS)
 def test_from_simulated_runs_to_a_model_with_what_was_missing(
     kind, searched, run, tmp_path, monkeypatch
 ):
-    """simulate prints identify; diagnose prints add, as text and from its file, which do the same."""
+    """simulate prints identify; diagnose prints add, as text and from its file, which
+    do the same."""
     source = robot(kind, tmp_path)
     found = []
     if not searched:
@@ -108,7 +128,9 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
 
     monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", diagnosed)
     quoted = shlex.quote(source)
-    out = run(f"{PROGRAM} simulate {quoted} --hide joint_spring:2 --seed 7 --out 'my runs'")
+    out = run(
+        f"{PROGRAM} simulate {quoted} --hide joint_spring:2 --seed 7 --out 'my runs'"
+    )
     assert len(printed(out)) == 1
     run(f"{PROGRAM} check 'my runs/run1.csv' --problem {quoted}")
     run(f"{PROGRAM} compare model.json --data 'my runs/test.csv'")
@@ -116,11 +138,15 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
     *tell, as_text = printed(out := run(f"{PROGRAM} diagnose model.json {data}"))
     assert re.search(r"\+ 1\b", out)  # the error with the first finding
     assert all(" excite " in command for command in tell)
-    *_, from_file = printed(run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'"))
+    *_, from_file = printed(
+        run(f"{PROGRAM} diagnose model.json {data} --json 'the findings.json'")
+    )
     assert " joint_spring:2" in as_text
     assert "--from 'the findings.json'" in from_file
     written = [shlex.split(command)[-1] for command in (as_text, from_file)]
-    before, text, file = (load_estimate(Path(name)) for name in ("model.json", *written))
+    before, text, file = (
+        load_estimate(Path(name)) for name in ("model.json", *written)
+    )
     np.testing.assert_array_equal(text.theta, file.theta)
     assert len(text.theta) > len(before.theta)
     bounds = load_problem(source).constraints(text.model)
@@ -129,10 +155,14 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
 
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param("two_link", marks=pytest.mark.long), pytest.param("folder", marks=pytest.mark.slow)],
+    [
+        pytest.param("two_link", marks=pytest.mark.long),
+        pytest.param("folder", marks=pytest.mark.slow),
+    ],
 )
 def test_the_check_repairs_what_it_says(kind, run, tmp_path):
-    """One run, and two, with a torque's sign flipped: the copies that it offers to write are clean."""
+    """One run, and two, with a torque's sign flipped: the copies that it offers to
+    write are clean."""
     source = robot(kind, tmp_path)
     problem = load_problem(source)
     for k in (1, 2):
@@ -146,8 +176,10 @@ def test_the_check_repairs_what_it_says(kind, run, tmp_path):
     assert " --gravity 0,0,-9.81 --fix " in both
     for copies in ("'my run1_fixed.csv'", "'fixed/my run1.csv' 'fixed/my run2.csv'"):
         (then,) = printed(run(f"{PROGRAM} check {copies} {robot_words}"))
-        assert then == f"{PROGRAM} identify {shlex.quote(source)} --data {copies} " + (
-            "--gravity 0,0,-9.81 --out model.json"
+        assert (
+            then
+            == f"{PROGRAM} identify {shlex.quote(source)} --data {copies} "
+            + "--gravity 0,0,-9.81 --out model.json"
         )
 
 
@@ -162,49 +194,93 @@ def told(problem: Problem, texts: Sequence[str], frozen: bool = False) -> Diagno
     def finding(text: str) -> Finding:
         name, _, rest = text.partition(":")
         return Finding(
-            name, (int(rest[0]),), {}, 1.0, "N*m", 0.1, {}, "confident", (), np.ones(n), np.ones(n),
-            f"{name} on a joint. As it is.", text, 0.5,
-        )  # fmt: skip
+            name,
+            (int(rest[0]),),
+            {},
+            1.0,
+            "N*m",
+            0.1,
+            {},
+            "confident",
+            (),
+            np.ones(n),
+            np.ones(n),
+            f"{name} on a joint. As it is.",
+            text,
+            0.5,
+        )
 
     found = tuple(map(finding, texts))
     return Diagnosis(
-        "effect_missing", found, np.ones(n), (), (), "residual", np.zeros(n), np.ones(n), 8.0, (),
-        np.ones(n), "folds", frozen,
-    )  # fmt: skip
+        "effect_missing",
+        found,
+        np.ones(n),
+        (),
+        (),
+        "residual",
+        np.zeros(n),
+        np.ones(n),
+        8.0,
+        (),
+        np.ones(n),
+        "folds",
+        frozen,
+    )
 
 
 @pytest.fixture
-def twelve_found(panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Diagnosis:
+def twelve_found(
+    panda: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Diagnosis:
     """What every diagnosis says; a model.json and a run.csv of the Panda beside it."""
     write_run(tmp_path / "run.csv", panda)
     found = told(panda, TWELVE)
-    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: found)
+    monkeypatch.setattr(
+        "sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: found
+    )
     return found
 
 
 def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
-    (Path("held.json")).write_text(json.dumps(told(panda, TWELVE, frozen=True).to_dict()))
-    run(f"{PROGRAM} add model.json --from held.json --only 8,9 --data run.csv --out model2.json")
-    before, after = (load_estimate(Path(name)) for name in ("model.json", "model2.json"))
+    (Path("held.json")).write_text(
+        json.dumps(told(panda, TWELVE, frozen=True).to_dict())
+    )
+    run(
+        f"{PROGRAM} add model.json --from held.json --only 8,9 --data run.csv --out"
+        " model2.json"
+    )
+    before, after = (
+        load_estimate(Path(name)) for name in ("model.json", "model2.json")
+    )
     np.testing.assert_array_equal(after.theta[: len(before.theta)], before.theta)
     assert after.certificate.held == [e.text for e in before.model.effects]
 
 
-def test_weak_findings_at_the_end_are_shown_to_who_asks(twelve_found, run, monkeypatch, panda):
+def test_weak_findings_at_the_end_are_shown_to_who_asks(
+    twelve_found, run, monkeypatch, panda
+):
     run(f"{PROGRAM} identify panda --data run.csv --method ols --out model.json")
     first, *rest = twelve_found.effects
     weak = (first, *(replace(f, confidence="weak", remarks=("small",)) for f in rest))
-    invisible = tuple(Invisible(name, (j,), 0.9) for name, j in (("payload", 1), ("payload", 2)))
+    invisible = tuple(
+        Invisible(name, (j,), 0.9) for name, j in (("payload", 1), ("payload", 2))
+    )
     made = replace(twelve_found, effects=weak, invisible=invisible)
-    monkeypatch.setattr("sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: made)
+    monkeypatch.setattr(
+        "sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: made
+    )
     few = run(f"{PROGRAM} diagnose model.json --data run.csv")
     every = run(f"{PROGRAM} diagnose model.json --data run.csv --verbose")
     assert [int(k) for k in re.findall(r"^\+ (\d+)\.", few, re.MULTILINE)] == [1, 2, 3]
-    assert [int(k) for k in re.findall(r"^\+ (\d+)\.", every, re.MULTILINE)] == [*range(1, 13)]
+    assert [int(k) for k in re.findall(r"^\+ (\d+)\.", every, re.MULTILINE)] == [
+        *range(1, 13)
+    ]
     assert "further weak candidates" in few
     assert "further weak candidates" not in every
-    assert f"add model.json {first.text} --data run.csv" in few  # what is sure, and no more
+    assert (
+        f"add model.json {first.text} --data run.csv" in few
+    )  # what is sure, and no more
     assert len(re.findall(r"^\+ \d+\. weak", few, re.MULTILINE)) == 2
     assert "payload:1+2" in " ".join(few.split())
     assert "not known" in few
@@ -230,6 +306,9 @@ def test_the_pages_commands_make_the_pages_models(kind, sessions, run, tmp_path)
     for command in commands:
         run(command)
     for k, model in enumerate(s.history, start=1):
-        theirs, ours = load_estimate(model.file), load_estimate(tmp_path / f"model{k}.json")
+        theirs, ours = (
+            load_estimate(model.file),
+            load_estimate(tmp_path / f"model{k}.json"),
+        )
         np.testing.assert_array_equal(ours.theta, theirs.theta)
         assert ours.to_dict()["problem"] == theirs.to_dict()["problem"]

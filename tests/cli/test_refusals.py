@@ -1,4 +1,5 @@
-"""Commands that cannot be: one sentence, which is kept; nothing is written, and old files stay."""
+"""Commands that cannot be: one sentence, which is kept; nothing is written, and old
+files stay."""
 
 import json
 import shlex
@@ -18,8 +19,11 @@ from tests.cli.test_printed_commands import TWELVE, told
 
 
 @pytest.fixture(scope="module")
-def folder(two_link: Problem, panda: Problem, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs and models of two robots, a run in degrees, findings that are sound, weak, old or none."""
+def folder(
+    two_link: Problem, panda: Problem, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Runs and models of two robots, a run in degrees, findings that are sound, weak,
+    old or none."""
     home = tmp_path_factory.mktemp("refused")
     for k in (1, 2):
         write_run(home / f"run{k}.csv", two_link, seed=k)
@@ -29,11 +33,15 @@ def folder(two_link: Problem, panda: Problem, tmp_path_factory: pytest.TempPathF
     identify(panda, run, "ols", effects="rigid_body").save(home / "rigid.json")
     identify(two_link, small_run(two_link), "ols").save(home / "model.json")
     found = told(panda, TWELVE)
-    weak = replace(found, effects=tuple(replace(f, confidence="weak") for f in found.effects))
+    weak = replace(
+        found, effects=tuple(replace(f, confidence="weak") for f in found.effects)
+    )
     named = {"findings": found, "none": replace(found, effects=()), "weak": weak}
     for name, findings in named.items():
         (home / f"{name}.json").write_text(json.dumps(findings.to_dict()))
-    (home / "old.json").write_text(json.dumps(found.to_dict()).replace('"text"', '"txet"'))
+    (home / "old.json").write_text(
+        json.dumps(found.to_dict()).replace('"text"', '"txet"')
+    )
     (home / "kept.json").write_text("old")
     save(log(), home / "silent.csv")
     write_slide(home)

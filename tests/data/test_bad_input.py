@@ -1,6 +1,8 @@
-"""Whatever a user can get wrong is one sentence: file, row or field, what is wrong, what to do.
+"""Whatever a user can get wrong is one sentence: file, row or field, what is wrong,
+what to do.
 
-Named cases first, then Hypothesis: no reader raises anything but InputError, whatever the bytes.
+Named cases first, then Hypothesis: no reader raises anything but InputError, whatever
+the bytes.
 """
 
 import bz2
@@ -38,7 +40,10 @@ def test_a_bad_csv_is_refused(case, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(bytes(range(256)) * 20, "not UTF-8 text"), (GOOD.encode() + b"\0" * 10, "a binary file")],
+    [
+        (bytes(range(256)) * 20, "not UTF-8 text"),
+        (GOOD.encode() + b"\0" * 10, "a binary file"),
+    ],
 )
 def test_a_binary_csv_is_refused(content, words, tmp_path):
     path = tmp_path / "run.csv"
@@ -55,14 +60,17 @@ def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("more", "said"), [("ddq1", ["ddq1", "computed from q"]), ("mode", ["not used: mode."])]
+    ("more", "said"),
+    [("ddq1", ["ddq1", "computed from q"]), ("mode", ["not used: mode."])],
 )
 def test_other_columns_are_left_out_with_a_remark(more, said, tmp_path):
     """Logs hold accelerations, currents, states: the run is the same without them."""
     plain, path = tmp_path / "plain.csv", tmp_path / "run.csv"
     plain.write_text(GOOD)
     path.write_text(
-        "\n".join(f"{line},{more if k == 0 else k}" for k, line in enumerate([HEADER, *ROWS]))
+        "\n".join(
+            f"{line},{more if k == 0 else k}" for k, line in enumerate([HEADER, *ROWS])
+        )
     )
     with pytest.warns(Remark) as heard:
         run = sdp.load_measurements(path, joints=2)
@@ -74,12 +82,30 @@ def test_other_columns_are_left_out_with_a_remark(more, said, tmp_path):
     ("arrays", "words"),
     [
         ({"q1": np.zeros(5), "tau1": np.zeros(5)}, ["no column t "]),
-        ({"t": np.arange(5.0), "q1": np.zeros(4), "tau1": np.zeros(5)}, ["q has 4 rows, t has 5"]),
-        ({"t": np.arange(5.0), "q": np.zeros((5, 1, 1)), "tau": np.zeros(5)}, ["3 dimensions"]),
-        ({"t": np.arange(5.0), "q1": np.full(5, 1j), "tau1": np.zeros(5)}, ["q1", "complex"]),
-        ({"t": np.arange(5.0), "q1": np.array(list("abcde")), "tau1": np.zeros(5)}, ["q1", "<U1"]),
-        ({"t": np.arange(5.0)[::-1], "q1": np.zeros(5), "tau1": np.zeros(5)}, ["sample 2", "backwards"]),
-        ({"t": np.arange(5.0), "q1": np.array([{}] * 5), "tau1": np.zeros(5)}, ["not a readable"]),
+        (
+            {"t": np.arange(5.0), "q1": np.zeros(4), "tau1": np.zeros(5)},
+            ["q has 4 rows, t has 5"],
+        ),
+        (
+            {"t": np.arange(5.0), "q": np.zeros((5, 1, 1)), "tau": np.zeros(5)},
+            ["3 dimensions"],
+        ),
+        (
+            {"t": np.arange(5.0), "q1": np.full(5, 1j), "tau1": np.zeros(5)},
+            ["q1", "complex"],
+        ),
+        (
+            {"t": np.arange(5.0), "q1": np.array(list("abcde")), "tau1": np.zeros(5)},
+            ["q1", "<U1"],
+        ),
+        (
+            {"t": np.arange(5.0)[::-1], "q1": np.zeros(5), "tau1": np.zeros(5)},
+            ["sample 2", "backwards"],
+        ),
+        (
+            {"t": np.arange(5.0), "q1": np.array([{}] * 5), "tau1": np.zeros(5)},
+            ["not a readable"],
+        ),
     ],
 )
 def test_bad_npz(arrays, words, tmp_path):
@@ -89,20 +115,36 @@ def test_bad_npz(arrays, words, tmp_path):
 
 
 def test_files_and_folders_that_are_not_there(tmp_path):
-    refusal(lambda: sdp.load_measurements(tmp_path / "nowhere.csv"), "nowhere.csv", "No such file")
+    refusal(
+        lambda: sdp.load_measurements(tmp_path / "nowhere.csv"),
+        "nowhere.csv",
+        "No such file",
+    )
     (tmp_path / "folder.csv").mkdir()
     for folder in (tmp_path / "folder.csv", tmp_path):
-        refusal(lambda folder=folder: sdp.load_measurements(folder), "no runs in this folder")
+        refusal(
+            lambda folder=folder: sdp.load_measurements(folder),
+            "no runs in this folder",
+        )
     refusal(sdp.load_measurements, "name at least one RUN.csv")
 
 
 def test_a_panda_log_of_unequal_files(tmp_path):
-    for name, count in (("time", 5), ("positions", 35), ("velocity", 35), ("torques", 34)):
+    for name, count in (
+        ("time", 5),
+        ("positions", 35),
+        ("velocity", 35),
+        ("torques", 34),
+    ):
         lines = [str(0.001 * k) for k in range(count)]
         (tmp_path / f"exciting_traj_{name}.txt").write_text("\n".join(lines))
     refusal(lambda: sdp.load_measurements(tmp_path), "34 numbers of tau", "5 instants")
     (tmp_path / "exciting_traj_torques.txt").write_text("1\n2\nthree\n")
-    refusal(lambda: sdp.load_measurements(tmp_path), "exciting_traj_torques.txt: row 3", "'three'")
+    refusal(
+        lambda: sdp.load_measurements(tmp_path),
+        "exciting_traj_torques.txt: row 3",
+        "'three'",
+    )
 
 
 def test_degrees_are_refused_by_the_joints_ranges_and_one_turn_outside_is_not(panda):
@@ -110,10 +152,20 @@ def test_degrees_are_refused_by_the_joints_ranges_and_one_turn_outside_is_not(pa
     run = replace(small_run(panda), names=("run.csv",), dq=None)
     run = replace(run, q=run.q + centre)
     check_plausible(panda.robot, replace(run, q=run.q + 2.0 * np.pi))
-    estimate = sdp.identify(panda, run, "ols", check=False)  # its torques are those of other positions
+    estimate = sdp.identify(
+        panda, run, "ols", check=False
+    )  # its torques are those of other positions
     wrong = replace(run, q=np.degrees(run.q))
-    words = "run.csv: row ", "column q", "far outside the range of joint", "degrees to radians"
-    for call in (lambda: sdp.identify(panda, wrong), lambda: sdp.compare(estimate, wrong)):
+    words = (
+        "run.csv: row ",
+        "column q",
+        "far outside the range of joint",
+        "degrees to radians",
+    )
+    for call in (
+        lambda: sdp.identify(panda, wrong),
+        lambda: sdp.compare(estimate, wrong),
+    ):
         refusal(call, *words)
 
 
@@ -124,7 +176,8 @@ def test_degrees_are_refused_by_the_derivative_and_a_turning_shaft_is_not(two_li
         said = "q1 and dq1 differ by a factor of 57", f"convert {name} "
         refusal(lambda wrong=wrong: sdp.identify(two_link, wrong), *said)
     check_plausible(
-        two_link.robot, sdp.Measurements(run.t, run.q + 20.0 * run.t[:, None], run.tau, None)
+        two_link.robot,
+        sdp.Measurements(run.t, run.q + 20.0 * run.t[:, None], run.tau, None),
     )
 
 
@@ -134,7 +187,9 @@ def test_wrong_number_of_joints(two_link, panda, tmp_path):
     refusal(lambda: sdp.check(panda, run), "2 joints, the robot has 7")
     raw = tmp_path / "ur-20_02_12-50sec_12harm.csv"
     raw.write_text("0.1,2\n")
-    refusal(lambda: sdp.load_measurements(raw), "raw file", "sdp-vs-penalty fetch ur10e")
+    refusal(
+        lambda: sdp.load_measurements(raw), "raw file", "sdp-vs-penalty fetch ur10e"
+    )
     refusal(
         lambda: sdp.compare(sdp.identify(two_link, run, "ols"), small_run(panda)),
         "the robot has 2",
@@ -164,14 +219,24 @@ def test_a_bad_problem_is_refused(case, tmp_path, monkeypatch):
 
 def test_brackets_without_end_are_refused(tmp_path):
     nested = TOML.replace('title = "t"', f"title = {'[' * 5000}{']' * 5000}", 1)
-    refusal(lambda: sdp.load_problem(problem_folder(tmp_path / "arm", nested)), "nested too deeply")
+    refusal(
+        lambda: sdp.load_problem(problem_folder(tmp_path / "arm", nested)),
+        "nested too deeply",
+    )
 
 
 #: Values of every kind, and of which fields (in order, joined) each is a good one.
 KINDS = {
-    "3": "state_cutoff radius slope", '"x"': "title axis", "true": "", "[]": "tables", "[3.0]": "",
-    "nan": "", "[nan]": "", '[["x"]]': "", "{ a = 1 }": "",
-}  # fmt: skip
+    "3": "state_cutoff radius slope",
+    '"x"': "title axis",
+    "true": "",
+    "[]": "tables",
+    "[3.0]": "",
+    "nan": "",
+    "[nan]": "",
+    '[["x"]]': "",
+    "{ a = 1 }": "",
+}
 FIELDS = [line for line in TOML.splitlines() if " = " in line]
 
 
@@ -180,9 +245,17 @@ def test_a_field_of_another_kind_or_name_is_named(line, tmp_path):
     key = line.split(" = ")[0]
     for value, good in KINDS.items():
         if key not in good.split():
-            folder = problem_folder(tmp_path / "arm", TOML.replace(line, f"{key} = {value}", 1))
-            about = "centre_of_mass_cone" if value == "nan" and key in ("radius", "slope") else key
-            refusal(lambda folder=folder: sdp.load_problem(folder), "problem.toml", about)
+            folder = problem_folder(
+                tmp_path / "arm", TOML.replace(line, f"{key} = {value}", 1)
+            )
+            about = (
+                "centre_of_mass_cone"
+                if value == "nan" and key in ("radius", "slope")
+                else key
+            )
+            refusal(
+                lambda folder=folder: sdp.load_problem(folder), "problem.toml", about
+            )
     folder = problem_folder(tmp_path / "arm", TOML.replace(line, f"my_{line}", 1))
     refusal(lambda: sdp.load_problem(folder), f"my_{key}' is unknown")
     folder = problem_folder(tmp_path / "arm", TOML.replace(f"{line}\n", "", 1))
@@ -239,10 +312,16 @@ def places(data: Any, *keys: Any) -> Iterator[tuple[Any, ...]]:
 
 @pytest.mark.parametrize(
     "value",
-    ["x", [1.0], *(pytest.param(x, marks=pytest.mark.long) for x in (float("nan"), {}))],
+    [
+        "x",
+        [1.0],
+        *(pytest.param(x, marks=pytest.mark.long) for x in (float("nan"), {})),
+    ],
     ids=repr,
 )
-def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(value, model, tmp_path):
+def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(
+    value, model, tmp_path
+):
     path, said = tmp_path / "bad.json", dict[str, str]()
     for keys in places(json.loads(model.read_text())):
         try:
@@ -251,13 +330,29 @@ def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(value, 
             said[".".join(map(str, keys))] = str(error)
     assert all(message.startswith(f"{path}: ") for message in said.values())
     joint = {f"robot.joints.0.{name}" for name in ("kind", "axis", "placement")}
-    assert joint | {"problem", "parameters.0.value", "effects.1.effect", "robot.gravity"} <= {*said}
+    assert joint | {
+        "problem",
+        "parameters.0.value",
+        "effects.1.effect",
+        "robot.gravity",
+    } <= {*said}
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        *((content, []) for content in (b"", b"{", b"{}", b"[]", b"3", b"\xff\xfe", b'{"format": "x"}')),
+        *(
+            (content, [])
+            for content in (
+                b"",
+                b"{",
+                b"{}",
+                b"[]",
+                b"3",
+                b"\xff\xfe",
+                b'{"format": "x"}',
+            )
+        ),
         (b"[" * 100_000, ["nested too deeply"]),
     ],
 )
@@ -289,12 +384,23 @@ def test_numbers_that_no_sensor_resolves_are_zeros(two_link, tmp_path):
 
 
 def ros1_chunk(compression: bytes, packed: bytes, claimed: int) -> bytes:
-    fields = [b"op=\x05", b"compression=" + compression, b"size=" + struct.pack("<I", claimed)]
+    fields = [
+        b"op=\x05",
+        b"compression=" + compression,
+        b"size=" + struct.pack("<I", claimed),
+    ]
     header = b"".join(struct.pack("<I", len(f)) + f for f in fields)
-    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(packed)) + packed
+    return (
+        struct.pack("<I", len(header))
+        + header
+        + struct.pack("<I", len(packed))
+        + packed
+    )
 
 
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no limit of memory on this system")
+@pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="no limit of memory on this system"
+)
 @pytest.mark.parametrize("kind", ["npz", "mat", "parquet", "bz2", "lz4"])
 def test_no_bomb_takes_more_than_its_size_allows(kind, tmp_path, monkeypatch):
     """128 MB of zeros, where reading may take 32: whatever sizes its headers claim."""
@@ -309,10 +415,16 @@ def test_no_bomb_takes_more_than_its_size_allows(kind, tmp_path, monkeypatch):
         import pyarrow
         from pyarrow import parquet
 
-        parquet.write_table(pyarrow.table({"t": zeros, "q1": zeros, "tau1": zeros}), path)
+        parquet.write_table(
+            pyarrow.table({"t": zeros, "q1": zeros, "tau1": zeros}), path
+        )
     else:
         lz4 = pytest.importorskip("lz4.frame")
-        packed = bz2.compress(zeros.tobytes()) if kind == "bz2" else lz4.compress(zeros.tobytes())
+        packed = (
+            bz2.compress(zeros.tobytes())
+            if kind == "bz2"
+            else lz4.compress(zeros.tobytes())
+        )
         path = tmp_path / "bomb.bag"
         chunk = ros1_chunk(kind.encode(), packed, zeros.nbytes)
         path.write_bytes(b"#ROSBAG V2.0\n" + chunk)
@@ -327,4 +439,8 @@ def test_joints_behind_one_prefix_are_the_robots(two_link, tmp_path):
     write_bag(tmp_path / "bag", run, names=["panda_joint2", "panda_joint1"])
     read = read_run(tmp_path / "bag", 2, ["joint1", "joint2"])
     assert np.allclose(read.q, run.q)
-    refusal(lambda: read_run(tmp_path / "bag", 2, ["axis1", "axis2"]), "there are: ", "panda_joint1")
+    refusal(
+        lambda: read_run(tmp_path / "bag", 2, ["axis1", "axis2"]),
+        "there are: ",
+        "panda_joint1",
+    )

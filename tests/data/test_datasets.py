@@ -21,7 +21,9 @@ from sdp_vs_penalty.errors import Remark
 
 
 @pytest.fixture(scope="module")
-def address(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def address(
+    data_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[str]:
     """A local server with GitHub's layout of raw files over the shared measurements."""
     root = tmp_path_factory.mktemp("github")
     for d in DATASETS.values():
@@ -59,7 +61,9 @@ def fetched(address: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
 
 @pytest.mark.real_data
 def test_ur10e_is_in_newton_metres_without_rows_that_are_none(fetched, data_folder):
-    raw = np.loadtxt(data_folder / "ur10e" / "ur-20_02_19_14harm50sec.csv", delimiter=",")
+    raw = np.loadtxt(
+        data_folder / "ur10e" / "ur-20_02_19_14harm50sec.csv", delimiter=","
+    )
     run = load_measurements(fetched["ur10e"] / "ur-20_02_19_14harm50sec.csv", joints=6)
     assert np.array_equal(run.q, raw[:, 1:7])
     assert np.allclose(run.tau, raw[:, 13:19] * [10.0, 10.70, 8.46, 9.00, 9.48, 10.12])
@@ -76,10 +80,13 @@ def test_the_tx40_is_logged_five_thousand_times_a_second(fetched):
 
 @pytest.mark.real_data
 def test_emps_identification_gives_the_authors_values(fetched):
-    """M, Fv, Fc and offset of Janot, Gautier, Brunot within 2 %, from the default settings."""
+    """M, Fv, Fc and offset of Janot, Gautier, Brunot within 2 %, from the default
+    settings."""
     problem = load_problem("emps")
     estimate = identify(problem, load_measurements(fetched["emps"] / "tracking.csv"))
-    value = dict(zip((p.name for p in estimate.model.parameters), estimate.theta, strict=True))
+    value = dict(
+        zip((p.name for p in estimate.model.parameters), estimate.theta, strict=True)
+    )
     authors = {"m1": 95.1089, "f_v1": 203.5034, "f_c1": 20.3935, "f_o1": -3.1648}
     for name, expected in authors.items():
         assert value[name] == pytest.approx(expected, rel=0.02)
@@ -88,7 +95,9 @@ def test_emps_identification_gives_the_authors_values(fetched):
 
 
 @pytest.mark.real_data
-def test_the_verb_prints_paths_and_says_what_it_could_not_use(address, tmp_path, monkeypatch, capsys):
+def test_the_verb_prints_paths_and_says_what_it_could_not_use(
+    address, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setenv(datasets.MIRROR_VARIABLE, address)
     code = run_cli("fetch", "ur10e", "emps", "--folder", tmp_path)
     out, err = capsys.readouterr()
@@ -104,12 +113,16 @@ def test_the_verb_prints_paths_and_says_what_it_could_not_use(address, tmp_path,
 @pytest.mark.real_data
 def test_files_at_hand_are_not_downloaded(data_folder, tmp_path, monkeypatch):
     monkeypatch.setenv(datasets.DATA_VARIABLE, str(data_folder))
-    assert len(fetch("emps", tmp_path, "http://127.0.0.1:9")) == 2  # where nobody answers
+    assert (
+        len(fetch("emps", tmp_path, "http://127.0.0.1:9")) == 2
+    )  # where nobody answers
 
 
 def test_offline_is_one_sentence(tmp_path):
     put = f"put DATA_EMPS.mat, DATA_EMPS_PULSES.mat into {tmp_path / 'emps'}"
-    refusal(lambda: fetch("emps", tmp_path, "http://127.0.0.1:9"), put, "check the network")
+    refusal(
+        lambda: fetch("emps", tmp_path, "http://127.0.0.1:9"), put, "check the network"
+    )
     assert not list(tmp_path.rglob("*.csv"))
 
 

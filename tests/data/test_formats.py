@@ -1,5 +1,5 @@
-"""Runs are kept apart and in order; files, other programs' too, give back the numbers to the last bit,
-and broken ones are refused in a sentence."""
+"""Runs are kept apart and in order; files, other programs' too, give back the numbers
+to the last bit, and broken ones are refused in a sentence."""
 
 import json
 import re
@@ -24,7 +24,11 @@ SUFFIXES = suffixes("write")
 
 
 def some_run(
-    n: int = 3, samples: int = 50, velocity: bool = True, name: str = "run", seed: int = 0
+    n: int = 3,
+    samples: int = 50,
+    velocity: bool = True,
+    name: str = "run",
+    seed: int = 0,
 ) -> Measurements:
     rng = np.random.default_rng([n, seed])
     t = 1000.0 + np.cumsum(rng.uniform(0.5, 1.5, samples)) * 1e-3
@@ -45,11 +49,15 @@ def same(a: Measurements, b: Measurements) -> None:
 def test_written_and_read_to_the_last_bit(suffix, n, velocity, tmp_path):
     """Temperatures and commands, too; suffixes may be large."""
     run = some_run(n, velocity=velocity)
-    run = replace(run, temperature=30.0 + np.tanh(run.tau), commanded={"qcmd": run.q + 0.1})
+    run = replace(
+        run, temperature=30.0 + np.tanh(run.tau), commanded={"qcmd": run.q + 0.1}
+    )
     path = tmp_path / f"RUN{suffix.upper() if velocity else suffix}"
     save(run, path)
     same(run, again := load_measurements(path, joints=n))
-    np.testing.assert_array_equal(again.window(0.0, 0.02).temperature, run.window(0, 0.02).temperature)
+    np.testing.assert_array_equal(
+        again.window(0.0, 0.02).temperature, run.window(0, 0.02).temperature
+    )
     np.savez(tmp_path / "whole.npz", t=run.t, **run.groups)
     same(run, load_measurements(tmp_path / "whole.npz"))
 
@@ -66,11 +74,23 @@ def test_a_sample_is_named_as_its_file_counts(tmp_path):
 
 
 def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(tmp_path, capsys):
-    """By the verbs that have no --rename themselves too; the command works as it is written. MATLAB's
-    variables lie along or across."""
+    """By the verbs that have no --rename themselves too; the command works as it is
+    written. MATLAB's variables lie along or across."""
     path, out, run = tmp_path / "axis.mat", tmp_path / "run.csv", some_run(1)
-    savemat(path, {"t": run.t[None, :], "qm": run.q.T, "force": run.tau, "gain": 35.15, "note": "x"})
-    assert run_cli("identify", "emps", "--data", path, "--out", tmp_path / "model.json") == 2
+    savemat(
+        path,
+        {
+            "t": run.t[None, :],
+            "qm": run.q.T,
+            "force": run.tau,
+            "gain": 35.15,
+            "note": "x",
+        },
+    )
+    assert (
+        run_cli("identify", "emps", "--data", path, "--out", tmp_path / "model.json")
+        == 2
+    )
     said = capsys.readouterr().err
     assert "no column q or tau (columns: force, gain, qm, t)" in said
     (command,) = re.findall("`sdp-vs-penalty (.*)`", said)
@@ -78,8 +98,14 @@ def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(tmp_path, cap
     words[-1] = str(tmp_path / words[-1])
     assert run_cli(*words) == 0
     same(replace(run, dq=None), load_measurements(out))
-    for name, names in (("a.csv", "q=nowhere,tau=force"), ("a.csv", "t"), ("a.xlsx", "q=qm,tau=force")):
-        assert run_cli("convert", path, "--out", tmp_path / name, "--rename", names) == 2
+    for name, names in (
+        ("a.csv", "q=nowhere,tau=force"),
+        ("a.csv", "t"),
+        ("a.xlsx", "q=qm,tau=force"),
+    ):
+        assert (
+            run_cli("convert", path, "--out", tmp_path / name, "--rename", names) == 2
+        )
     assert "choose one of .csv" in capsys.readouterr().err
     savemat(path, {"data": {"t": run.t, "q": run.q, "tau": run.tau}})
     assert load_measurements(path).data_hash == run.data_hash
@@ -98,7 +124,9 @@ def test_ros_bags_by_joint_names(mcap, velocity, tmp_path):
         assert np.array_equal(got.q, run.q)
         assert np.array_equal(got.tau, run.tau)
         assert (got.dq is None) == (not velocity)
-        assert np.abs(np.diff(got.t) - np.diff(run.t)).max() < 2e-9  # stamps are whole nanoseconds
+        assert (
+            np.abs(np.diff(got.t) - np.diff(run.t)).max() < 2e-9
+        )  # stamps are whole nanoseconds
         assert 0.0 <= got.t[0] < 86_400.0 + 2000.0
     out = tmp_path / "run.csv"
     assert run_cli("convert", bag, "--out", out, "--joints", "b,c") == 0
@@ -108,12 +136,20 @@ def test_ros_bags_by_joint_names(mcap, velocity, tmp_path):
 
 @pytest.mark.long
 def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(two_link, tmp_path):
-    """A driver's order is its own (alphabetic, often): taken as it is, torques change places."""
+    """A driver's order is its own (alphabetic, often): taken as it is, torques change
+    places."""
     run, names = small_run(two_link, seconds=12.0), two_link.robot.joint_names
-    bag, file, model, out = (tmp_path / name for name in ("bag", "run.csv", "model.json", "out.json"))
+    bag, file, model, out = (
+        tmp_path / name for name in ("bag", "run.csv", "model.json", "out.json")
+    )
     write_bag(bag, run, names=names[::-1])
     save(run, file)
-    assert run_cli("identify", "two_link", "--data", bag, "--method", "ols", "--out", model) == 0
+    assert (
+        run_cli(
+            "identify", "two_link", "--data", bag, "--method", "ols", "--out", model
+        )
+        == 0
+    )
     errors = []
     for data in (bag, file):
         assert run_cli("compare", model, "--data", data, "--json", out) == 0
@@ -122,8 +158,12 @@ def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(two_link, tmp_
     more = ("add", model, "joint_spring:1", "--data", bag, "--test", bag, "--out", out)
     assert run_cli(*more) == 0
     assert abs(load_estimate(out).theta[-1]) < 0.1  # nothing was missing
-    posed = [write_posed("two_link", [data], tmp_path / "posed.cbf") for data in (bag, file)]
-    assert posed[0]["rows"] == posed[1]["rows"]  # stamps are rounded, and with them what is nearly zero
+    posed = [
+        write_posed("two_link", [data], tmp_path / "posed.cbf") for data in (bag, file)
+    ]
+    assert (
+        posed[0]["rows"] == posed[1]["rows"]
+    )  # stamps are rounded, and with them what is nearly zero
     np.testing.assert_allclose(posed[0]["scale"], posed[1]["scale"], rtol=1e-3)
 
 
@@ -135,21 +175,29 @@ def test_bags_that_cannot_be_used(tmp_path):
     }
     for name, (change, words) in cases.items():
         write_bag(tmp_path / name, run, **change)
-        refusal(lambda name=name: load_measurements(tmp_path / name, names=["a", "b", "c"]), words)
+        refusal(
+            lambda name=name: load_measurements(tmp_path / name, names=["a", "b", "c"]),
+            words,
+        )
     for number, side in enumerate(("left", "right")):
-        got = read_run(tmp_path / "two", 3, ["a", "b", "c"], topic=f"/{side}/joint_states")
+        got = read_run(
+            tmp_path / "two", 3, ["a", "b", "c"], topic=f"/{side}/joint_states"
+        )
         assert np.array_equal(got.q, run.q + number)
     write_bag(tmp_path / "unstamped", run, no_stamps=True)
     unstamped = load_measurements(tmp_path / "unstamped", names=["a", "b", "c"])
     assert np.abs(np.diff(unstamped.t) - np.diff(run.t)).max() < 2e-9
     metadata = tmp_path / "two" / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("two.db3", "../unstamped/unstamped.db3"))
+    metadata.write_text(
+        metadata.read_text().replace("two.db3", "../unstamped/unstamped.db3")
+    )
     refusal(lambda: load_measurements(tmp_path / "two"), "not a file of this folder")
     assert run_cli("convert", tmp_path / "x.csv", "--out", tmp_path / "y.csv") == 2
 
 
 def test_where_one_reader_of_numbers_stops_the_other_goes_on(tmp_path):
-    """Arrow takes no plus sign: from its piece on rows are read, and counted, by the careful reader."""
+    """Arrow takes no plus sign: from its piece on rows are read, and counted, by the
+    careful reader."""
     path, rows = tmp_path / "run.csv", np.random.default_rng(0).normal(size=(30_000, 3))
     rows[:, 0] = np.arange(len(rows))
     lines = ["t,q1,tau1", *(",".join(map(repr, row)) for row in rows.tolist())]
@@ -167,7 +215,9 @@ def test_hdf5_and_other_matlab_surprises(tmp_path):
     path = tmp_path / "new.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(500))
     refusal(lambda: load_measurements(path), "-v7")
-    savemat(path, {"t": np.arange(4.0), "q": np.zeros((4, 2)) * 1j, "tau": np.zeros((4, 2))})
+    savemat(
+        path, {"t": np.arange(4.0), "q": np.zeros((4, 2)) * 1j, "tau": np.zeros((4, 2))}
+    )
     refusal(lambda: load_measurements(path), "no column q ")
 
 
@@ -183,7 +233,9 @@ def test_texts_of_a_parquet_file_are_not_read(tmp_path):
     before = arrow.default_memory_pool().max_memory()
     got = load_measurements(path)
     assert np.array_equal(got.q, run.q)
-    assert arrow.default_memory_pool().max_memory() - before < 10**8  # of 5 * 10**8 bytes of text
+    assert (
+        arrow.default_memory_pool().max_memory() - before < 10**8
+    )  # of 5 * 10**8 bytes of text
 
 
 @pytest.mark.parametrize("share", [0.0001, 0.3, 0.99])
@@ -227,7 +279,9 @@ def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
 def test_what_is_no_log_is_not_recognised():
     assert recognised(["a", "b", "c"]) is None
     assert recognised(["time", "price", "volume"]) is None
-    assert recognised(["time", *(f"q_{k}" for k in range(3, 9))]) is None  # three joints are missing
+    assert (
+        recognised(["time", *(f"q_{k}" for k in range(3, 9))]) is None
+    )  # three joints are missing
 
 
 def test_a_log_is_read_and_converted(tmp_path):
@@ -236,7 +290,9 @@ def test_a_log_is_read_and_converted(tmp_path):
     x = np.random.default_rng(0).normal(size=(20, 4))
     head = "timestamp_ms,actual_q_0,actual_q_1,actual_current_0,actual_current_1"
     rows = np.column_stack([t, x]).tolist()
-    path.write_text(head + "\n" + "\n".join(",".join(map(repr, r)) for r in rows) + "\n")
+    path.write_text(
+        head + "\n" + "\n".join(",".join(map(repr, r)) for r in rows) + "\n"
+    )
     with pytest.warns(UserWarning, match="columns recognised"):
         run = load_measurements(path)
     np.testing.assert_allclose(run.t, 1e-3 * t)
@@ -275,13 +331,16 @@ def test_windows_count_from_the_start_of_each_run(tmp_path):
     save(early, tmp_path / "early.csv")
     assert load_measurements(tmp_path / "early.csv", stop=0.15).samples == 2
     refusal(
-        lambda: load_measurements(tmp_path / "early.csv", stop=0.05), "no samples between 0 s and 0.05 s"
+        lambda: load_measurements(tmp_path / "early.csv", stop=0.05),
+        "no samples between 0 s and 0.05 s",
     )
 
 
 def test_the_hash_is_of_the_numbers_and_of_nothing_else():
     run = some_run()
-    same = Measurements(run.t.copy(), np.asfortranarray(run.q), run.tau, None, None, ("other",))
+    same = Measurements(
+        run.t.copy(), np.asfortranarray(run.q), run.tau, None, None, ("other",)
+    )
     assert same.data_hash == run.data_hash
     for name in ("t", "q", "tau"):
         values = {key: getattr(run, key).copy() for key in ("t", "q", "tau")}
@@ -292,18 +351,35 @@ def test_the_hash_is_of_the_numbers_and_of_nothing_else():
 
 
 def test_robots_of_different_size_do_not_mix():
-    refusal(lambda: concatenate([some_run(3, name="a"), some_run(2, name="b")]), "a has 3, b has 2")
+    refusal(
+        lambda: concatenate([some_run(3, name="a"), some_run(2, name="b")]),
+        "a has 3, b has 2",
+    )
 
 
 def test_torque_may_be_missing(tmp_path):
     with_torque = some_run(name="run.csv")
-    groups = {"q": with_torque.q, "qcmd": with_torque.q + 0.1, "current": with_torque.tau}
+    groups = {
+        "q": with_torque.q,
+        "qcmd": with_torque.q + 0.1,
+        "current": with_torque.tau,
+    }
     run = Measurements.of(with_torque.t, groups, with_torque.names)
     save(run, tmp_path / "run.csv")
     same(back := load_measurements(tmp_path / "run.csv"), run)
     assert not back.torque_logged
-    assert len({m.data_hash for m in (back, with_torque, replace(back, commanded={}))}) == 3
+    assert (
+        len({m.data_hash for m in (back, with_torque, replace(back, commanded={}))})
+        == 3
+    )
     assert np.all(back.tau == 0.0)
-    same(replace(concatenate([back.window(0.0, 0.02), back.window(0.02, np.inf)]), run=None), run)
-    refusal(lambda: concatenate([with_torque, back]), "no torque, but other runs have one")
+    same(
+        replace(
+            concatenate([back.window(0.0, 0.02), back.window(0.02, np.inf)]), run=None
+        ),
+        run,
+    )
+    refusal(
+        lambda: concatenate([with_torque, back]), "no torque, but other runs have one"
+    )
     refusal(lambda: back.require_torque("a test"), "holds commands alone")

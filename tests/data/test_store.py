@@ -1,4 +1,5 @@
-"""Long recordings: on the disk, in pieces, with the same result as in memory and in little of it."""
+"""Long recordings: on the disk, in pieces, with the same result as in memory and in
+little of it."""
 
 import mmap
 import os
@@ -65,7 +66,8 @@ def test_no_room_for_a_temporary_file(monkeypatch):
 
 
 def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):
-    """What lies in memory when it is read, written, checked for numbers; the rest is mapped."""
+    """What lies in memory when it is read, written, checked for numbers; the rest is
+    mapped."""
     problem, peaks = load_problem("two_link"), []
     run = small_run(problem, seconds=20.0)
     for times in (4, 16):

@@ -1,4 +1,5 @@
-"""Adding effects to a model: under the bounds of its own problem, whatever its robot is called."""
+"""Adding effects to a model: under the bounds of its own problem, whatever its robot is
+called."""
 
 import json
 from dataclasses import replace
@@ -36,23 +37,29 @@ def test_a_urdf_keeps_its_own_bounds_whatever_it_is_called(name, axes, tmp_path)
 
 
 def test_a_frozen_addition_is_judged_with_the_model_that_it_extends(tmp_path):
-    """Least squares ends outside the constraints; a payload beside it does not mend that."""
+    """Least squares ends outside the constraints; a payload beside it does not mend
+    that."""
     problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     data = small_run(problem)
     estimate = sdp.identify(problem, data, "ols")
     assert estimate.certificate.worst > 0.0
     loaded = sdp.add(estimate, "payload", data)
     np.testing.assert_array_equal(loaded.theta[:-10], estimate.theta)
-    assert loaded.certificate.violations == problem.constraints(loaded.model).worst(loaded.theta)
+    assert loaded.certificate.violations == problem.constraints(loaded.model).worst(
+        loaded.theta
+    )
     assert loaded.certificate.gap is not None
-    assert loaded.certificate.smallest_thickness == estimate.certificate.smallest_thickness
+    assert (
+        loaded.certificate.smallest_thickness == estimate.certificate.smallest_thickness
+    )
     text = str(loaded.certificate)
     assert "every constraint holds" not in text
     assert f"{', '.join(problem.default_effects)} held fixed" in text
 
 
 def test_what_is_added_beside_a_payload_leaves_the_links_alone(tmp_path):
-    """A payload is the last link's twin: refitted together, neither would be determined."""
+    """A payload is the last link's twin: refitted together, neither would be
+    determined."""
     problem = sdp.load_problem(write_urdf(tmp_path / "arm.urdf", "arm", THREE))
     data = small_run(problem)
     loaded = sdp.add(sdp.identify(problem, data), "payload", data)
@@ -69,7 +76,9 @@ def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypa
     estimate = sdp.identify(problem, small_run(problem), "ols")
     before = problem.constraints(estimate.model)
     monkeypatch.setattr("sdp_vs_penalty.problem.constants.DEFAULT_RADIUS", 9.0)
-    monkeypatch.setattr("sdp_vs_penalty.problem.constants.DEFAULT_LINK_MASS", (1.0, 7.0))
+    monkeypatch.setattr(
+        "sdp_vs_penalty.problem.constants.DEFAULT_LINK_MASS", (1.0, 7.0)
+    )
     after = reloaded(estimate, tmp_path).problem.constraints(estimate.model)
     assert len(before.convex) == len(after.convex)
     for old, new in zip(before.convex, after.convex, strict=True):
@@ -82,7 +91,8 @@ def test_bounds_of_a_later_version_do_not_change_an_old_model(tmp_path, monkeypa
 
 @pytest.mark.parametrize("width", [0.01, 0.002])
 def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
-    """Without Stribeck friction in the model, Coulomb friction turns over another velocity."""
+    """Without Stribeck friction in the model, Coulomb friction turns over another
+    velocity."""
     problem = sdp.load_problem("two_link")
     trajectory = random_trajectory(problem.robot, seed=3, duration=20.0)
     t = np.arange(0.0, 20.0, 0.005)
@@ -91,7 +101,9 @@ def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
     size, noise = 0.6 * tau[:, 1].std(), 0.05 * tau.std(axis=0)
     tau += 0.4 * dq + 0.8 * np.tanh(dq / width) + 0.3
     tau[:, 1] += size * np.tanh(dq[:, 1] / width) * np.exp(-((dq[:, 1] / 0.07) ** 2))
-    data = sdp.Measurements(t, q, tau + noise * np.random.default_rng(0).normal(size=tau.shape))
+    data = sdp.Measurements(
+        t, q, tau + noise * np.random.default_rng(0).normal(size=tau.shape)
+    )
     effects = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
     before = sdp.identify(problem, data, "ols", effects=effects)
     after = sdp.add(before, "stribeck_friction:2", data)
@@ -102,7 +114,8 @@ def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
 
 
 EFFECTS = "rigid_body,viscous_friction,torque_offset,coulomb_friction@v_s=0.01"
-#: Truth: one in the middle of the usual range, a sharp one, the given one, one beyond the range.
+#: Truth: one in the middle of the usual range, a sharp one, the given one, one beyond
+#: the range.
 WIDTHS = (0.003, 0.0001, 0.01, 0.08)
 
 
@@ -127,7 +140,9 @@ def test_no_effect_is_named_for_a_wrong_constant(found):
     retuned = {r.joint: r for r in found.retuned}
     assert {1, 4} <= set(retuned) <= {1, 2, 4}
     for joint in (1, 4):
-        assert retuned[joint].estimate.after == pytest.approx(WIDTHS[joint - 1], rel=0.15)
+        assert retuned[joint].estimate.after == pytest.approx(
+            WIDTHS[joint - 1], rel=0.15
+        )
         assert retuned[joint].confidence == "confident"
         assert retuned[joint].rmse_after < retuned[joint].rmse_before
     if 2 in retuned and retuned[2].estimate.after < 3e-5:
@@ -135,7 +150,9 @@ def test_no_effect_is_named_for_a_wrong_constant(found):
 
 
 def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
-    again = Diagnosis.from_dict(json.loads(json.dumps(found.to_dict(), allow_nan=False)))
+    again = Diagnosis.from_dict(
+        json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    )
     from_file = sdp.add(estimate, again, run)
     by_name = sdp.add(estimate, ",".join(r.text for r in found.retuned), run)
     np.testing.assert_array_equal(from_file.theta, by_name.theta)

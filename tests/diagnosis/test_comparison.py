@@ -1,4 +1,5 @@
-"""Measured against modelled: every figure from its definition, one band for all, one JSON form."""
+"""Measured against modelled: every figure from its definition, one band for all, one
+JSON form."""
 
 import json
 from dataclasses import replace
@@ -25,7 +26,9 @@ def test_figures_are_those_of_their_definitions(two_link, estimate):
     run = run_of(two_link, 1)
     (found,) = compare(estimate, run)
     rows = FilteredRun(run, estimate.preprocessing).all_rows(estimate.model)
-    model = np.column_stack([c.columns @ estimate.theta[c.indices] for c in rows.columns])
+    model = np.column_stack(
+        [c.columns @ estimate.theta[c.indices] for c in rows.columns]
+    )
     error = rows.torque - model
     np.testing.assert_allclose(found.mse, np.mean(error**2, axis=0), rtol=1e-12)
     np.testing.assert_allclose(found.rmse, np.sqrt(found.mse), rtol=1e-12)
@@ -42,12 +45,15 @@ def test_a_log_behind_filters_is_judged_as_the_log_is(two_link, estimate):
     filtered = FilteredRuns.of(run, two_link.preprocessing)
     (one,), (other,) = compare(estimate, run), compare(estimate, filtered)
     np.testing.assert_array_equal(one.mse, other.mse)
-    np.testing.assert_array_equal(identify(two_link, filtered).theta, identify(two_link, run).theta)
+    np.testing.assert_array_equal(
+        identify(two_link, filtered).theta, identify(two_link, run).theta
+    )
     refusal(lambda: identify("panda", filtered), "2 joints, the robot has 7")
 
 
 def test_the_loss_that_was_minimised_is_the_error_that_is_shown(two_link):
-    """With all joints weighted alike: certificate.loss = sum of squares over the rows of compare()."""
+    """With all joints weighted alike: certificate.loss = sum of squares over the rows
+    of compare()."""
     run = run_of(two_link, 0)
     plain = identify(two_link, run, weighting="none")
     (found,) = compare(plain, run)
@@ -87,9 +93,17 @@ def test_a_model_keeps_the_noise_of_its_own_runs(two_link, estimate, tmp_path):
         (kept,), (anew,) = (compare(m, own, settings) for m in (loaded, forgetful))
         assert kept.to_dict() == anew.to_dict()
     loaded.provenance["noise"]["floor"] = [7.0, 8.0]
-    assert compare(loaded, run)[0].noise_floor.tolist() == [7.0, 8.0]  # it is not measured again
+    assert compare(loaded, run)[0].noise_floor.tolist() == [
+        7.0,
+        8.0,
+    ]  # it is not measured again
     assert compare(loaded, run, other)[0].noise_floor.tolist() != [7.0, 8.0]
-    for damage in ({"floor": [1.0]}, {"source": None}, {"data_hash": 3}, {"floor": "x"}):
+    for damage in (
+        {"floor": [1.0]},
+        {"source": None},
+        {"data_hash": 3},
+        {"floor": "x"},
+    ):
         worse = replace(loaded, provenance={**loaded.provenance})
         worse.provenance["noise"] = {**loaded.provenance["noise"], **damage}
         worse.save(tmp_path / "damaged.json")
@@ -101,21 +115,28 @@ def test_json_has_null_for_what_is_undefined(two_link, estimate):
     dead = Measurements(run.t, run.q + 0.02 * run.t[:, None], run.tau * [1.0, 0.0])
     model = compare(estimate, dead)[0].to_dict()
     assert model["model"] == "lmi-sdp"
-    assert model["noise_floor"] != [None, None]  # the motion drifts: the spectrum shows it
+    assert model["noise_floor"] != [
+        None,
+        None,
+    ]  # the motion drifts: the spectrum shows it
     assert model["r2"][1] is None  # a torque channel without variance
     json.dumps(model, allow_nan=False)
 
 
 @pytest.mark.real_data
 def test_the_real_panda_repeats_and_has_a_floor_below_every_error(panda, panda_run):
-    """Its motion repeats after 2 pi / 0.15 pi = 13.33 s; the floor is what no model can beat."""
+    """Its motion repeats after 2 pi / 0.15 pi = 13.33 s; the floor is what no model can
+    beat."""
     estimate = identify(panda, panda_run.window(0.0, 14.0))
     (found,) = compare(estimate, panda_run)
     assert np.all(found.noise_floor < found.rmse)
     assert np.all(found.noise_floor > 1e-3)
     assert np.all(found.r2 > 0.85)
     # A window of a few seconds repeats nothing: the run that it is of shows the noise.
-    for part in (panda_run.window(8.0, 13.2), [panda_run.window(0.0, 5.0), panda_run.window(8.0, 13.2)]):
+    for part in (
+        panda_run.window(8.0, 13.2),
+        [panda_run.window(0.0, 5.0), panda_run.window(8.0, 13.2)],
+    ):
         (window,) = compare(estimate, part, noise_from=panda_run)
         np.testing.assert_allclose(window.noise_floor, found.noise_floor)
 
@@ -126,6 +147,8 @@ def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link):
     first, second = where_it_fails(identify(two_link, run), replace(run, tau=ripple))
     order, amplitude, over = second.orders[0]
     assert order == 40
-    assert 0.4 < amplitude < 0.6  # less where the joint is slow: what is slow is taken away
+    assert (
+        0.4 < amplitude < 0.6
+    )  # less where the joint is slow: what is slow is taken away
     assert over > 5.0
     assert 40 not in [k for k, *_ in first.orders]

@@ -1,4 +1,5 @@
-"""What nobody gave a name: measured as a curve, added to the model, flagged outside of its table."""
+"""What nobody gave a name: measured as a curve, added to the model, flagged outside of
+its table."""
 
 import json
 import re
@@ -39,7 +40,8 @@ class Made:
 
 
 def diagnosed(law: Callable[[TrueMotion], Array]) -> Made:
-    """A two-axis SCARA whose second joint has a torque that no effect of the library is."""
+    """A two-axis SCARA whose second joint has a torque that no effect of the library
+    is."""
     rng = np.random.default_rng(7)
     world = draw_world(Conditions("scara", runs=2, duration=16.0), rng)
     hidden = at_joint(JOINT, lambda _, m: SIZE * law(m))
@@ -60,7 +62,10 @@ def made() -> Made:
 def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
     assert made.found.verdict == "unknown_effect"
     (curve,) = made.found.curves
-    assert (curve.joint, sorted(curve.of)) == (JOINT + 1, [f"dq{JOINT + 1}", f"q{JOINT + 1}"])
+    assert (curve.joint, sorted(curve.of)) == (
+        JOINT + 1,
+        [f"dq{JOINT + 1}", f"q{JOINT + 1}"],
+    )
     size, x, y, *_ = curve.formula.split()
     assert {x, y} == set(curve.of)
     assert float(size) == pytest.approx(SIZE, rel=0.05)
@@ -71,14 +76,26 @@ def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
 @pytest.mark.parametrize(
     ("worth", "size", "beside", "least"),
     [
-        (100.0, None, None, EQUIVALENT + 100.0 * FORM),  # a table has to be better than a cause
+        (
+            100.0,
+            None,
+            None,
+            EQUIVALENT + 100.0 * FORM,
+        ),  # a table has to be better than a cause
         (100.0, 3, None, EQUIVALENT + 100.0 * FORM),
         (100.0, 2, None, -EQUIVALENT - 100.0 * FORM),  # a simpler law need not be
-        (100.0, None, 30.0, -EQUIVALENT - 130.0 * FORM),  # nor a table where one is needed besides
+        (
+            100.0,
+            None,
+            30.0,
+            -EQUIVALENT - 130.0 * FORM,
+        ),  # nor a table where one is needed besides
         (-5.0, None, 30.0, -EQUIVALENT - 30.0 * FORM),
     ],
 )
-def test_a_curve_stands_instead_of_terms_that_are_worth_less(worth, size, beside, least):
+def test_a_curve_stands_instead_of_terms_that_are_worth_less(
+    worth, size, beside, least
+):
     terms: Any = [SimpleNamespace(form=SimpleNamespace(k=1, constants=2))]
     law, named = size and SimpleNamespace(size=size), max(worth, 0.0) + (beside or 0.0)
     for more in (0.1, -0.1):
@@ -92,7 +109,9 @@ def test_findings_json_carries_curves_there_and_back(made):
     assert np.shape(data["curves"][0]["x"]) == (len(data["curves"][0]["torque"]), 2)
     assert Diagnosis.from_dict(data).to_dict() == data
     with pytest.raises(ValueError, match="no variable"):
-        Diagnosis.from_dict(data | {"curves": [data["curves"][0] | {"of": ["q2", "speed2"]}]})
+        Diagnosis.from_dict(
+            data | {"curves": [data["curves"][0] | {"of": ["q2", "speed2"]}]}
+        )
 
 
 def test_the_added_curve_takes_the_error_to_the_noise(made):
@@ -106,22 +125,35 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
     assert 0.5 < inside.mean() < 1.0
     floor = made.found.noise_floor[JOINT]
     after = np.sqrt(np.mean(s.residual[inside, JOINT] ** 2))
-    assert after < 1.4 * floor < 5.0 * floor < compare(made.estimate, made.test)[0].rmse[JOINT]
+    assert (
+        after
+        < 1.4 * floor
+        < 5.0 * floor
+        < compare(made.estimate, made.test)[0].rmse[JOINT]
+    )
     # What lies outside is flagged.
     ((name, share),) = judged.outside.items()
     assert name == effect.parameters[0].name
     assert share == pytest.approx(1.0 - inside.mean(), abs=1e-3)
-    assert any("outside of a measured curve" in line.text for line in judged.verdict.lines)
+    assert any(
+        "outside of a measured curve" in line.text for line in judged.verdict.lines
+    )
     # Nobody has been there: flagged, though its law says what to expect.
     curve = made.found.curves[0]
     state = np.zeros((2, len(curve.filled_x), made.estimate.robot.n))
     state[:, :, JOINT] = curve.filled_x.T
     there = Motion(np.arange(state.shape[1]) / 100.0, *state, state[0])
     assert np.all(effect.outside(there))
-    np.testing.assert_allclose(effect.column(there, JOINT), curve.filled_torque, atol=1e-4)
-    np.testing.assert_allclose(curve.filled_torque, SIZE * np.prod(curve.filled_x, axis=1), atol=0.02)
+    np.testing.assert_allclose(
+        effect.column(there, JOINT), curve.filled_torque, atol=1e-4
+    )
+    np.testing.assert_allclose(
+        curve.filled_torque, SIZE * np.prod(curve.filled_x, axis=1), atol=0.02
+    )
     (written,) = parse_effects(effect.text, made.estimate.robot)
-    restored = effect_from_dict(json.loads(json.dumps(effect.to_dict())), made.estimate.robot)
+    restored = effect_from_dict(
+        json.loads(json.dumps(effect.to_dict())), made.estimate.robot
+    )
     assert written.to_dict() == restored.to_dict() == effect.to_dict()
 
 
@@ -130,8 +162,13 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
     ("law", "of", "constants"),
     [
         (lambda m: np.tanh((m.q[:, 0] - m.q[:, 1]) / 0.3), {"q1-q2"}, {}),
-        # Beside the noise that each leaves it explains more than a wave of their sum, which comes near.
-        (lambda m: np.sin(3.9 * m.q[:, 1] + 3.0 * m.q[:, 0]), {"q1", "q2"}, {"q1": 3.0, "q2": 3.9}),
+        # Beside the noise that each leaves it explains more than a wave of their sum,
+        # which comes near.
+        (
+            lambda m: np.sin(3.9 * m.q[:, 1] + 3.0 * m.q[:, 0]),
+            {"q1", "q2"},
+            {"q1": 3.0, "q2": 3.9},
+        ),
         # A spring beside a ripple explains it as well, with four constants for one.
         (lambda m: 0.5 * m.q[:, 1] ** 3, {"q2"}, {r"q2\^3": 0.5 * SIZE}),
     ],
@@ -146,19 +183,29 @@ def test_a_law_is_found_as_one_and_added(law, of, constants):
     assert constants or "tanh((q1-q2) / 0." in curve.formula
     assert len(of) == 2 or not made.found.beside_curves
     bigger = add(made.estimate, made.found, made.data)
-    before, after = (compare(e, made.test)[0].rmse[JOINT] for e in (made.estimate, bigger))
+    before, after = (
+        compare(e, made.test)[0].rmse[JOINT] for e in (made.estimate, bigger)
+    )
     assert after < 0.3 * before
 
 
 @pytest.mark.long
 def test_a_fold_beside_which_a_joint_turned_one_way_knows_nothing_of_what_differs_by_direction():
     """Its table had a single point on one axis: a division by zero."""
-    made = diagnosed(lambda m: np.sign(np.sin(5.0 * m.q[:, JOINT])) * np.sign(m.dq[:, JOINT]))
-    rows = diagnosis_rows(made.data, made.estimate, made.estimate.preprocessing.resolve(made.data))
+    made = diagnosed(
+        lambda m: np.sign(np.sin(5.0 * m.q[:, JOINT])) * np.sign(m.dq[:, JOINT])
+    )
+    rows = diagnosis_rows(
+        made.data, made.estimate, made.estimate.preprocessing.resolve(made.data)
+    )
     dq = rows.dq[:, JOINT]
     fold = (dq > -0.02 * dq.max()).astype(int)
-    (curve,) = measured_curves(Search(prepare(rows, made.estimate), Library()), [JOINT], [], fold)
+    (curve,) = measured_curves(
+        Search(prepare(rows, made.estimate), Library()), [JOINT], [], fold
+    )
     motion = rows.segments[0].motion
     assert curve.fitted.basis.of[1] == f"sign(dq{JOINT + 1})"
-    assert not any(b.columns.any() for table in curve.by_fold for b in table.blocks(motion))
+    assert not any(
+        b.columns.any() for table in curve.by_fold for b in table.blocks(motion)
+    )
     assert any(b.columns.any() for b in curve.table.blocks(motion))

@@ -1,4 +1,5 @@
-"""The diagnosis on simulated measurements: what is hidden is named, what is clean stays clean."""
+"""The diagnosis on simulated measurements: what is hidden is named, what is clean stays
+clean."""
 
 import json
 from dataclasses import replace
@@ -8,7 +9,16 @@ import numpy as np
 import pytest
 from small_runs import small_run
 
-from sdp_vs_penalty import Estimate, InputError, Problem, add, compare, diagnose, identify, load_problem
+from sdp_vs_penalty import (
+    Estimate,
+    InputError,
+    Problem,
+    add,
+    compare,
+    diagnose,
+    identify,
+    load_problem,
+)
 from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Measurements
@@ -45,7 +55,9 @@ def found(stribeck: HiddenRuns) -> Diagnosis:
 def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "medium", seed=1)
     run, settings = made.runs[0], two_link.preprocessing
-    estimate = identify(two_link, run, "ols", effects=made.truth["model_effects"], check=False)
+    estimate = identify(
+        two_link, run, "ols", effects=made.truth["model_effects"], check=False
+    )
     white = prepare(diagnosis_rows(run, estimate, settings.resolve(run)), estimate)
     search = Search(white, library(white))
     found = search.top_candidates(search.score.fit(search.with_misfits([])), [])
@@ -61,7 +73,10 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
     assert first.shape["vs"] == pytest.approx(hidden.shape["vs"], rel=0.2)
     assert first.std < 0.1 * first.size
     assert first.unit == "N*m"
-    before, after = np.array(first.held_out_rmse_before), np.array(first.held_out_rmse_after)
+    before, after = (
+        np.array(first.held_out_rmse_before),
+        np.array(first.held_out_rmse_after),
+    )
     assert after[2] < 0.8 * before[2]
     assert found.held_out_rmse[2] < 1.25 * found.noise_floor[2]
     np.testing.assert_allclose(np.delete(after, 2), np.delete(before, 2), rtol=0.1)
@@ -70,9 +85,12 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
 def test_findings_json_is_the_interface(found):
     data = json.loads(json.dumps(found.to_dict()))
     assert data["held_out_source"] == "test"
-    # identify had no Stribeck friction to blame: its Coulomb turned too early, on that joint only.
+    # identify had no Stribeck friction to blame: its Coulomb turned too early, on that
+    # joint only.
     assert {r["joint"] for r in data["retuned"]} <= {3}
-    assert [e["number"] for e in data["effects"]] == list(range(1, len(data["effects"]) + 1))
+    assert [e["number"] for e in data["effects"]] == list(
+        range(1, len(data["effects"]) + 1)
+    )
     assert Diagnosis.from_dict(data).to_dict() == data
     for finding in data["effects"]:
         assert bool(finding["remarks"]) == (finding["confidence"] == "weak")
@@ -80,13 +98,18 @@ def test_findings_json_is_the_interface(found):
 
 def test_what_the_links_absorb_is_reported_as_invisible(found):
     hidden = {(i.effect, i.joints) for i in found.invisible}
-    assert {("rotor_inertia", (1,)), ("rotor_inertia", (2,)), ("joint_zero_error", (1,))} <= hidden
+    assert {
+        ("rotor_inertia", (1,)),
+        ("rotor_inertia", (2,)),
+        ("joint_zero_error", (1,)),
+    } <= hidden
     assert ("rotor_inertia", (5,)) not in hidden
     assert all(0.99 < i.absorbed_share <= 1.0 for i in found.invisible)
 
 
 @pytest.mark.parametrize(
-    ("name", "seed"), [pytest.param("panda", 12, marks=pytest.mark.long), ("two_link", 13)]
+    ("name", "seed"),
+    [pytest.param("panda", 12, marks=pytest.mark.long), ("two_link", 13)],
 )
 def test_clean_measurements_stay_clean(name, seed):
     result = diagnosed(hidden_runs(load_problem(name), [], 0.0, seed=seed))
@@ -96,7 +119,9 @@ def test_clean_measurements_stay_clean(name, seed):
 
 @pytest.mark.slow
 def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda):
-    later = hidden_runs(panda, [("payload", []), ("torque_offset", [4])], "strong", seed=18)
+    later = hidden_runs(
+        panda, [("payload", []), ("torque_offset", [4])], "strong", seed=18
+    )
     empty = hidden_runs(panda, [], 0.0, seed=17, world=later.world)
     estimate = identified(empty, concatenate(empty.runs[:3]))
     data = concatenate(later.runs[:3])
@@ -116,15 +141,22 @@ def test_what_has_changed_of_a_held_model_is_judged_and_not_added_twice(panda):
 
 @pytest.fixture(scope="module")
 def slope(two_link: Problem) -> HiddenRuns:
-    return hidden_runs(two_link, [("asymmetric_viscous_friction", [1])], "medium", seed=21)
+    return hidden_runs(
+        two_link, [("asymmetric_viscous_friction", [1])], "medium", seed=21
+    )
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("what", ["as it is", "slower log", "one run", "unequal", "no repeats"])
+@pytest.mark.parametrize(
+    "what", ["as it is", "slower log", "one run", "unequal", "no repeats"]
+)
 def test_two_joints_whatever_the_record(slope, what):
     runs = list(slope.runs[:3])
     if what == "slower log":
-        runs = [Measurements(r.t[::4], r.q[::4], r.tau[::4], names=r.names) for r in slope.runs[:3]]
+        runs = [
+            Measurements(r.t[::4], r.q[::4], r.tau[::4], names=r.names)
+            for r in slope.runs[:3]
+        ]
     elif what == "one run":
         runs = runs[:1]
     elif what == "unequal":
@@ -132,7 +164,8 @@ def test_two_joints_whatever_the_record(slope, what):
     elif what == "no repeats":
         # Logs of their own, not parts of longer ones in which the motion repeats.
         runs = [
-            Measurements(p.t, p.q, p.tau, names=p.names) for p in (r.window(0.0, 12.0) for r in runs)
+            Measurements(p.t, p.q, p.tau, names=p.names)
+            for p in (r.window(0.0, 12.0) for r in runs)
         ]
     data = concatenate(runs)
     result = diagnose(identified(slope, data), data, slope.runs[3])
@@ -151,8 +184,11 @@ def test_a_joint_that_does_not_move(panda):
     still = data.q.copy()
     still[:, 6] = 0.3
     data = replace(data, q=still)
-    # The check would refuse a joint that stands and whose torque is that of one that moves.
-    estimate = identify(panda, data, "ols", effects=made.truth["model_effects"], check=False)
+    # The check would refuse a joint that stands and whose torque is that of one that
+    # moves.
+    estimate = identify(
+        panda, data, "ols", effects=made.truth["model_effects"], check=False
+    )
     result = diagnose(estimate, data, check=False)
     assert all(np.isfinite(f.size) for f in result.effects)
     json.dumps(result.to_dict(), allow_nan=False)
@@ -163,17 +199,36 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     assert first.undecided is None
     weak = replace(first, confidence="weak", remarks=("its gain is small",))
     assert weak.undecided == first.text
-    for effects, said in (((first, weak), "what is sure"), ((weak,), "none is sure"), ((), "Use")):
-        assert said in replace(found, effects=effects, retuned=(), verdict="effect_missing").advice
+    for effects, said in (
+        ((first, weak), "what is sure"),
+        ((weak,), "none is sure"),
+        ((), "Use"),
+    ):
+        assert (
+            said
+            in replace(
+                found, effects=effects, retuned=(), verdict="effect_missing"
+            ).advice
+        )
     printing.undecided(replace(found, effects=(weak,)), Path("m.json"))
     said = " ".join(capsys.readouterr().out.split())
-    assert said.startswith("Finding 1, the run that would tell: sdp-vs-penalty excite m.json")
+    assert said.startswith(
+        "Finding 1, the run that would tell: sdp-vs-penalty excite m.json"
+    )
     assert said.endswith("--out tell1.csv")
     rivals = ("sigmoid_friction",)
-    assert replace(first, indistinguishable_from=rivals).undecided == f"{first.text},sigmoid_friction:3"
-    assert replace(first, confidence="weak", indistinguishable_from=(CURVE,)).undecided is None
+    assert (
+        replace(first, indistinguishable_from=rivals).undecided
+        == f"{first.text},sigmoid_friction:3"
+    )
+    assert (
+        replace(first, confidence="weak", indistinguishable_from=(CURVE,)).undecided
+        is None
+    )
     # No motion tells the clock from the temperature: a cold start does.
-    warm = replace(first, effect="warming_friction", indistinguishable_from=("drift_friction",))
+    warm = replace(
+        first, effect="warming_friction", indistinguishable_from=("drift_friction",)
+    )
     assert warm.undecided is None
     assert "cooled down" in warm.cooled
 
@@ -221,24 +276,29 @@ def test_what_is_logged_late_is_all_of_the_torque(two_link):
 
 
 def test_a_refit_holds_what_is_known_of_the_models_own_sizes(two_link):
-    """Rows hardly tell where joints are mounted: by themselves they say 550 times what is plausible."""
+    """Rows hardly tell where joints are mounted: by themselves they say 550 times what
+    is plausible."""
     made = hidden_runs(two_link, [("joint_spring", [1])], "medium", seed=1, count=3)
     data = concatenate(made.runs[:2])
     model = add(identified(made, data), "kinematic_error", data)
-    white = prepare(diagnosis_rows(data, model, model.preprocessing.resolve(data)), model)
+    white = prepare(
+        diagnosis_rows(data, model, model.preprocessing.resolve(data)), model
+    )
     known = np.isfinite(plausible := model.model.plausible)
     assert known.any()
     np.testing.assert_array_less(np.abs(refitted(white, [])[0] / plausible)[known], 1.0)
 
 
 def test_what_would_hide_nothing_is_said(panda):
-    """Joint 1 turns about the vertical: where its links stand makes no difference to gravity."""
+    """Joint 1 turns about the vertical: where its links stand makes no difference to
+    gravity."""
     with pytest.raises(InputError, match="joint_zero_error makes no torque on joint 1"):
         hidden_runs(panda, [("joint_zero_error", [0])], "strong", seed=1, count=1)
 
 
 def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
-    """A joint that creeps before it moves, on bristles that are bent the other way than it creeps."""
+    """A joint that creeps before it moves, on bristles that are bent the other way than
+    it creeps."""
     t, travel, size = np.arange(0.0, 24.0, 0.01), 0.004, 0.6
     w, begun = np.array([1.1, 1.7]) * t[:, None], np.clip(t[:, None] - 2.0, 0.0, 1.0)
     q = begun**3 * (10.0 - 15.0 * begun + 6.0 * begun**2)
@@ -253,7 +313,9 @@ def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
     tau += 0.01 * np.random.default_rng(3).normal(size=tau.shape)
     run = Measurements(t, q, tau)
     result = diagnose(identify(two_link, run, "ols", check=False), run, check=False)
-    found = {f.joints[0]: f for f in result.effects if f.effect == "presliding_hysteresis"}
+    found = {
+        f.joints[0]: f for f in result.effects if f.effect == "presliding_hysteresis"
+    }
     for joint in (1, 2):
         assert found[joint].shape["d"] == pytest.approx(travel, rel=0.02)
         assert found[joint].size == pytest.approx(size, rel=0.02)
@@ -261,21 +323,27 @@ def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
 
 
 def test_a_rotor_is_weighed_where_motor_and_link_have_encoders(tmp_path):
-    """By what the gear yields beside the links' motion; nothing of the kind is found in a log of one
-    side, and it survives being added and a run without it."""
+    """By what the gear yields beside the links' motion; nothing of the kind is found in
+    a log of one side, and it survives being added and a run without it."""
     run = small_run(problem := load_problem("two_link"), 30.0)
     w, tau = 2.0 * np.pi * 1.3, run.tau.copy()
     yielded = 0.02 * np.sin(w * run.t)
     tau[:, 1] -= 0.4 * w**2 * yielded
-    both = replace(run, tau=tau, commanded={"qmot": run.q + np.outer(yielded, [0.0, 1.0])})
+    both = replace(
+        run, tau=tau, commanded={"qmot": run.q + np.outer(yielded, [0.0, 1.0])}
+    )
     save(both, tmp_path / "both.csv")
     estimate = identify(problem, both, "ols")
     found = diagnose(estimate, tmp_path / "both.csv")
-    assert [(f.effect, f.joints) for f in found.effects[:1]] == [("motor_inertia", (2,))]
+    assert [(f.effect, f.joints) for f in found.effects[:1]] == [
+        ("motor_inertia", (2,))
+    ]
     assert found.effects[0].size == pytest.approx(0.4, rel=0.05)
     bigger = add(estimate, "motor_inertia:2", both)
     assert compare(bigger, both)[0].rmse[1] < 0.2 * compare(estimate, both)[0].rmse[1]
     one_side = replace(both, commanded={})
-    assert all(f.effect != "motor_inertia" for f in diagnose(estimate, one_side).effects)
+    assert all(
+        f.effect != "motor_inertia" for f in diagnose(estimate, one_side).effects
+    )
     with pytest.raises(InputError, match="qmot1"):
         compare(bigger, one_side)

@@ -1,4 +1,5 @@
-"""No figure of small logs changes unnoticed: a change that is meant is written anew, and told."""
+"""No figure of small logs changes unnoticed: a change that is meant is written anew,
+and told."""
 
 import pytest
 from figures import CASES

@@ -24,24 +24,33 @@ n, M, p = 2, 300, 5
 
 def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Form:
     effect: Any = SimpleNamespace(
-        parameters=[SimpleNamespace(lower=lower)] * k, plausible=None, searched=(), shapes={}, text=name
+        parameters=[SimpleNamespace(lower=lower)] * k,
+        plausible=None,
+        searched=(),
+        shapes={},
+        text=name,
     )
     return Form((name, 0), effect)
 
 
 def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
-    """Rows of two joints with a model of five columns, and a column z of joint 1 that makes ``size``."""
+    """Rows of two joints with a model of five columns, and a column z of joint 1 that
+    makes ``size``."""
     rng = np.random.default_rng(seed)
     X, z = rng.normal(size=(n, M, p)), rng.normal(size=M)
     y = X @ rng.normal(size=p) + rng.normal(size=(n, M))
     y[0] += size * z
     clusters = (np.arange(M) // 10, np.arange(M) % 30)
-    data = SimpleNamespace(X=X, y=y, n=n, clusters=clusters, count=np.full(n, float(M)), known=True)
+    data = SimpleNamespace(
+        X=X, y=y, n=n, clusters=clusters, count=np.full(n, float(M)), known=True
+    )
     data.own = data.constants = {}
     return data, z[:, None]
 
 
-def plain(data: Any, fit: Fit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()) -> np.ndarray:
+def plain(
+    data: Any, fit: Fit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()
+) -> np.ndarray:
     """(n, M) what least squares leave of weighted rows."""
     A = np.delete(data.X, drop, axis=2)
     if z is not None:
@@ -89,14 +98,19 @@ def test_the_odds_of_a_candidate_are_those_of_its_laws_together():
 
 def test_half_of_the_odds_are_that_joints_are_built_alike():
     data, z = made(size=1.0)
-    score = Score(data, 40, {(name, j): 1 for name in ("made", "other") for j in range(n)})
+    score = Score(
+        data, 40, {(name, j): 1 for name in ("made", "other") for j in range(n)}
+    )
     found = score.judged(score.fit(()), form(), {0: z})
     fit, column = score.fit([found]), {1: made(seed=1)[1]}
     like, unlike = (
-        score.judged(fit, replace(form(name=name), key=(name, 1)), column) for name in ("made", "other")
+        score.judged(fit, replace(form(name=name), key=(name, 1)), column)
+        for name in ("made", "other")
     )
     assert unlike.price - like.price == pytest.approx(2.0 * np.log(40 / n))
-    assert unlike.price - found.price == pytest.approx(2.0 * np.log(2.0), abs=0.2)  # and of worth
+    assert unlike.price - found.price == pytest.approx(
+        2.0 * np.log(2.0), abs=0.2
+    )  # and of worth
 
 
 def test_a_coefficient_that_its_sign_holds_at_zero_has_no_price():
@@ -106,7 +120,10 @@ def test_a_coefficient_that_its_sign_holds_at_zero_has_no_price():
     fit = score.fit(())
     if score.judged(fit, form(2), both).beta[1] > 0.0:
         both = {0: np.hstack([z, -other])}
-    held, alone = score.judged(fit, form(2, 0.0), both), score.judged(fit, form(1, 0.0), {0: z})
+    held, alone = (
+        score.judged(fit, form(2, 0.0), both),
+        score.judged(fit, form(1, 0.0), {0: z}),
+    )
     assert held.beta.tolist() == [pytest.approx(alone.beta[0]), 0.0]
     price = alone.J - score.judged(fit, form(2), both).J
     assert abs(alone.J - held.J) < 0.2 * price
@@ -118,21 +135,28 @@ def test_noise_is_not_taken_for_an_effect():
         data, _ = made(seed)
         score = Score(data, 100)
         fit = score.fit(())
-        terms = [score.judged(fit, form(), {0: rng.normal(size=(M, 1))}) for _ in range(100)]
+        terms = [
+            score.judged(fit, form(), {0: rng.normal(size=(M, 1))}) for _ in range(100)
+        ]
         highest.append(max(t.J for t in terms))
     assert max(highest) < 0.0
 
 
 @pytest.mark.parametrize("joints", [1, 2])
 def test_a_misfit_is_noise_that_its_columns_make(joints):
-    """Beside it a form is judged by generalised least squares with the covariance I + D diag(d)^2 D'."""
+    """Beside it a form is judged by generalised least squares with the covariance I + D
+    diag(d)^2 D'."""
     data, z = made(size=0.2)
-    data.y = 0.5 * data.y  # less than the noise that is known: every row counts as it is
+    data.y = (
+        0.5 * data.y
+    )  # less than the noise that is known: every row counts as it is
     rng = np.random.default_rng(3)
     D, d = np.zeros((n * M, 4)), np.array([0.05, 0.2, 0.02, 0.3])
     D[: joints * M] = rng.normal(size=(joints * M, 4)) + np.tile(z, (joints, 1))
     score, z = Score(data, 10), np.vstack([z, 0.0 * z])
-    fit = score.fit([Misfit("misfit", dict(enumerate(D[: joints * M].reshape(joints, M, 4))), d)])
+    fit = score.fit(
+        [Misfit("misfit", dict(enumerate(D[: joints * M].reshape(joints, M, 4))), d)]
+    )
     term = score.judged(fit, form(), {0: z[:M]})
     root = np.linalg.cholesky(np.linalg.inv(np.eye(n * M) + (D * d**2) @ D.T)).T
     X, y = root @ data.X.reshape(n * M, p), root @ data.y.ravel()
@@ -142,7 +166,9 @@ def test_a_misfit_is_noise_that_its_columns_make(joints):
 
     assert fit.rss.sum() == pytest.approx(left(X), rel=1e-9)
     with_form = left(np.column_stack([X, root @ z]))
-    assert term.drop == pytest.approx(left(X) - with_form, rel=1e-2)  # but for its prior
+    assert term.drop == pytest.approx(
+        left(X) - with_form, rel=1e-2
+    )  # but for its prior
     alone = score.judged(score.fit(()), form(), {0: z[:M]})
     assert alone.drop > 2.0 * term.drop > 0.0
 
@@ -164,27 +190,40 @@ def test_lengths_from_which_a_delay_is_looked_for_are_one_law(two_link):
 
 
 def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
-    """Beyond the model, on each joint, as the misfits' deviations expect it: FORM of its squares."""
+    """Beyond the model, on each joint, as the misfits' deviations expect it: FORM of
+    its squares."""
     search = searched(two_link)
-    forms = [f for b in search.library.batches for f in b.forms if f.constants and not f.own]
-    term = max((search.judged(search.fit, f) for f in forms), key=lambda t: t.squares.sum())
+    forms = [
+        f for b in search.library.batches for f in b.forms if f.constants and not f.own
+    ]
+    term = max(
+        (search.judged(search.fit, f) for f in forms), key=lambda t: t.squares.sum()
+    )
     misfits = search.misfits(term)
     assert [next(iter(m.columns)) for m in misfits] == sorted(term.joints)
     for m in misfits:
-        T = search.bare.beside(search.bare.scaled(m.columns)) * search.bare.level[:, None, None]
+        T = (
+            search.bare.beside(search.bare.scaled(m.columns))
+            * search.bare.level[:, None, None]
+        )
         (joint,) = m.columns
         expected = np.sum(np.sum(T**2, axis=(0, 1)) * m.deviations**2)
         assert expected == pytest.approx(FORM * term.squares[joint], rel=1e-6)
-    assert search.with_misfits([term]) == [term]  # what explains little is wrong by less than a rival
+    assert search.with_misfits([term]) == [
+        term
+    ]  # what explains little is wrong by less than a rival
     much = replace(term, drop=1.0 + term.worth * (EQUIVALENT / FORM + term.price))
     assert len(search.with_misfits([much])) > 1
 
 
-def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(two_link):
+def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(
+    two_link,
+):
     search = searched(two_link)
     forms = {f.key[0]: f for b in search.library.batches for f in b.forms}
     spring, tilt, placed = (
-        search.judged(search.fit, forms[x]) for x in ("joint_spring", "base_tilt", "kinematic_error")
+        search.judged(search.fit, forms[x])
+        for x in ("joint_spring", "base_tilt", "kinematic_error")
     )
     (misfit,) = search.around(spring, [])
     assert misfit.text == "misfit of kinematic_error"
@@ -193,12 +232,19 @@ def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(
     assert search.around(tilt, []) == search.around(placed, []) == []
 
 
-def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(two_link, monkeypatch):
+def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
+    two_link, monkeypatch
+):
     """And the search goes on to exchange them."""
     search, asked = searched(two_link), []
     forms = [f for b in search.library.batches for f in b.forms if not f.own]
-    stays, goes = (replace(search.judged(search.fit, f), drop=1e6) for f in (forms[0], forms[-1]))
-    found = {"top_candidates": lambda *_: [] if search.refused else [goes], "exchanged": asked.append}
+    stays, goes = (
+        replace(search.judged(search.fit, f), drop=1e6) for f in (forms[0], forms[-1])
+    )
+    found = {
+        "top_candidates": lambda *_: [] if search.refused else [goes],
+        "exchanged": asked.append,
+    }
     for name, step in {**found, "settled": lambda _: []}.items():
         monkeypatch.setattr(search, name, step)
     search.terms = [stays]
@@ -208,7 +254,8 @@ def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(two_link,
 
 
 def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch):
-    """The other one had left beside what is tolerated of a mounting, and the term with it."""
+    """The other one had left beside what is tolerated of a mounting, and the term with
+    it."""
     search = searched(two_link)
     forms = [f for b in search.library.batches for f in b.forms if not f.own]
     here, other = (
@@ -231,15 +278,28 @@ def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
 
 
 def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
-    """Whatever the rows are found to be worth there: that is as uncertain as the evidence is."""
+    """Whatever the rows are found to be worth there: that is as uncertain as the
+    evidence is."""
     search = searched(two_link)
-    vars(search.data)["constants"] = {}  # what they add is chosen by what rows are worth
-    forms = [f for b in search.library.batches for f in b.forms if f.key == ("sigmoid_friction", 0)]
+    vars(search.data)[
+        "constants"
+    ] = {}  # what they add is chosen by what rows are worth
+    forms = [
+        f
+        for b in search.library.batches
+        for f in b.forms
+        if f.key == ("sigmoid_friction", 0)
+    ]
     refined = search.refined(search.fit, search.judged(search.fit, forms[0]))
-    assert refined.drop >= max(search.judged(search.fit, f).drop for f in forms if f.law == forms[0].law)
+    assert refined.drop >= max(
+        search.judged(search.fit, f).drop for f in forms if f.law == forms[0].law
+    )
     rng = np.random.default_rng(0)
     monkeypatch.setattr(Score, "worth_of_one", lambda *_: rng.uniform(1.0, 3.0))
-    assert search.refined(search.fit, search.judged(search.fit, forms[0])).text == refined.text
+    assert (
+        search.refined(search.fit, search.judged(search.fit, forms[0])).text
+        == refined.text
+    )
 
 
 def test_what_the_model_makes_itself_is_no_candidate():
@@ -259,29 +319,41 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     score, own = Score(data, 10), replace(form(), key=key, own=True)
     fit = score.fit(())
     np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
-    data.y[0] -= data.X[0, :, 4] * np.linalg.lstsq(data.X[0], data.y[0], rcond=None)[0][4]
+    data.y[0] -= (
+        data.X[0, :, 4] * np.linalg.lstsq(data.X[0], data.y[0], rcond=None)[0][4]
+    )
     score = Score(data, 10)
     fit = score.fit(())
     term = score.judged(fit, own, {0: z})
     left = plain(data, fit, z, drop=(4,))
     without = score.without(fit, own)
-    drop = without.deviance(fit.rss) - without.deviance(np.sum(left**2, axis=1) * fit.level**2)
+    drop = without.deviance(fit.rss) - without.deviance(
+        np.sum(left**2, axis=1) * fit.level**2
+    )
     assert pytest.approx(drop - np.log(M) - 2.0 * np.log(10), rel=0.1) == term.J
     both = score.fit([term])
-    np.testing.assert_allclose(both.residual, plain(data, both, z, drop=(4,)), atol=1e-9)
+    np.testing.assert_allclose(
+        both.residual, plain(data, both, z, drop=(4,)), atol=1e-9
+    )
     batch = Batch((0,), (own,), z[None])
     exact = np.sum(fit.residual**2) - np.sum(left**2)
-    assert score.screened(fit, batch)[0] == pytest.approx(exact - np.log(without.degrees[0]), rel=1e-6)
+    assert score.screened(fit, batch)[0] == pytest.approx(
+        exact - np.log(without.degrees[0]), rel=1e-6
+    )
     noise = np.random.default_rng(5).normal(size=(M, 1))
     assert score.judged(fit, own, {0: noise}).J < 0.0
 
 
 def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     data, z = made()
-    z, errors = np.repeat(np.random.default_rng(6).normal(size=(2, M // 10)), 10, axis=1)  # by clusters
+    z, errors = np.repeat(
+        np.random.default_rng(6).normal(size=(2, M // 10)), 10, axis=1
+    )  # by clusters
     data.y[0] += 2.0 * errors
     fit = (score := Score(data, 10)).fit(())
-    robust, plainly = (Columns.of(score, fit, z[:, None], 0, robust=x) for x in (True, False))
+    robust, plainly = (
+        Columns.of(score, fit, z[:, None], 0, robust=x) for x in (True, False)
+    )
     assert plainly.v == pytest.approx(1.0 + plainly.count / ALPHA)
     assert robust.v > 2.0 * plainly.v
 
@@ -312,7 +384,10 @@ def test_screening_is_the_drop_of_the_squared_error():
 
 
 def test_of_more_series_and_a_doubtful_variance_chance_reaches_more_energy():
-    pieces, marginal = [np.arange(500), np.arange(500, 1000)], np.random.default_rng(8).normal(size=1000)
+    pieces, marginal = (
+        [np.arange(500), np.arange(500, 1000)],
+        np.random.default_rng(8).normal(size=1000),
+    )
     marginal[300] = 6.4
     searched = ((1, 1000.0), (10**3, 1000.0), (10**6, 1000.0), (1, 8.0))
     told = [coloured_noise.local_excess(marginal, pieces, *x)[300] for x in searched]
@@ -322,24 +397,39 @@ def test_of_more_series_and_a_doubtful_variance_chance_reaches_more_energy():
 def test_a_hum_is_a_line_and_noise_is_not():
     rng = np.random.default_rng(10)
     t = np.arange(330) / 16.5
-    runs = [rng.normal(size=330) + 0.8 * np.sin(2 * np.pi * 3.1 * (t + 7 * k)) for k in range(3)]
+    runs = [
+        rng.normal(size=330) + 0.8 * np.sin(2 * np.pi * 3.1 * (t + 7 * k))
+        for k in range(3)
+    ]
     assert [round(f, 1) for f in spectral_lines(runs, 16.5, 7)] == [3.1]
-    false = sum(bool(spectral_lines(list(rng.normal(size=(3, 330))), 16.5, 7)) for _ in range(200))
+    false = sum(
+        bool(spectral_lines(list(rng.normal(size=(3, 330))), 16.5, 7))
+        for _ in range(200)
+    )
     assert false <= 3
 
 
 def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near():
-    """Error that swells at reversals, with tails, is none; the first rows and the last may be."""
+    """Error that swells at reversals, with tails, is none; the first rows and the last
+    may be."""
     rng, M = np.random.default_rng(5), 1800
     pieces, slow = [np.arange(900), np.arange(900, M)], np.arange(M) % 120 < 30
-    error = rng.normal(size=M) * np.where(slow, 6.0, 1.0) * np.exp(rng.normal(0.0, 0.3, M))
+    error = (
+        rng.normal(size=M) * np.where(slow, 6.0, 1.0) * np.exp(rng.normal(0.0, 0.3, M))
+    )
     for white in (error, np.zeros(M), rng.standard_t(2, size=M)):
         assert not coloured_noise.lone_windows(white, pieces, slow, 30.0, 7).any()
     for begin, size in ((700, 60.0), (0, 600.0), (M - 4, 600.0)):
         knock = error.copy()
         knock[begin : begin + 4] += size
-        found = np.flatnonzero(coloured_noise.lone_windows(knock, pieces, slow, 30.0, 7))
-        assert {*range(begin, begin + 4)} <= {*found.tolist()} <= {*range(begin - 40, begin + 40)}
+        found = np.flatnonzero(
+            coloured_noise.lone_windows(knock, pieces, slow, 30.0, 7)
+        )
+        assert (
+            {*range(begin, begin + 4)}
+            <= {*found.tolist()}
+            <= {*range(begin - 40, begin + 40)}
+        )
 
 
 def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():

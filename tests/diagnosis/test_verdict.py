@@ -19,7 +19,8 @@ CASES = json.loads((Path(__file__).parents[1] / "data" / "verdicts.json").read_t
 
 
 def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
-    """Data, fit, residual and events of two joints; on joint 1 a wave of this size beyond the noise."""
+    """Data, fit, residual and events of two joints; on joint 1 a wave of this size
+    beyond the noise."""
     rng, M = np.random.default_rng(seed), 1200
     white = rng.normal(size=(M, 2))
     white[:, 0] += size * np.sin(0.1 * np.arange(M))
@@ -27,10 +28,15 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     Q = np.linalg.qr(rng.normal(size=(2 * M, 7)))[0].reshape(2, M, 7)
     fit = SimpleNamespace(residual=(white / level).T, level=level, basis=Q)
     keep, none = np.ones((M, 2), bool), np.zeros((M, 2))
-    rows = SimpleNamespace(keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white)
+    rows = SimpleNamespace(
+        keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white
+    )
     rows.steps = none.copy()
     noise = SimpleNamespace(
-        worth=np.ones((M, 2)), floor=FLOOR, source=REPETITION, degrees=np.full(2, 1000.0)
+        worth=np.ones((M, 2)),
+        floor=FLOOR,
+        source=REPETITION,
+        degrees=np.full(2, 1000.0),
     )
     data = SimpleNamespace(rows=rows, noise=noise, known=True)
     return data, fit, FLOOR * white, np.zeros((M, 2), bool)
@@ -38,7 +44,10 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("size", "change", "matters"),
-    [(size, change, (*matters,)) for size, change, matters, *_ in CASES["beyond the noise"]],
+    [
+        (size, change, (*matters,))
+        for size, change, matters, *_ in CASES["beyond the noise"]
+    ],
 )
 def test_what_is_beyond_the_noise_matters(size, change, matters):
     data, fit, residual, none = left(size)
@@ -48,7 +57,9 @@ def test_what_is_beyond_the_noise_matters(size, change, matters):
         getattr(data.rows, name)[:, 0] = change.get(name, 0.0)
     found = remainder(data, fit, residual, none)
     assert found.matters == matters
-    assert found.raised == (0,) or "degrees" not in change  # a curve may show it all the same
+    assert (
+        found.raised == (0,) or "degrees" not in change
+    )  # a curve may show it all the same
     if not change:
         assert found.share[0] == pytest.approx(size**2 / 2.0, abs=0.15)
     if matters:
@@ -59,7 +70,9 @@ def test_an_error_of_standstill_is_said_to_be_one():
     error, moving = np.zeros((100, 2)), np.arange(100) < 40
     error[:, 0] = np.where(moving, 0.3, 2.0)
     still = np.column_stack([1.0 - moving, np.zeros(100)])
-    data: Any = SimpleNamespace(rows=SimpleNamespace(keep=np.ones((100, 2), bool), still=still))
+    data: Any = SimpleNamespace(
+        rows=SimpleNamespace(keep=np.ones((100, 2), bool), still=still)
+    )
     assert "left on joint 1 is of standstill" in _standstill(data, error)
     assert "in motion it is 0.3 N m" in _standstill(data, error)
     assert _standstill(data, np.where(moving[:, None], 3.0, error)) == ""
@@ -88,10 +101,26 @@ class Told(HeldOut):
     [
         (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.05 * (1 in c)], False, [0]),
         (lambda c: [1.0 - 0.3 * (0 in c), 1.0 + 0.01 * (1 in c)], False, [0, 1]),
-        (lambda c: [1.0 - 0.3 * (0 in c), 1.0 - 0.005 * (1 in c)], True, [0]),  # the noise is a guess
-        (lambda c: [1.1 if c == {0} else 1.0 - 0.1 * len(c)], False, [0, 1]),  # beside a later one
-        (lambda c: [1.0 - 0.7 * (0 in c), 1.0 + 0.04 * (0 in c)], False, [0, 1]),  # repaid elsewhere
-        (lambda c: [1.0 - 0.1 * bool(c) + 0.1 * (1 in c)], False, [0]),  # the least useful one goes
+        (
+            lambda c: [1.0 - 0.3 * (0 in c), 1.0 - 0.005 * (1 in c)],
+            True,
+            [0],
+        ),  # the noise is a guess
+        (
+            lambda c: [1.1 if c == {0} else 1.0 - 0.1 * len(c)],
+            False,
+            [0, 1],
+        ),  # beside a later one
+        (
+            lambda c: [1.0 - 0.7 * (0 in c), 1.0 + 0.04 * (0 in c)],
+            False,
+            [0, 1],
+        ),  # repaid elsewhere
+        (
+            lambda c: [1.0 - 0.1 * bool(c) + 0.1 * (1 in c)],
+            False,
+            [0],
+        ),  # the least useful one goes
     ],
 )
 def test_what_raises_errors_beside_all_others_is_not_offered(rule, needed, kept):
@@ -103,30 +132,55 @@ DOUBTS = [(change, set(doubts)) for change, doubts, *_ in CASES["doubts"]]
 
 
 @pytest.mark.parametrize(("change", "doubts"), DOUBTS)
-def test_each_doubt_about_a_finding_has_a_ground_of_its_own(change, doubts, monkeypatch):
-    usual = {"rivals": (), "std": 0.19, "J": 20.1, "after": 0.5, "beyond": 0.8, "known": True}
-    usual |= {"elsewhere": 1.0, "beside": 9.0, "beta": 1.9, "plausible": None, "looks_like": ""}
+def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
+    change, doubts, monkeypatch
+):
+    usual = {
+        "rivals": (),
+        "std": 0.19,
+        "J": 20.1,
+        "after": 0.5,
+        "beyond": 0.8,
+        "known": True,
+    }
+    usual |= {
+        "elsewhere": 1.0,
+        "beside": 9.0,
+        "beta": 1.9,
+        "plausible": None,
+        "looks_like": "",
+    }
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
     def term() -> Any:
         effect = SimpleNamespace(parameters=[0], joints=(0,))
-        effect.plausible = None if case.plausible is None else np.array([case.plausible])
+        effect.plausible = (
+            None if case.plausible is None else np.array([case.plausible])
+        )
         effect.looks_like = lambda size, seen: case.looks_like
         form = SimpleNamespace(effect=effect)
-        return SimpleNamespace(form=form, joints={0}, J=case.J, rivals=case.rivals, key=("made", 0))
+        return SimpleNamespace(
+            form=form, joints={0}, J=case.J, rivals=case.rivals, key=("made", 0)
+        )
 
     own, other = term(), term()
     block = SimpleNamespace(joint=0, parameters=[0], columns=np.ones((5, 1)))
     rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), 2.0))
     rows.blocks, rows.seen = lambda effect: [block], lambda joint: None
-    fit = lambda others, _: SimpleNamespace(energy=lambda _: case.beside if others else 10.0)  # noqa: E731
-    search = SimpleNamespace(terms=[own, other], score=SimpleNamespace(fit=fit), fit=None)
+    fit = lambda others, _: SimpleNamespace(  # noqa: E731
+        energy=lambda _: case.beside if others else 10.0
+    )
+    search = SimpleNamespace(
+        terms=[own, other], score=SimpleNamespace(fit=fit), fit=None
+    )
     search.data = SimpleNamespace(rows=rows, known=case.known)
     curves = [SimpleNamespace(replaced=(own,) * case.replaced)]
     left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
     found = SimpleNamespace(search=search, left=left, curves=curves)
     beta = 1.0 if case.plausible else case.beta
     errors = np.array([[1.0, 1.0], [case.after, case.elsewhere]])
-    monkeypatch.setattr("sdp_vs_penalty.diagnosis.conclude.size_of", lambda *_: (1.0, case.std))
+    monkeypatch.setattr(
+        "sdp_vs_penalty.diagnosis.conclude.size_of", lambda *_: (1.0, case.std)
+    )
     known = SimpleNamespace(beta=np.array([beta]), given=None)
     assert set(_reasons(found, own, known, errors)) == doubts

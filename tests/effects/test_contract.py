@@ -1,4 +1,5 @@
-"""Contracts that every effect of the library keeps; a new file is asked the same without a word here."""
+"""Contracts that every effect of the library keeps; a new file is asked the same
+without a word here."""
 
 import json
 from dataclasses import replace
@@ -27,7 +28,8 @@ EVERY_ROBOT = pytest.mark.parametrize("which", robots())
 
 @EVERY_EFFECT
 def test_shape_constants_are_declared_whole(name):
-    """Defaults, grids and bounds agree, a search starts from valid constants and can refine them."""
+    """Defaults, grids and bounds agree, a search starts from valid constants and can
+    refine them."""
     kind = effect_types()[name]
     for shape in kind.shapes.values():
         low, high = shape.bounds or (-np.inf, np.inf)
@@ -75,8 +77,14 @@ def test_every_parameter_makes_torque_in_a_motion_to_and_fro(name):
     for effect in variants(name, robot):
         torque_of_each = np.abs(wide_columns(effect, motion)).max(axis=(0, 1))
         # Of a link's parameters the first link's never show all.
-        quiet = [p.name for p, x in zip(effect.parameters, torque_of_each, strict=True) if x == 0.0]
-        assert not [n for n in quiet if not (effect.name == "rigid_body" and n.endswith("1"))]
+        quiet = [
+            p.name
+            for p, x in zip(effect.parameters, torque_of_each, strict=True)
+            if x == 0.0
+        ]
+        assert not [
+            n for n in quiet if not (effect.name == "rigid_body" and n.endswith("1"))
+        ]
 
 
 @EVERY_EFFECT
@@ -90,7 +98,9 @@ def test_written_form_and_dictionary_restore_the_effect_to_the_last_bit(name, wh
         for again in (effect_from_dict(stored, robot), written):
             assert again.to_dict() == effect.to_dict()
             assert again.parameters == effect.parameters
-            np.testing.assert_array_equal(wide_columns(again, motion), wide_columns(effect, motion))
+            np.testing.assert_array_equal(
+                wide_columns(again, motion), wide_columns(effect, motion)
+            )
 
 
 @EVERY_EFFECT
@@ -102,7 +112,11 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
     def rows(index: np.ndarray) -> Motion:
         parts = (motion.t, motion.q, motion.dq, motion.ddq, motion.torque)
         warm = motion.joint_temperature[index]
-        more = {"temperature": warm, "command": motion.command, "sum": motion.integral[index]}
+        more = {
+            "temperature": warm,
+            "command": motion.command,
+            "sum": motion.integral[index],
+        }
         more["motors"] = motion.motor_acceleration[index]
         return Motion(*(x[index] for x in parts), motion.current, **more)
 
@@ -125,37 +139,53 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
 
 @EVERY_EFFECT
 def test_what_an_effect_needs_is_what_it_declares(name):
-    """A torque, links, a clock: the columns change with what is declared and with nothing else."""
+    """A torque, links, a clock: the columns change with what is declared and with
+    nothing else."""
     robot = robots()["arm"]
     motion = steady_motion(robot)
     bare = Motion(motion.t, motion.q, motion.dq, motion.ddq)
     another_torque = replace(motion, torque=2.0 * motion.torque + 1.0)
-    another_arm = replace(motion, current=CurrentModel(robot, 1.5 * motion.model_links**2))
+    another_arm = replace(
+        motion, current=CurrentModel(robot, 1.5 * motion.model_links**2)
+    )
     late = replace(motion.told, t=motion.t + 7.0)
     later = replace(motion, t=motion.t + 7.0, command=late)
-    farther = replace(motion, command=replace(motion.told, q=motion.q, dq=motion.dq, sum=motion.q))
+    farther = replace(
+        motion, command=replace(motion.told, q=motion.q, dq=motion.dq, sum=motion.q)
+    )
     warmer = replace(motion, temperature=motion.joint_temperature + 5.0)
     for effect in variants(name, robot):
         columns = wide_columns(effect, motion)
         other = effect.needs_temperature or effect.needs_command or effect.needs_motors
         if effect.needs_torque or effect.needs_links or other:
-            missing = r"needs Motion\.(torque|current)|no (temperatures|commands|positions)"
+            missing = (
+                r"needs Motion\.(torque|current)|no (temperatures|commands|positions)"
+            )
             with pytest.raises(ValueError, match=missing):
                 effect.blocks(bare)
         else:
             effect.blocks(bare)
         for other, word in (
-            (another_torque, "needs_torque"), (another_arm, "needs_links"), (later, "follows_clock"),
-            (warmer, "needs_temperature"), (farther, "needs_command"),
+            (another_torque, "needs_torque"),
+            (another_arm, "needs_links"),
+            (later, "follows_clock"),
+            (warmer, "needs_temperature"),
+            (farther, "needs_command"),
             (replace(motion, motors=motion.q), "needs_motors"),
-        ):  # fmt: skip
+        ):
             declared = getattr(effect, word)
-            changed = not np.allclose(wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12)
-            assert changed == declared, f"{name}: declare {word} = {changed}, as its columns do"
+            changed = not np.allclose(
+                wide_columns(effect, other), columns, rtol=1e-9, atol=1e-12
+            )
+            assert changed == declared, (
+                f"{name}: declare {word} = {changed}, as its columns do"
+            )
         if effect.follows_clock:
             joint = effect.joints[0]
             for a, b in zip(
-                effect.candidates(robot, joint), effect.candidates(robot, joint, 7.0), strict=True
+                effect.candidates(robot, joint),
+                effect.candidates(robot, joint, 7.0),
+                strict=True,
             ):
                 moved = wide_columns(b, later) - wide_columns(a, motion)
                 np.testing.assert_allclose(moved, 0.0, atol=1e-12)
@@ -170,12 +200,18 @@ def test_units_are_those_of_the_columns(name):
 def test_a_joint_has_it_once_or_declares_that_it_can_have_several(name):
     robot = robots()["arm"]
     kind = effect_types()[name]
-    first, *others = kind.candidates(robot, None if kind.whole_robot else 1) or [kind(robot)]
+    first, *others = kind.candidates(robot, None if kind.whole_robot else 1) or [
+        kind(robot)
+    ]
     if name == "measured_curve":
-        others = [kind(robot, x=2.0)]  # nothing to search: another variable is another one
+        others = [
+            kind(robot, x=2.0)
+        ]  # nothing to search: another variable is another one
     for other in others or [first]:
         if kind.several:
-            assert len(Model(robot, (first, other)).parameters) == 2 * len(first.parameters)
+            assert len(Model(robot, (first, other)).parameters) == 2 * len(
+                first.parameters
+            )
         else:
             with pytest.raises(InputError, match="appears twice"):
                 Model(robot, (first, other))
@@ -185,7 +221,9 @@ def test_a_joint_has_it_once_or_declares_that_it_can_have_several(name):
 def test_only_what_the_links_absorb_needs_a_frozen_model(name):
     robot = robots()["tree"]
     motion = to_and_fro(robot)
-    rigid = wide_columns(effect_types()["rigid_body"](robot), motion).reshape(-1, 10 * robot.n)
+    rigid = wide_columns(effect_types()["rigid_body"](robot), motion).reshape(
+        -1, 10 * robot.n
+    )
     for effect in variants(name, robot)[:1]:
         columns = wide_columns(effect, motion).reshape(-1, len(effect.parameters))
         left = columns - rigid @ np.linalg.lstsq(rigid, columns)[0]
@@ -207,7 +245,12 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
     a_body = any(c.family == "pseudo-inertia" for c in constraints)
     for k, parameter in enumerate(effect.parameters):
         step = np.eye(len(nominal))[k]
-        for value, kept in ((0.99, True), (-0.99, parameter.lower < 0.0), (1.01, False), (-1.01, False)):
+        for value, kept in (
+            (0.99, True),
+            (-0.99, parameter.lower < 0.0),
+            (1.01, False),
+            (-1.01, False),
+        ):
             theta = nominal + value * effect.range * step
             plain = [c for c in constraints if c.family != "pseudo-inertia"]
             assert all(c.margin(theta) >= 0.0 for c in plain) == kept

@@ -1,4 +1,5 @@
-"""Single effects beyond the contracts, what a model makes of several, and what is refused."""
+"""Single effects beyond the contracts, what a model makes of several, and what is
+refused."""
 
 from dataclasses import replace
 
@@ -16,11 +17,16 @@ from sdp_vs_penalty.effects.measured_curve import Variable
 def test_a_model_computes_its_current_torque_from_its_own_reference():
     robot = robots()["arm"]
     motion, effects = steady_motion(robot), "rigid_body,torque_gain,viscous_friction"
-    model, bare = Model(robot, parse_effects(effects, robot)), replace(motion, torque=None, current=None)
+    model, bare = (
+        Model(robot, parse_effects(effects, robot)),
+        replace(motion, torque=None, current=None),
+    )
     refusal(lambda: model.columns(bare), "identify the robot without it first")
     links = motion.model_links
     theta = np.concatenate([links.ravel(), np.full(3, 0.05), np.full(3, 0.3)])
-    torque = robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + 0.3 * motion.dq
+    torque = (
+        robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq) + 0.3 * motion.dq
+    )
     found = replace(model, reference=theta).torque(theta, bare)
     np.testing.assert_allclose(found, 1.05 * torque, atol=1e-9)
 
@@ -31,7 +37,11 @@ def test_without_links_what_depends_on_them_makes_no_torque():
     effects = parse_effects("viscous_friction,joint_zero_error,torque_gain:1", robot)
     model = Model(robot, effects, reference=np.full(7, 0.4))
     columns = model.columns(Motion(motion.t, motion.q, motion.dq, motion.ddq))
-    assert [c.indices.tolist() for c in columns] == [[0, 3, 4, 5, 6], [1, 3, 4, 5], [2, 3, 4, 5]]
+    assert [c.indices.tolist() for c in columns] == [
+        [0, 3, 4, 5, 6],
+        [1, 3, 4, 5],
+        [2, 3, 4, 5],
+    ]
     for joint in range(robot.n):
         np.testing.assert_array_equal(columns[joint].columns[:, 1:4], 0.0)
     np.testing.assert_allclose(columns[0].columns[:, 4], 0.4 * motion.dq[:, 0])
@@ -39,7 +49,10 @@ def test_without_links_what_depends_on_them_makes_no_torque():
 
 def test_a_model_knows_the_gain_of_each_joints_position_error():
     robot = robots()["tree"]
-    model = Model(robot, parse_effects("servo_integral:2,servo_position:2+3+5,torque_offset", robot))
+    model = Model(
+        robot,
+        parse_effects("servo_integral:2,servo_position:2+3+5,torque_offset", robot),
+    )
     named = [model.parameters[k].name if k >= 0 else "" for k in model.error_gains]
     assert named == ["", "kp2", "kp3", "", "kp5"]
 
@@ -48,17 +61,24 @@ def test_a_curve_reads_a_combination_of_joints():
     robot, motion = robots()["arm"], steady_motion(robots()["arm"])
     ends = "@xlow=-9@xhigh=9@v1=-9@v2=9"
     both, fast = parse_effects(
-        [f"measured_curve:2@x=q@xj=2@xi=3@xc=-2{ends}", f"measured_curve:2@x=dq@xj=1@xi=2{ends}"], robot
+        [
+            f"measured_curve:2@x=q@xj=2@xi=3@xc=-2{ends}",
+            f"measured_curve:2@x=dq@xj=1@xi=2{ends}",
+        ],
+        robot,
     )
     assert [e.of(1) for e in (both, fast)] == [("q2-2q3",), ("dq1+dq2",)]
     q, dq = motion.q, motion.dq
     for effect, x in ((both, q[:, 1] - 2.0 * q[:, 2]), (fast, dq[:, 0] + dq[:, 1])):
-        np.testing.assert_allclose(wide_columns(effect, motion)[1, :, 0], np.clip(x, -9.0, 9.0))
+        np.testing.assert_allclose(
+            wide_columns(effect, motion)[1, :, 0], np.clip(x, -9.0, 9.0)
+        )
         np.testing.assert_array_equal(effect.outside(motion), np.abs(x) > 9.0)
 
 
 def test_a_curve_is_its_values_between_its_ends_and_constant_beyond():
-    """Against SciPy's interpolation, over one variable and over two; and tables that cannot be."""
+    """Against SciPy's interpolation, over one variable and over two; and tables that
+    cannot be."""
     robot, motion, kind = (
         robots()["arm"],
         steady_motion(robots()["arm"]),
@@ -67,31 +87,45 @@ def test_a_curve_is_its_values_between_its_ends_and_constant_beyond():
     values = np.random.default_rng(3).normal(size=12)
     q, dq = motion.q[:, 1], motion.dq[:, 1]
     low, high = np.quantile(q, (0.1, 0.8)).tolist()  # beyond both it is held
-    table = {f"v{k}": float(v) for k, v in enumerate(values, start=1)} | {"xlow": low, "xhigh": high}
+    table = {f"v{k}": float(v) for k, v in enumerate(values, start=1)} | {
+        "xlow": low,
+        "xhigh": high,
+    }
     one = kind(robot, [1], xn=12.0, **table)
     along = np.interp(q, np.linspace(low, high, 12), values)
     np.testing.assert_allclose(wide_columns(one, motion)[1, :, 0], along, atol=1e-12)
     np.testing.assert_array_equal(one.outside(motion), (q < low) | (q > high))
-    two = kind(robot, [1], xn=3.0, y=2.0, yn=4.0, ylow=dq.min(), yhigh=dq.max(), **table)
+    two = kind(
+        robot, [1], xn=3.0, y=2.0, yn=4.0, ylow=dq.min(), yhigh=dq.max(), **table
+    )
     knots = np.linspace(low, high, 3), np.linspace(dq.min(), dq.max(), 4)
     both = interpolate.RegularGridInterpolator(knots, values.reshape(3, 4))
     expected = both(np.column_stack([np.clip(q, low, high), dq]))
     np.testing.assert_allclose(wide_columns(two, motion)[1, :, 0], expected, atol=1e-12)
     for key, value, said in (
-        ("xn", 12.5, "whole number"), ("xn", 0.0, "whole number"), ("xn", 11.0, "table of 11"),
-        ("xlow", high, "low end"), ("xj", 4.0, "no joint"), ("xi", -1.0, "no joint"),
-    ):  # fmt: skip
-        refusal(lambda k=key, x=value: kind(robot, [1], **{"xn": 12.0, **table, k: x}), said)
+        ("xn", 12.5, "whole number"),
+        ("xn", 0.0, "whole number"),
+        ("xn", 11.0, "table of 11"),
+        ("xlow", high, "low end"),
+        ("xj", 4.0, "no joint"),
+        ("xi", -1.0, "no joint"),
+    ):
+        refusal(
+            lambda k=key, x=value: kind(robot, [1], **{"xn": 12.0, **table, k: x}), said
+        )
 
 
 @pytest.mark.parametrize(
-    "name", ["q4", "sign(dq1)", "abs(ddq2)", "t", "temp12", "tau3", "q5+q6", "dq5-0.5dq6"]
+    "name",
+    ["q4", "sign(dq1)", "abs(ddq2)", "t", "temp12", "tau3", "q5+q6", "dq5-0.5dq6"],
 )
 def test_a_variable_reads_back_as_it_is_written(name):
     assert Variable.parse(name).name == name
 
 
-@pytest.mark.parametrize("text", ["q", "q0", "speed2", "t3", "q5+dq6", "phase(q4)", "sign(q4)", "none1"])
+@pytest.mark.parametrize(
+    "text", ["q", "q0", "speed2", "t3", "q5+dq6", "phase(q4)", "sign(q4)", "none1"]
+)
 def test_what_is_no_variable_is_refused(text):
     with pytest.raises(ValueError, match="no variable"):
         Variable.parse(text)
@@ -99,20 +133,29 @@ def test_what_is_no_variable_is_refused(text):
 
 @pytest.mark.parametrize("text", refusals("effects"))
 def test_an_effect_that_does_not_exist_is_refused(text):
-    assert same_refusal("effects", text, refusal(lambda: parse_effects(text, robots()["tree"])))
+    assert same_refusal(
+        "effects", text, refusal(lambda: parse_effects(text, robots()["tree"]))
+    )
 
 
 @pytest.mark.parametrize(
     ("effect", "finest"),
     [("torque_ripple", 2.0 * np.pi / 0.005), ("position_dependent_friction", 300.0)],
 )
-def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel(effect, finest):
-    """Neighbours half a wave apart from one whole wave on, the finest with a pitch of 5 mm."""
+def test_waves_that_are_sought_along_a_slide_are_told_apart_over_its_travel(
+    effect, finest
+):
+    """Neighbours half a wave apart from one whole wave on, the finest with a pitch of 5
+    mm."""
     robot = robots()["slide"]
     for travel in (0.2, 0.7):
-        slide = replace(robot, joints=(replace(robot.joints[0], lower=-0.1, upper=travel - 0.1),))
+        slide = replace(
+            robot, joints=(replace(robot.joints[0], lower=-0.1, upper=travel - 0.1),)
+        )
         every = [e.shape for e in effect_types()[effect].candidates(slide, 0)]
-        waves = np.array([shape["k"] for shape in every if shape.get("waves", 1.0) == 1.0])
+        waves = np.array(
+            [shape["k"] for shape in every if shape.get("waves", 1.0) == 1.0]
+        )
         np.testing.assert_allclose(np.diff(waves), np.pi / travel, rtol=2e-3)
         assert waves[0] == pytest.approx(2.0 * np.pi / travel, rel=1e-4)
         assert waves[-1] <= 1.0001 * finest
@@ -123,16 +166,21 @@ def test_torque_is_that_of_the_columns_over_the_models_own_width():
     """Stribeck friction turns over the width of the Coulomb friction beside it."""
     robot = robots()["arm"]
     motion = sines(np.random.default_rng(2), robot.n, np.arange(0.0, 4.0, 0.01))
-    model = Model(robot, parse_effects("coulomb_friction@v_s=0.3,stribeck_friction", robot))
+    model = Model(
+        robot, parse_effects("coulomb_friction@v_s=0.3,stribeck_friction", robot)
+    )
     theta = np.linspace(0.5, 1.5, len(model.parameters))
-    torque = np.column_stack([c.columns @ theta[c.indices] for c in model.columns(motion)])
+    torque = np.column_stack(
+        [c.columns @ theta[c.indices] for c in model.columns(motion)]
+    )
     sign, dip = np.tanh(motion.dq / 0.3), np.exp(-((motion.dq / 0.1) ** 2))
     np.testing.assert_allclose(torque, sign * (theta[:3] + theta[3:] * dip), atol=1e-12)
     np.testing.assert_allclose(model.torque(theta, motion), torque, atol=1e-12)
 
 
 def test_what_is_smoothed_is_the_motion_without_what_is_faster():
-    """To its ends, where Butterworth's filter there and back lies twice as far beside it."""
+    """To its ends, where Butterworth's filter there and back lies twice as far beside
+    it."""
     t = np.arange(1501) / 1000.0
     slow, fast = np.sin(5.0 * t + 0.3), 0.1 * np.sin(2.0 * np.pi * 80.0 * t)
     left = Motion(t, *[slow[:, None]] * 3).smoothed(slow + fast, 20.0) - slow

@@ -1,4 +1,5 @@
-"""Models run forward: against MuJoCo, against exact solutions, and against their own inverse."""
+"""Models run forward: against MuJoCo, against exact solutions, and against their own
+inverse."""
 
 from dataclasses import replace
 
@@ -14,7 +15,12 @@ from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.robot import inertia
 
-SIZES = {"viscous_friction": 0.3, "coulomb_friction": 0.4, "torque_offset": 0.1, "rotor_inertia": 0.1}
+SIZES = {
+    "viscous_friction": 0.3,
+    "coulomb_friction": 0.4,
+    "torque_offset": 0.1,
+    "rotor_inertia": 0.1,
+}
 
 
 def plant(name: str, effects: str, **sizes: float) -> Plant:
@@ -30,7 +36,9 @@ def plant(name: str, effects: str, **sizes: float) -> Plant:
 def at_rest(p: Plant, q: float = 0.3) -> State:
     n = p.robot.n
     zero = np.zeros((1, n))
-    return State(np.zeros(1), np.full((1, n), q), zero, zero, np.zeros((1, p.states)), zero, zero)
+    return State(
+        np.zeros(1), np.full((1, n), q), zero, zero, np.zeros((1, p.states)), zero, zero
+    )
 
 
 def run(p: Plant, state: State, torque: Array, h: float) -> State:
@@ -46,7 +54,9 @@ def test_simulations_side_by_side_weigh_what_each_does_alone():
     q = light.robot.random_configurations(2, 5)
     alone = [one.mass(row[None])[0] for one, row in zip((light, heavy), q, strict=True)]
     np.testing.assert_allclose(both.mass(q), alone, rtol=1e-12)
-    np.testing.assert_allclose(heavy.mass(q) - light.mass(q), np.tile(0.6 * np.eye(2), (2, 1, 1)))
+    np.testing.assert_allclose(
+        heavy.mass(q) - light.mass(q), np.tile(0.6 * np.eye(2), (2, 1, 1))
+    )
 
 
 @pytest.mark.parametrize("name", ["two_link", "panda", "ur10e"])
@@ -54,11 +64,19 @@ def test_as_mujoco_with_armature_and_damping(name):
     mujoco = pytest.importorskip("mujoco")
     p = plant(name, "rigid_body,viscous_friction,rotor_inertia")
     n, h, steps = p.robot.n, 1e-3, 300
-    others = np.full(n, SIZES["viscous_friction"]), np.zeros(n), np.full(n, SIZES["rotor_inertia"])
+    others = (
+        np.full(n, SIZES["viscous_friction"]),
+        np.zeros(n),
+        np.full(n, SIZES["rotor_inertia"]),
+    )
     own = p.theta[0, p.model.rigid_indices].reshape(-1, 10)
     frames = [joint.link_frame for joint in p.robot.joints]
-    links = np.stack([inertia.transform(f) @ row for f, row in zip(frames, own, strict=True)])
-    model = mujoco.MjModel.from_xml_string(make_mjcf(p.robot, Content(links, *others, ())).decode())
+    links = np.stack(
+        [inertia.transform(f) @ row for f, row in zip(frames, own, strict=True)]
+    )
+    model = mujoco.MjModel.from_xml_string(
+        make_mjcf(p.robot, Content(links, *others, ())).decode()
+    )
     model.opt.timestep, model.opt.integrator = h, mujoco.mjtIntegrator.mjINT_RK4
     model.jnt_limited[:] = 0
     data = mujoco.MjData(model)
@@ -91,11 +109,25 @@ def test_a_block_that_is_pushed_below_its_friction_stays_and_slides_above_it(h):
 
 
 def test_a_motor_that_two_joints_share_holds_both_until_it_is_overcome():
-    p = plant("two_link", "rigid_body,transmission_friction:1+2@c1=1@c2=-1", transmission_friction=4.0)
+    p = plant(
+        "two_link",
+        "rigid_body,transmission_friction:1+2@c1=1@c2=-1",
+        transmission_friction=4.0,
+    )
     rest = at_rest(p)
-    weight = p.robot.inverse_dynamics(p.theta[0, p.model.rigid_indices], rest.q, rest.dq, rest.ddq)
-    for share, holds in ((0.8, True), (1.2, False)):  # it creeps below the width of its sign
-        moved = run(p, rest, np.tile(weight + 4.0 * share * np.array([1.0, -1.0]), (200, 1)), 1e-3)
+    weight = p.robot.inverse_dynamics(
+        p.theta[0, p.model.rigid_indices], rest.q, rest.dq, rest.ddq
+    )
+    for share, holds in (
+        (0.8, True),
+        (1.2, False),
+    ):  # it creeps below the width of its sign
+        moved = run(
+            p,
+            rest,
+            np.tile(weight + 4.0 * share * np.array([1.0, -1.0]), (200, 1)),
+            1e-3,
+        )
         assert (np.abs(moved.q - rest.q).max() < 3e-3) == holds
 
 
@@ -104,7 +136,9 @@ def test_friction_that_follows_the_load_follows_that_of_the_links_alone():
     sizes = {"viscous_friction": 500.0, "load_dependent_friction": 0.3}
     p = plant("emps", "rigid_body,viscous_friction,load_dependent_friction", **sizes)
     theta = np.where(
-        [x.effect == "load_dependent_friction" for x in p.model.parameters], 0.3, p.theta[0]
+        [x.effect == "load_dependent_friction" for x in p.model.parameters],
+        0.3,
+        p.theta[0],
     )
     p = Plant(replace(p.model, reference=theta), theta)
     mass, h = float(p.mass(np.zeros((1, 1)))[0, 0, 0]), 1e-3

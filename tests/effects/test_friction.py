@@ -1,4 +1,5 @@
-"""Laws of friction by their properties: what they become in a limit, and the energy that they take."""
+"""Laws of friction by their properties: what they become in a limit, and the energy
+that they take."""
 
 from dataclasses import replace
 
@@ -14,7 +15,8 @@ ARM = robots()["arm"]
 
 
 def to_and_fro(period: float = 4.0) -> Motion:
-    """Two periods of a motion of milliradians, of centiradians and of a third of a radian."""
+    """Two periods of a motion of milliradians, of centiradians and of a third of a
+    radian."""
     t = np.arange(0.0, 2.0 * period, 1e-3)
     w = 2.0 * np.pi / period * np.array([1.0, 3.0])
     s, c = (np.sin(np.outer(t, w)), np.cos(np.outer(t, w)))
@@ -22,19 +24,26 @@ def to_and_fro(period: float = 4.0) -> Motion:
     return Motion(t, s @ size, (c * w) @ size, -(s * w**2) @ size, sign_width=1e-4)
 
 
-MEMORY = [f"{name}:{j}@d=0.002" for name in ("presliding_hysteresis", "maxwell_slip") for j in (1, 2, 3)]
+MEMORY = [
+    f"{name}:{j}@d=0.002"
+    for name in ("presliding_hysteresis", "maxwell_slip")
+    for j in (1, 2, 3)
+]
 WRIST = [f"transmission_friction:1+3@c1=1@c3=-0.5@law={law}" for law in LAWS]
 
 
 @pytest.mark.parametrize("text", [*MEMORY, *WRIST])
 def test_friction_takes_energy_and_a_rotor_keeps_it(text):
-    """At every instant where friction is a function of velocity; over a period where it remembers."""
+    """At every instant where friction is a function of velocity; over a period where it
+    remembers."""
     motion = to_and_fro()
     (made,) = parse_effects(text, ARM)
     z = wide_columns(made, motion)
     if text in MEMORY:
         if "presliding" in text:  # Coulomb's part is a parameter of its own
-            (dry,) = parse_effects(f"coulomb_friction:{made.joints[0] + 1}@v_s=0.0001", ARM)
+            (dry,) = parse_effects(
+                f"coulomb_friction:{made.joints[0] + 1}@v_s=0.0001", ARM
+            )
             z = z + wide_columns(dry, motion)
         assert np.all(np.abs(z) <= 1.0)
     power = np.einsum("jnk,nj->nk", z, motion.dq)[motion.t >= 4.0]
@@ -44,11 +53,15 @@ def test_friction_takes_energy_and_a_rotor_keeps_it(text):
         return
     assert np.all(energy >= -1e-3 * moved)
     assert energy.sum() > 0.05 * moved.sum()
-    assert (power.min() < 0.0) == (text in MEMORY or text.endswith("hysteresis"))  # springs back
+    assert (power.min() < 0.0) == (
+        text in MEMORY or text.endswith("hysteresis")
+    )  # springs back
     assert all(p.lower == 0.0 for p in made.parameters) or text in MEMORY
 
 
-@pytest.mark.parametrize("text", [*MEMORY, "stiction:2@d=0.001", WRIST[LAWS.index("hysteresis")]])
+@pytest.mark.parametrize(
+    "text", [*MEMORY, "stiction:2@d=0.001", WRIST[LAWS.index("hysteresis")]]
+)
 def test_states_that_are_advanced_step_by_step_are_those_along_the_motion(text):
     (made,) = parse_effects(text, ARM)
     q, along = to_and_fro().q, made.bristles.along(to_and_fro())
@@ -63,7 +76,9 @@ def test_friction_that_varies_with_position_is_nowhere_negative(two_link, waves)
     """Of random parameters exactly those pass whose friction is nowhere below zero."""
     own = f"position_dependent_friction:2@k=3@waves={waves}"
     model = two_link.model(f"rigid_body,coulomb_friction,{own}")
-    demands = [c for c in two_link.constraints(model).convex if own.split(":")[0] in c.name]
+    demands = [
+        c for c in two_link.constraints(model).convex if own.split(":")[0] in c.name
+    ]
     demands = [c for c in demands if c.family == "sign"]
     effect: Effect = model.effects[2]
     q = np.linspace(-np.pi, np.pi, 2000)
@@ -74,10 +89,15 @@ def test_friction_that_varies_with_position_is_nowhere_negative(two_link, waves)
     verdicts = []
     for _ in range(200):
         theta = np.zeros(len(model.parameters))
-        theta[model.indices[1]], theta[model.indices[2]] = 1.0, rng.normal(size=2 * waves, scale=0.4)
+        theta[model.indices[1]], theta[model.indices[2]] = (
+            1.0,
+            rng.normal(size=2 * waves, scale=0.4),
+        )
         lowest = float(np.min(1.0 + shape @ theta[model.indices[2]]))
         if abs(lowest) > 0.02:
-            verdicts.append((all(c.margin(theta) >= 0.0 for c in demands), lowest > 0.0))
+            verdicts.append(
+                (all(c.margin(theta) >= 0.0 for c in demands), lowest > 0.0)
+            )
     assert all(kept == positive for kept, positive in verdicts)
     assert {kept for kept, _ in verdicts} == {True, False}
 
@@ -90,7 +110,10 @@ def test_laws_and_ratios_are_written_as_words_and_numbers():
 
 
 def test_a_known_transmission_is_among_the_candidates():
-    coupled = replace(ARM, transmission=parse_transmission(["50 q1", "30 q2", "20 q1 - 17 q2 - 17 q3"]))
+    coupled = replace(
+        ARM,
+        transmission=parse_transmission(["50 q1", "30 q2", "20 q1 - 17 q2 - 17 q3"]),
+    )
     kind = effect_types()["transmission_friction"]
 
     def sought(robot: Robot) -> set[tuple[float, ...]]:

@@ -1,4 +1,5 @@
-"""Cross-validation by phase blocks: each row judged once, by a model that has not seen its motion."""
+"""Cross-validation by phase blocks: each row judged once, by a model that has not seen
+its motion."""
 
 from dataclasses import replace
 
@@ -11,7 +12,8 @@ from sdp_vs_penalty.signals import Preprocessing
 
 
 def run_of(problem: Problem, seconds: float = 24.0) -> Measurements:
-    """Period 10 s; the friction is not what the model has: it errs on motion that it has not seen."""
+    """Period 10 s; the friction is not what the model has: it errs on motion that it
+    has not seen."""
     effects = "rigid_body,viscous_friction"
     run = repeating_run(problem, 1, 0.02, seconds=seconds, effects=effects)
     return replace(run, tau=run.tau + 0.3 * np.sin(3.0 * run.q))
@@ -25,12 +27,17 @@ def test_errors_are_of_unseen_motion(two_link):
     assert result.folds[result.worst - 1].relative_error_percent == worst
     assert f"worst fold {result.worst}: {worst:.3g} %" in result.verdict
     rows = sum(f.rows for f in result.folds)
-    np.testing.assert_allclose(result.rmse**2, sum(f.losses for f in result.folds) / rows, rtol=1e-12)
-    assert [f.start for f in result.folds] == pytest.approx([0.0, 2.5, 5.0, 7.5], abs=0.02)
+    np.testing.assert_allclose(
+        result.rmse**2, sum(f.losses for f in result.folds) / rows, rtol=1e-12
+    )
+    assert [f.start for f in result.folds] == pytest.approx(
+        [0.0, 2.5, 5.0, 7.5], abs=0.02
+    )
 
 
 def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link):
-    """Another torque in one phase, in every period, changes no parameter of the fold that tests it."""
+    """Another torque in one phase, in every period, changes no parameter of the fold
+    that tests it."""
     run = run_of(two_link)
     tau = run.tau.copy()
     tau[(run.t % 10.0 > 2.6) & (run.t % 10.0 < 4.9)] += 5.0
@@ -41,18 +48,26 @@ def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link):
             cross_validate(two_link, r, "ols", effects=names, folds=4, weighting="none")
             for r in (run, changed)
         )
-        np.testing.assert_allclose(after.folds[1].theta, before.folds[1].theta, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(
+            after.folds[1].theta, before.folds[1].theta, rtol=1e-7, atol=1e-9
+        )
         assert np.abs(after.folds[0].theta - before.folds[0].theta).max() > 1e-3
 
 
 def test_shape_constants_are_each_folds_own(two_link):
-    """Friction that turns round over another velocity than declared is predicted as by one who knows it,
-    and what the judged phase says of that velocity is not heard."""
+    """Friction that turns round over another velocity than declared is predicted as by
+    one who knows it, and what the judged phase says of that velocity is not heard."""
     run = run_of(two_link, seconds=40.0)
-    tau = run.tau - 0.3 * np.sin(3.0 * run.q) + np.tanh(np.gradient(run.q, run.t, axis=0) / 0.025)
+    tau = (
+        run.tau
+        - 0.3 * np.sin(3.0 * run.q)
+        + np.tanh(np.gradient(run.q, run.t, axis=0) / 0.025)
+    )
     effects = "rigid_body,viscous_friction,torque_offset,coulomb_friction"
     found, told, declared = (
-        cross_validate(two_link, replace(run, tau=tau), "ols", effects=effects + how, folds=4).rmse
+        cross_validate(
+            two_link, replace(run, tau=tau), "ols", effects=effects + how, folds=4
+        ).rmse
         for how in ("", "@v_s=0.025", "@v_s=0.01")
     )
     assert np.all(found < 1.05 * told)
@@ -61,6 +76,12 @@ def test_shape_constants_are_each_folds_own(two_link):
 
 def test_what_cannot_be_split_is_refused(two_link):
     with pytest.raises(InputError, match="fewer folds"):
-        cross_validate(two_link, run_of(two_link), "ols", folds=2, preprocessing=Preprocessing(2.0, 3.0))
+        cross_validate(
+            two_link,
+            run_of(two_link),
+            "ols",
+            folds=2,
+            preprocessing=Preprocessing(2.0, 3.0),
+        )
     with pytest.raises(InputError, match="2 or more"):
         cross_validate(two_link, run_of(two_link), "ols", folds=1)

@@ -1,4 +1,5 @@
-"""The saved estimate: the same torques to the last bit, valid JSON, and who decides each parameter."""
+"""The saved estimate: the same torques to the last bit, valid JSON, and who decides
+each parameter."""
 
 import json
 from dataclasses import replace
@@ -9,7 +10,15 @@ import numpy as np
 import pytest
 from arms import SCARA_FRICTION, SCARA_NOISE, run_of
 from hypothesis import given, settings
-from random_robots import link_parameters, open_problem, posed_task, repeating_run, seeds, sines, tree
+from random_robots import (
+    link_parameters,
+    open_problem,
+    posed_task,
+    repeating_run,
+    seeds,
+    sines,
+    tree,
+)
 
 from sdp_vs_penalty import Estimate, InputError, add, compare, export, load_estimate
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
@@ -22,7 +31,9 @@ noisy_run = partial(repeating_run, noise=0.2, base=0.15, motion_seed=3, seconds=
 
 
 def strict(text: str) -> Any:
-    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    return json.loads(
+        text, parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
+    )
 
 
 def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
@@ -34,7 +45,9 @@ def assert_same_estimate(a: Estimate, b: Estimate, motion: Motion) -> None:
     assert strict(json.dumps(a.to_dict())) == strict(json.dumps(b.to_dict()))
 
 
-@pytest.mark.parametrize("method", ["ols", "lmi-sdp", "lmi-sdp-entropic", "lmi-sdp-two-step"])
+@pytest.mark.parametrize(
+    "method", ["ols", "lmi-sdp", "lmi-sdp-entropic", "lmi-sdp-two-step"]
+)
 @settings(max_examples=2)
 @given(seed=seeds)
 def test_a_model_file_predicts_the_same_to_the_last_bit(tmp_path_factory, method, seed):
@@ -53,21 +66,30 @@ def test_a_model_file_predicts_the_same_to_the_last_bit(tmp_path_factory, method
 
 
 def test_a_model_with_every_effect_survives(two_link, tmp_path):
-    """Shape constants, joints, memory, and the current model that some effects refer to."""
+    """Shape constants, joints, memory, and the current model that some effects refer
+    to."""
     own = {n: kind for n, kind in effect_types().items() if kind.forward != "drive"}
     every = [name for name, kind in own.items() if not kind.frozen_only]
     texts = [f"{n}@d=0.02" if n == "presliding_hysteresis" else n for n in every]
     run = noisy_run(two_link, 2)
-    run = replace(run, temperature=20.0 + run.t[:, None] * [1.0, 2.0], commanded={"qmot": 1.1 * run.q})
+    run = replace(
+        run,
+        temperature=20.0 + run.t[:, None] * [1.0, 2.0],
+        commanded={"qmot": 1.1 * run.q},
+    )
     estimate = identify(two_link, run, "ols", effects=texts)
     # One of them a joint where a constant is estimated joint by joint.
     assert list(dict.fromkeys(e.name for e in estimate.model.effects)) == every
     estimate.save(tmp_path / "model.json")
     again = load_estimate(tmp_path / "model.json")
     motion = sines(np.random.default_rng(1), 2, np.arange(0.0, 3.0, 0.01))
-    motion = replace(motion, temperature=np.full_like(motion.q, 25.0), motors=1.1 * motion.ddq)
+    motion = replace(
+        motion, temperature=np.full_like(motion.q, 25.0), motors=1.1 * motion.ddq
+    )
     assert_same_estimate(estimate, again, motion)
-    hysteresis = next(e for e in again.model.effects if e.name == "presliding_hysteresis")
+    hysteresis = next(
+        e for e in again.model.effects if e.name == "presliding_hysteresis"
+    )
     assert hysteresis.shape == {"d": 0.02}
 
 
@@ -81,12 +103,20 @@ def test_the_file_holds_what_was_promised(two_link, tmp_path):
         *("m2", "mx2", "my2", "mz2"),
         *("Ixx2", "Ixy2", "Iyy2", "Ixz2", "Iyz2", "Izz2"),
     ]
-    assert {(p["joint"], p["unit"]) for p in parameters[10:12]} == {(2, "kg"), (2, "kg*m")}
+    assert {(p["joint"], p["unit"]) for p in parameters[10:12]} == {
+        (2, "kg"),
+        (2, "kg*m"),
+    }
     assert (data["method"], data["robot"]["gravity"]) == ("lmi-sdp", [0.0, 0.0, -9.81])
     made = data["provenance"]
     assert (made["seed"], made["data_hash"]) == (12, run.data_hash)
-    assert {"numpy", "scipy", "pin", "python", "sdp_vs_penalty"} <= set(made["versions"])
-    assert data["settings"] | {"weighting": "noise", "entropy": LmiSdp.entropy} == data["settings"]
+    assert {"numpy", "scipy", "pin", "python", "sdp_vs_penalty"} <= set(
+        made["versions"]
+    )
+    assert (
+        data["settings"] | {"weighting": "noise", "entropy": LmiSdp.entropy}
+        == data["settings"]
+    )
     names = [p["name"] for p in parameters]
     seen = data["covariance"]["parameters"]
     assert set(seen) <= set(names)
@@ -103,7 +133,10 @@ def test_a_file_without_the_training_motion_loads_and_says_so(two_link, tmp_path
     (tmp_path / "old.json").write_text(json.dumps(old))
     judged = compare(tmp_path / "old.json", run)[0]
     assert judged.new_motion_share is None
-    assert add(tmp_path / "old.json", "joint_spring:1", run, frozen=True).training_motion is None
+    assert (
+        add(tmp_path / "old.json", "joint_spring:1", run, frozen=True).training_motion
+        is None
+    )
     bigger = add(estimate, "joint_spring:1", noisy_run(two_link, 2), frozen=True)
     assert compare(bigger, run)[0].new_motion_share == 0.0
     assert "the model does not record its own" in repr(judged)
@@ -111,17 +144,26 @@ def test_a_file_without_the_training_motion_loads_and_says_so(two_link, tmp_path
 
 def test_what_the_data_tell_is_free_of_units(scara_arm):
     """What no torque shows is the prior's, what is measured again and again the data's."""
-    task = posed_task(scara_arm, run_of(scara_arm, SCARA_FRICTION, SCARA_NOISE, seconds=8.0))
+    task = posed_task(
+        scara_arm, run_of(scara_arm, SCARA_FRICTION, SCARA_NOISE, seconds=8.0)
+    )
     names = [p.name for p in task.model.parameters]
     told = from_data(task, np.eye(len(names)))
-    # The first axis is vertical: neither weight nor tilting moments of link 1 make torque.
+    # The first axis is vertical: neither weight nor tilting moments of link 1 make
+    # torque.
     assert not told[[names.index(name) for name in ("m1", "mz1", "Ixx1", "Iyz1")]].any()
     assert told[[names.index(f"f_v{j}") for j in (1, 2, 3)]].all()
     data = task.data
     scaled = LeastSquares(
-        1e3 * data.R, 1e3 * data.rho, 1e3 * data.residual_norm, 1e6 * data.tau_squared, data.rows
+        1e3 * data.R,
+        1e3 * data.rho,
+        1e3 * data.residual_norm,
+        1e6 * data.tau_squared,
+        data.rows,
     )
-    assert np.array_equal(from_data(replace(task, data=scaled), np.eye(len(names))), told)
+    assert np.array_equal(
+        from_data(replace(task, data=scaled), np.eye(len(names))), told
+    )
 
 
 def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_path):
@@ -129,7 +171,9 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_
     made = identify(scara_arm, run)
     made.save(tmp_path / "model.json")
     names = [p.name for p in made.model.parameters]
-    sources = dict(zip(names, load_estimate(tmp_path / "model.json").sources, strict=True))
+    sources = dict(
+        zip(names, load_estimate(tmp_path / "model.json").sources, strict=True)
+    )
     assert sources["m1"] == "prior"
     assert sources["f_v1"] == "data"
     base = made.details["base_parameters"]
@@ -137,10 +181,13 @@ def test_a_model_says_who_decides_and_export_what_is_implausible(scara_arm, tmp_
     entry = made.to_dict()["parameters"][0]
     assert (entry["name"], entry["source"]) == ("m1", "prior")
     assert entry["nominal"] == pytest.approx(8.0)
-    # One sentence names the links that are not weighed, and a mass that is far from its nominal value.
+    # One sentence names the links that are not weighed, and a mass that is far from its
+    # nominal value.
     assert "link" in made.unweighed
     heavy = np.where([name == "m1" for name in names], 40.0, made.theta)
-    assert "far from nominal: 40 kg for 8 (link 1)" in replace(made, theta=heavy).unweighed
+    assert (
+        "far from nominal: 40 kg for 8 (link 1)" in replace(made, theta=heavy).unweighed
+    )
     export(made, tmp_path / "arm.urdf")
     # A mass of a milligram with the same moments: consistent, and nowhere near the arm.
     theta = made.theta.copy()

@@ -1,4 +1,5 @@
-"""Motions to record: exciting ones, those that weigh a load, and those that tell two effects apart."""
+"""Motions to record: exciting ones, those that weigh a load, and those that tell two
+effects apart."""
 
 import json
 from dataclasses import replace
@@ -30,11 +31,15 @@ positive = st.floats(0.05, 3.0)
     duration=st.floats(4.0, 20.0),
     seed=st.integers(0, 1000),
 )
-def test_an_optimised_trajectory_keeps_any_limits(low, span, velocity, acceleration, duration, seed):
+def test_an_optimised_trajectory_keeps_any_limits(
+    low, span, velocity, acceleration, duration, seed
+):
     problem = load_problem("two_link")
     lower = np.array(low)
     limits = Limits(lower, lower + span, np.array(velocity), np.array(acceleration))
-    found = excitation.excite(problem, limits=limits, duration=duration, seed=seed, iterations=2)
+    found = excitation.excite(
+        problem, limits=limits, duration=duration, seed=seed, iterations=2
+    )
     t = np.linspace(0.0, duration, 2 * round(1000 * duration) + 1)
     q, dq, ddq = found.trajectory.states(t)
     assert np.all(q >= limits.lower - 1e-6)
@@ -48,7 +53,9 @@ def test_better_conditioned_than_the_papers_within_the_papers_own_extremes(panda
     paper = experiment(panda).trajectory
     limits = Limits.of_trajectory(paper)
     before = excitation.Regressor.of(panda).condition(paper)
-    assert 105.0 < before < 125.0  # the paper's own figure is 109 to 122, depending on the basis
+    assert (
+        105.0 < before < 125.0
+    )  # the paper's own figure is 109 to 122, depending on the basis
     found = excitation.excite(panda, limits=limits, start=paper, iterations=12)
     assert found.condition < 0.75 * before
     assert limits.excess(found.trajectory) <= 1.0
@@ -81,7 +88,9 @@ def run(estimate: Estimate) -> excitation.PayloadRun:
     return excitation.payload_run(estimate, iterations=8, seed=1)
 
 
-def test_only_the_wrist_moves_within_its_limits_and_weighs_better_than_at_random(estimate, run):
+def test_only_the_wrist_moves_within_its_limits_and_weighs_better_than_at_random(
+    estimate, run
+):
     assert run.trajectory.duration == 2.0
     q, dq, _ = run.trajectory.states(np.linspace(0.0, 2.0, 401))
     assert np.ptp(q[:, :4], axis=0).max() == 0.0
@@ -128,9 +137,12 @@ def test_the_found_motion_is_within_limits_and_tells_more_than_the_default(small
 
 
 def test_the_stated_length_decides_rightly_as_often_as_stated(small):
-    """Least squares of both models on noise drawn anew, beside a calculation of the distance by QR."""
+    """Least squares of both models on noise drawn anew, beside a calculation of the
+    distance by QR."""
     hypotheses = separation.Hypotheses(small, PAIR, 0.5)
-    trajectory = separation.separate(small, PAIR, duration=10.0, level=0.5, iterations=5).trajectory
+    trajectory = separation.separate(
+        small, PAIR, duration=10.0, level=0.5, iterations=5
+    ).trajectory
     motion = hypotheses.motion(trajectory.states, 10.0)
     columns = zip(small.model.columns(motion), hypotheses.noise, strict=True)
     X = np.vstack([c.wide(len(small.theta)) / noise for c, noise in columns])
@@ -156,7 +168,11 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     seconds = hypotheses.needed(float(value) * rows, 10.0)
     delta = np.sqrt(float(value) * rows * seconds / 10.0)
     strength = delta / np.sqrt(float(value))
-    rng, price, right = np.random.default_rng(1), np.log(hypotheses.row_rate * seconds), 0
+    rng, price, right = (
+        np.random.default_rng(1),
+        np.log(hypotheses.row_rate * seconds),
+        0,
+    )
     for _ in range(300):
         y = strength * (A @ direction) + rng.normal(size=len(A))
         squares = {k: float(y @ y - np.sum((q.T @ y) ** 2)) for k, q in Q.items()}
@@ -168,12 +184,15 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
 
 def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path):
     arm = """<robot name="folding">{links}{joints}</robot>"""
-    box = '<collision><origin xyz="0.25 0 0"/><geometry><box size="0.5 0.1 0.1"/></geometry></collision>'
+    box = (
+        '<collision><origin xyz="0.25 0 0"/><geometry><box size="0.5 0.1'
+        ' 0.1"/></geometry></collision>'
+    )
     links = "".join(f'<link name="l{k}">{box}</link>' for k in range(4))
     joints = "".join(
-        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
-        '<origin xyz="0.6 0 0"/><axis xyz="0 0 1"/>'
-        '<limit lower="-3" upper="3" velocity="1" effort="10"/></joint>'
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child'
+        f' link="l{k + 1}"/><origin xyz="0.6 0 0"/><axis xyz="0 0 1"/><limit lower="-3"'
+        ' upper="3" velocity="1" effort="10"/></joint>'
         for k in range(3)
     )
     path = tmp_path / "arm.urdf"
@@ -182,5 +201,9 @@ def test_an_arm_that_folds_back_onto_its_base_is_seen(tmp_path):
     assert free(np.zeros((1, 3)))
     assert not free(np.array([[0.0, 0.0, 0.0], [0.0, 2.2, 2.2]]))
     bare = tmp_path / "bare.urdf"
-    bare.write_text(arm.format(links="".join(f'<link name="l{k}"/>' for k in range(4)), joints=joints))
+    bare.write_text(
+        arm.format(
+            links="".join(f'<link name="l{k}"/>' for k in range(4)), joints=joints
+        )
+    )
     assert self_collision(bare, 3) is None

@@ -1,17 +1,27 @@
-"""A weighed load gives the torque channels' gains, and gains that are known badly widen intervals."""
+"""A weighed load gives the torque channels' gains, and gains that are known badly widen
+intervals."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sdp_vs_penalty import Measurements, Problem, add, diagnose, load_estimate, load_problem
+from sdp_vs_penalty import (
+    Measurements,
+    Problem,
+    add,
+    diagnose,
+    load_estimate,
+    load_problem,
+)
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
 
 GAIN = np.array([0.92, 1.07, 0.9])
-LOAD = inertia.standard_from_barycentric([1.5, 0.05, -0.02, 0.1, 0.004, 0, 0.003, 0, 0, 0.005])
+LOAD = inertia.standard_from_barycentric(
+    [1.5, 0.05, -0.02, 0.1, 0.004, 0, 0.003, 0, 0, 0.005]
+)
 
 
 @pytest.fixture(scope="module")
@@ -19,15 +29,25 @@ def arm() -> Problem:
     return load_problem(str(Path(__file__).parents[2] / "docs" / "my_arm.urdf"))
 
 
-def measured(arm: Problem, seed: int, load: float, gain: np.ndarray = GAIN) -> Measurements:
-    """Torque channels that read ``gain`` times the truth, with ``load`` times LOAD on the flange."""
+def measured(
+    arm: Problem, seed: int, load: float, gain: np.ndarray = GAIN
+) -> Measurements:
+    """Torque channels that read ``gain`` times the truth, with ``load`` times LOAD on
+    the flange."""
     t = np.arange(0.0, 20.0, 0.01)
     q, dq, ddq = random_trajectory(arm.robot, seed=seed, duration=20.0).states(t)
     links = arm.nominal_links.copy()
     links[-1] += load * LOAD
-    tau = arm.robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * dq + 0.8 * np.tanh(dq / 0.01) + 0.2
+    tau = (
+        arm.robot.inverse_dynamics(links, q, dq, ddq)
+        + 0.5 * dq
+        + 0.8 * np.tanh(dq / 0.01)
+        + 0.2
+    )
     noise = np.random.default_rng(seed).normal(size=tau.shape)
-    return Measurements(t, q, gain * (tau + 0.02 * tau.std(axis=0) * noise), names=(f"run {seed}",))
+    return Measurements(
+        t, q, gain * (tau + 0.02 * tau.std(axis=0) * noise), names=(f"run {seed}",)
+    )
 
 
 def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(arm, tmp_path):
@@ -37,7 +57,9 @@ def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(arm, tmp_pa
     gain, std = (np.array(estimate.details["gains"][key]) for key in ("gain", "std"))
     assert np.all(np.abs(gain - GAIN) < 4.0 * std)
     assert np.all(std < 0.1 * GAIN)
-    twice = identify(arm, bare, "ols", known_loads=[(loaded, 1.5), (measured(arm, 4, 2.0), 3.0)])
+    twice = identify(
+        arm, bare, "ols", known_loads=[(loaded, 1.5), (measured(arm, 4, 2.0), 3.0)]
+    )
     both, finer = (np.array(twice.details["gains"][key]) for key in ("gain", "std"))
     assert np.all(np.abs(both - GAIN) < 4.0 * finer)
     assert np.all(finer < 0.8 * std)
@@ -57,41 +79,55 @@ def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(arm, tmp_pa
     assert abs(found[0].size - 0.9) < 4.0 * found[0].std
     (doubted,) = diagnose(kept, other, frozen=True, gain_uncertainty=0.1).effects
     assert doubted.std > 1.5 * found[0].std
-    # As the channels stand, the same load weighs something else, and its interval does not know.
-    naive = add(identify(arm, bare, "ols"), "payload", other).uncertainty.standard[len(kept.theta)]
+    # As the channels stand, the same load weighs something else, and its interval does
+    # not know.
+    naive = add(identify(arm, bare, "ols"), "payload", other).uncertainty.standard[
+        len(kept.theta)
+    ]
     assert not naive.lower < 0.9 < naive.upper
 
 
 def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
-    """All gains 1 % too high make a load 1 % heavier; the stated spread is that of independent ones."""
+    """All gains 1 % too high make a load 1 % heavier; the stated spread is that of
+    independent ones."""
     loaded = measured(arm, 3, 1.0, np.ones(3))
     estimate = identify(arm, measured(arm, 1, 0.0, np.ones(3)), "ols")
-    plain, wide = (add(estimate, "payload", loaded, gain_uncertainty=u) for u in (0.0, 0.01))
+    plain, wide = (
+        add(estimate, "payload", loaded, gain_uncertainty=u) for u in (0.0, 0.01)
+    )
     k = len(estimate.theta)
-    added = np.sqrt(wide.uncertainty.standard[k].std ** 2 - plain.uncertainty.standard[k].std ** 2)  # kg
+    added = np.sqrt(
+        wide.uncertainty.standard[k].std ** 2 - plain.uncertainty.standard[k].std ** 2
+    )  # kg
     assert 0.003 < added < 0.05
     # The response to all gains together is the parameters themselves.
     together = wide.uncertainty.gain_response.sum(axis=1)
     assert together[k] == pytest.approx(wide.theta[k], rel=0.05)
-    friction = [i for i, p in enumerate(estimate.model.parameters) if p.name.startswith("f_")]
+    friction = [
+        i for i, p in enumerate(estimate.model.parameters) if p.name.startswith("f_")
+    ]
     np.testing.assert_allclose(together[friction], estimate.theta[friction], rtol=1e-6)
     # The parameters that are kept know it as well, and so does whoever reads the file.
     assert np.all(wide.uncertainty.std[friction] > plain.uncertainty.std[friction])
     wide.save(tmp_path / "wide.json")
     again = load_estimate(tmp_path / "wide.json")
     np.testing.assert_array_equal(again.covariance, wide.covariance)
-    np.testing.assert_allclose(np.sqrt(np.diagonal(wide.covariance)), wide.uncertainty.std, rtol=1e-9)
+    np.testing.assert_allclose(
+        np.sqrt(np.diagonal(wide.covariance)), wide.uncertainty.std, rtol=1e-9
+    )
 
 
 @pytest.mark.long
 @pytest.mark.real_data
 def test_the_load_of_the_real_ur10e():
-    """Gains from one loaded run weigh the same load in another run: 2.805 kg, where the authors' drive
-    gains make it 2.34 and 2.48."""
+    """Gains from one loaded run weigh the same load in another run: 2.805 kg, where the
+    authors' drive gains make it 2.34 and 2.48."""
     runs = {r.names[0][9:]: r for r in measured_runs("ur10e").values()}
     for first, second in (("14", "15"), ("15", "14")):
         loads = [(runs[f"19_{first}harm50secLoad"], 2.805)]
-        estimate = identify("ur10e", runs[f"19_{first}harm50sec"], "ols", known_loads=loads)
+        estimate = identify(
+            "ur10e", runs[f"19_{first}harm50sec"], "ols", known_loads=loads
+        )
         found = add(estimate, "payload", runs[f"19_{second}harm50secLoad"])
         mass = found.uncertainty.standard[len(estimate.theta)]
         assert mass.lower < 2.805 < mass.upper

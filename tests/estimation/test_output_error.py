@@ -12,17 +12,25 @@ EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.001,torque_offset"
 
 
 def test_what_bends_the_torque_for_moments_bends_the_simulated_motion_less():
-    """Spikes at every reversal, which no effect of the model explains, under a known truth."""
+    """Spikes at every reversal, which no effect of the model explains, under a known
+    truth."""
     problem = load_problem("emps")
     model = problem.model(EFFECTS)
     sizes = {"viscous_friction": 200.0, "coulomb_friction": 20.0}
     theta = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
-    theta[model.rigid_indices] = 95.0 / problem.nominal_links[0, 0] * problem.nominal_links.ravel()
+    theta[model.rigid_indices] = (
+        95.0 / problem.nominal_links[0, 0] * problem.nominal_links.ravel()
+    )
     trajectory = random_trajectory(problem.robot, 3, 2.5)
     late = Sensor(1000.0, np.zeros(1))
     clean = simulate(trajectory, lambda motion: model.torque(theta, motion), late)
-    spiky = lambda m: 15.0 * np.exp(-((m.dq / 0.01) ** 2)) * np.sin(400.0 * m.t)[:, None]  # noqa: E731
-    run = simulate(trajectory, lambda motion: model.torque(theta, motion) + spiky(motion), late)
+
+    def spiky(m):
+        return 15.0 * np.exp(-((m.dq / 0.01) ** 2)) * np.sin(400.0 * m.t)[:, None]
+
+    run = simulate(
+        trajectory, lambda motion: model.torque(theta, motion) + spiky(motion), late
+    )
     start = identify(problem, run, effects=EFFECTS, check=False)
     made = identify(problem, run, "output-error", effects=EFFECTS, check=False)
     before, after = made.details["simulation_rms"]

@@ -1,4 +1,5 @@
-"""One posing: the file that `export-sdp` writes holds the problem that `identify` solves."""
+"""One posing: the file that `export-sdp` writes holds the problem that `identify`
+solves."""
 
 import json
 import shutil
@@ -20,19 +21,31 @@ from sdp_vs_penalty.simulation import experiment
 
 _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]
 #: Joints with friction, one slide; the others take longer.
-_REAL = ("panda", "emps", *(pytest.param(x, marks=pytest.mark.long) for x in ("ur10e", "tx40", "ur10")))
+_REAL = (
+    "panda",
+    "emps",
+    *(pytest.param(x, marks=pytest.mark.long) for x in ("ur10e", "tx40", "ur10")),
+)
 
 
 def _arm(name: str, folder: Path) -> tuple[Problem, Measurements]:
     if name != "ur10":
-        return load_problem(name), replace(next(iter(measured_runs(name).values())), dq=None)
+        return load_problem(name), replace(
+            next(iter(measured_runs(name).values())), dq=None
+        )
     problem = load_problem(folder / "ur10_salerno" / "robot.urdf")
     names = problem.robot.joint_names
-    return problem, load_measurements(folder / "ur10_salerno" / "train.csv", joints=6, names=names)
+    return problem, load_measurements(
+        folder / "ur10_salerno" / "train.csv", joints=6, names=names
+    )
 
 
 def _same(
-    problem: Problem, run: Measurements, tmp_path: Path, options: PoseOptions, **told: Any
+    problem: Problem,
+    run: Measurements,
+    tmp_path: Path,
+    options: PoseOptions,
+    **told: Any,
 ) -> dict[str, Any]:
     file = tmp_path / "a.dat-s"
     about = write_posed(problem, run, file, options=options)
@@ -40,9 +53,14 @@ def _same(
     lower, upper = estimate.certificate.lower, estimate.certificate.upper
     assert about["method"] == SDPA_METHOD
     assert about["effects"] == [effect.text for effect in estimate.model.effects]
-    np.testing.assert_allclose((about["lower"], about["upper"]), (lower, upper), rtol=1e-7)
+    np.testing.assert_allclose(
+        (about["lower"], about["upper"]), (lower, upper), rtol=1e-7
+    )
     programs = [p for p in ("csdp", "sdpa") if shutil.which(p)] or ["csdp"]
-    losses = [about["offset"] + about["scale"] * outside_optimum(p, tmp_path) for p in programs]
+    losses = [
+        about["offset"] + about["scale"] * outside_optimum(p, tmp_path)
+        for p in programs
+    ]
     assert min(max(lower - x, x - upper) for x in losses) <= 1e-6 * upper
     return json.loads((tmp_path / "a.dat-s.json").read_text())
 
@@ -55,7 +73,9 @@ def test_the_file_holds_the_problem_that_identify_solves(name, data_folder, tmp_
 
 def test_of_a_simulated_arm_with_friction_under_every_option(two_link, tmp_path):
     run = experiment(two_link).training_run(seed=2).window(0.0, 8.0)
-    problem = with_filters(with_bounds(two_link.with_gravity((0.0, -9.7, 1.0)), "m2=0.1:9"), "4,6")
+    problem = with_filters(
+        with_bounds(two_link.with_gravity((0.0, -9.7, 1.0)), "m2=0.1:9"), "4,6"
+    )
     told: dict[str, Any] = {"effects": _FRICTION, "weighting": "none"}
     about = _same(problem, run, tmp_path, PoseOptions(**told), **told)
     assert about["gravity"] == [0.0, -9.7, 1.0]

@@ -1,4 +1,5 @@
-"""Logs without torque: the servo's law, its delay, the scale, and instruments against noise.
+"""Logs without torque: the servo's law, its delay, the scale, and instruments against
+noise.
 
 The truth is a slide with a position servo, integrated in tests/helpers/servo_log.py.
 """
@@ -31,7 +32,9 @@ def found(arm: str) -> sdp.Estimate:
 
 
 def value(estimate: sdp.Estimate, name: str) -> float:
-    return float(estimate.theta[[p.name for p in estimate.model.parameters].index(name)])
+    return float(
+        estimate.theta[[p.name for p in estimate.model.parameters].index(name)]
+    )
 
 
 def test_a_known_mass_gives_the_gains_and_friction(found, tmp_path):
@@ -71,7 +74,9 @@ def test_what_sets_the_scale(arm, known, load, times, said):
     gain, mass = value(found, "kp1"), value(found, "m1")
     assert gain / mass == pytest.approx(KP / MASS, rel=0.02)
     assert times is None or mass == pytest.approx(times * MASS, rel=0.03)
-    sources = dict(zip([p.name for p in found.model.parameters], found.sources, strict=True))
+    sources = dict(
+        zip([p.name for p in found.model.parameters], found.sources, strict=True)
+    )
     assert all((sources[k], value(found, k)) == ("given", v) for k, v in known.items())
     assert not load or found.certificate.gap < 1e-7
 
@@ -80,34 +85,49 @@ def test_a_motor_constant_sets_the_scale(arm):
     run = log(torque=True)
     groups = {"q": run.q, "qcmd": run.commanded["qcmd"], "current": run.tau / 2.5}
     found = sdp.identify(
-        arm, sdp.Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5}
+        arm,
+        sdp.Measurements.of(run.t, groups, ("run",)),
+        effects=EFFECTS,
+        known={"kt1": 2.5},
     )
     assert found.details["servo"]["scale"] == "kt1 = 2.5"
     assert value(found, "kp1") == pytest.approx(KP, rel=0.02)
     assert value(found, "m1") == pytest.approx(MASS, rel=0.02)
     groups["current"] = -groups["current"]
-    with pytest.raises(sdp.InputError, match="current1 is not what this servo makes of its error"):
+    with pytest.raises(
+        sdp.InputError, match="current1 is not what this servo makes of its error"
+    ):
         sdp.identify(
-            arm, sdp.Measurements.of(run.t, groups, ("run",)), effects=EFFECTS, known={"kt1": 2.5}
+            arm,
+            sdp.Measurements.of(run.t, groups, ("run",)),
+            effects=EFFECTS,
+            known={"kt1": 2.5},
         )
 
 
 def test_the_law_is_chosen_and_its_delay_found(arm):
-    pid = sdp.identify(arm, log(ki=700.0, delay=0.03), effects=EFFECTS, known={"m1": MASS})
+    pid = sdp.identify(
+        arm, log(ki=700.0, delay=0.03), effects=EFFECTS, known={"m1": MASS}
+    )
     assert pid.details["servo"]["law"] == "PID"
     assert pid.details["servo"]["delay"] == pytest.approx(0.03, abs=2e-3)
     assert value(pid, "ki1") == pytest.approx(700.0, rel=0.05)
-    ahead = sdp.follow(pid, log(ki=700.0, delay=0.03, seed=3).window(0.0, 4.0), drive="servo")
+    ahead = sdp.follow(
+        pid, log(ki=700.0, delay=0.03, seed=3).window(0.0, 4.0), drive="servo"
+    )
     assert float(ahead.free[0].rms[0]) < 3e-3
-    loop = sdp.identify(arm, log(ki=1000.0, kh=80.0), effects=EFFECTS, known={"m1": MASS})
+    loop = sdp.identify(
+        arm, log(ki=1000.0, kh=80.0), effects=EFFECTS, known={"m1": MASS}
+    )
     assert loop.details["servo"]["law"] == "cascade"
     assert value(loop, "kh1") == pytest.approx(80.0, rel=0.05)
 
 
 @pytest.mark.parametrize("torque", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_instruments_take_the_bias_of_noise_away(arm, torque):
-    """Positions to millimetres, through a filter that lets much of their noise pass, with torque and
-    without: the mass that least squares give is wrong by many times what it is with instruments."""
+    """Positions to millimetres, through a filter that lets much of their noise pass,
+    with torque and without: the mass that least squares give is wrong by many times
+    what it is with instruments."""
     wide = Preprocessing(6.0, 8.0) if torque else Preprocessing(state_cutoff=5.2)
     known = {} if torque else {"kp1": KP}
     errors: dict[str, list[float]] = {"command": [], "none": []}
@@ -115,7 +135,10 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
         for s in (1, 2, 3) if torque else (1, 2):
             run = log(3e-3 if torque else 2e-3, seed=s, torque=torque)
             asked = {"known": known, "instruments": how, "preprocessing": wide}
-            own.append(value(sdp.identify(arm, run, effects=EFFECTS, **asked), "m1") / MASS - 1.0)
+            own.append(
+                value(sdp.identify(arm, run, effects=EFFECTS, **asked), "m1") / MASS
+                - 1.0
+            )
     with_them, without = (np.abs(np.mean(errors[how])) for how in ("command", "none"))
     assert with_them < (0.02 if torque else 0.05)
     assert without > 3.0 * with_them
@@ -124,10 +147,16 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
 def test_neither_torque_nor_command_is_refused(arm):
     run = log()
     silent = sdp.Measurements.of(run.t, {"q": run.q, "current": run.q}, ("run",))
-    refusal(lambda: sdp.identify(arm, silent, effects=EFFECTS), "neither torque nor commands")
+    refusal(
+        lambda: sdp.identify(arm, silent, effects=EFFECTS),
+        "neither torque nor commands",
+    )
     with_torque = sdp.Measurements.of(run.t, {"q": run.q, "tau": run.q}, ("run",))
     plain = sdp.identify(arm, with_torque, effects=EFFECTS, check=False)
-    refusal(lambda: sdp.cross_validate(arm, silent, effects=EFFECTS), "neither torque nor commands")
+    refusal(
+        lambda: sdp.cross_validate(arm, silent, effects=EFFECTS),
+        "neither torque nor commands",
+    )
     refusal(lambda: driven(plain, run), "no servo that would stand for it")
 
 
@@ -142,17 +171,26 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
     assert min(told["share"]) > 0.999
     for name, true in {"kp1": KP, "kd1": KD, "ki1": 700.0}.items():
         gain = told["gains"][name]
-        assert gain["value"] == pytest.approx(true, abs=max(4.0 * gain["std"], 0.01 * true))
+        assert gain["value"] == pytest.approx(
+            true, abs=max(4.0 * gain["std"], 0.01 * true)
+        )
     printing.estimate(found, None, 0.0)
     assert "of the joints' logged torque" in capsys.readouterr().out
-    folds = [sdp.cross_validate(arm, run, effects=x).relative_error_percent for x in (loop, EFFECTS)]
+    folds = [
+        sdp.cross_validate(arm, run, effects=x).relative_error_percent
+        for x in (loop, EFFECTS)
+    ]
     assert folds[0] == folds[1]
     silent = sdp.Measurements.of(run.t, {"q": run.q, "tau": run.tau}, ("run",))
-    refusal(lambda: sdp.identify(arm, silent, effects=loop, check=False), "needs the command")
+    refusal(
+        lambda: sdp.identify(arm, silent, effects=loop, check=False),
+        "needs the command",
+    )
 
 
 @pytest.mark.parametrize(
-    "scale", ["mass", *(pytest.param(x, marks=pytest.mark.long) for x in ("load", "torque"))]
+    "scale",
+    ["mass", *(pytest.param(x, marks=pytest.mark.long) for x in ("load", "torque"))],
 )
 def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     """The law, its delay and the instruments are found again from what was asked."""
@@ -162,7 +200,9 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
         run,
         effects="rigid_body,coulomb_friction",
         known={"m1": MASS} if scale == "mass" else {},
-        known_loads=[(log(1e-3, delay=0.02, seed=5, load=1.5), 1.5)] if scale == "load" else (),
+        known_loads=[(log(1e-3, delay=0.02, seed=5, load=1.5), 1.5)]
+        if scale == "load"
+        else (),
         instruments="command",
         proof=path,
     ).save(tmp_path / "model.json")
@@ -170,7 +210,10 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     holds, said = verify_proof_file(path, model, run)
     assert holds
     assert "these measurements make its numbers" in said
-    other = replace(model, details=model.details | {"recipe": {"known": {"kp1": KP}, "effects": None}})
+    other = replace(
+        model,
+        details=model.details | {"recipe": {"known": {"kp1": KP}, "effects": None}},
+    )
     refusal(lambda: verify_proof_file(path, other, run), "recipe is damaged")
     other.details["recipe"] |= {"instruments": "none"}
     holds, said = verify_proof_file(path, other, run)
@@ -181,14 +224,18 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
 def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
     test, truth = log(seed=3), log(seed=3, torque=True)
     given = Runs(log(), test, concatenate([log(), test]))
-    asked = type("AskedOfRuns", (Asked,), {"runs": given})({"out": tmp_path / "model.json"})
+    asked = type("AskedOfRuns", (Asked,), {"runs": given})(
+        {"out": tmp_path / "model.json"}
+    )
     bounded = replace(found, details=found.details | {"on_bounds": ["mass of link 1"]})
     shown = summary(asked, bounded)
     assert shown["servo"]
     assert shown["on_bounds"] == ["mass of link 1"]
     with np.load(tmp_path / "model-1.npz") as read:  # the second of its runs
         t, torque, modelled = read["t"], read["torque"][:, 0], read["modelled"][:, 0]
-    plant = truth.tau[:, 0] - VISCOUS * np.gradient(truth.q[:, 0], truth.t)  # kd holds both
+    plant = truth.tau[:, 0] - VISCOUS * np.gradient(
+        truth.q[:, 0], truth.t
+    )  # kd holds both
     tau = np.interp(t, truth.t, plant)
     assert np.std(torque - tau) < 0.1 * np.std(tau)
     assert np.sqrt(np.mean((torque - modelled) ** 2)) == pytest.approx(
@@ -201,4 +248,7 @@ def test_folds_judge_the_links_by_the_drives(arm):
     whole = sdp.cross_validate(arm, log(), effects=EFFECTS, folds=3)
     assert whole.relative_error_percent < 3.0
     bare = EFFECTS.replace("coulomb_friction@v_s=0.05,", "")
-    assert sdp.cross_validate(arm, log(), effects=bare, folds=3).relative_error_percent > 10.0
+    assert (
+        sdp.cross_validate(arm, log(), effects=bare, folds=3).relative_error_percent
+        > 10.0
+    )

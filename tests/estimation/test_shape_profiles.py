@@ -1,4 +1,5 @@
-"""Shape constants are estimated beside the parameters: the width over which Coulomb friction turns."""
+"""Shape constants are estimated beside the parameters: the width over which Coulomb
+friction turns."""
 
 import numpy as np
 import pytest
@@ -23,7 +24,9 @@ def test_every_joint_gets_its_own_width_with_an_honest_spread(scara_arm):
         assert abs(found["after"] - truth) < 4.0 * found["std"]
         assert found["std"] < 0.2 * truth
         assert not found["at_end"]
-    assert estimate.model.sign_width == tuple(s["after"] for s in estimate.details["shapes"])
+    assert estimate.model.sign_width == tuple(
+        s["after"] for s in estimate.details["shapes"]
+    )
 
 
 RIGID = "rigid_body,viscous_friction,torque_offset"
@@ -48,10 +51,14 @@ def settled_from(two_link, start, truth, stribeck=0.5):
     data = Measurements(motion.t, motion.q, model.torque(theta, motion))
     begin = two_link.model(texts(*start))
     settings = two_link.preprocessing.resolve(data)
-    return settled(begin, WANTED, lambda m: compress(FilteredRuns.of(data, settings), m))
+    return settled(
+        begin, WANTED, lambda m: compress(FilteredRuns.of(data, settings), m)
+    )
 
 
-@pytest.mark.parametrize("truth", [(0.025, 0.07, 1.0), (0.025, 0.1, 2.0), (0.004, 0.05, 2.0)])
+@pytest.mark.parametrize(
+    "truth", [(0.025, 0.07, 1.0), (0.025, 0.1, 2.0), (0.004, 0.05, 2.0)]
+)
 @pytest.mark.parametrize("start", [(0.01, 0.13, 2.0), (0.02, 0.09, 1.0)])
 def test_exact_data_give_exact_constants(two_link, truth, start):
     found = settled_from(two_link, start, truth)
@@ -66,19 +73,29 @@ def test_a_constant_of_an_effect_that_is_not_there_is_not_known(two_link):
     assert found.std[WANTED[1]] > 0.1 > 1e-3 > found.std[WANTED[0]]
 
 
-@pytest.mark.parametrize("name", sorted(n for n, e in effect_types().items() if not e.needs_command))
+@pytest.mark.parametrize(
+    "name", sorted(n for n, e in effect_types().items() if not e.needs_command)
+)
 def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link, name):
-    """The linear prediction of a small change of each constant, against the effect moved by it."""
+    """The linear prediction of a small change of each constant, against the effect
+    moved by it."""
     kind = effect_types()[name]
     joints = None if kind.whole_robot else [1]
     effect = kind(two_link.robot, joints)
-    motion, theta = to_and_fro(two_link.robot), np.linspace(0.5, 1.5, len(effect.parameters))
+    motion, theta = (
+        to_and_fro(two_link.robot),
+        np.linspace(0.5, 1.5, len(effect.parameters)),
+    )
     sensitive = ShapeSensitivity(effect, theta)
     assert len(sensitive.parameters) == len(free_constants(effect))
     for k, key in enumerate(free_constants(effect)):
         relative = effect.shapes[key].scale == "log"
         change = 0.004
-        moved = effect.shape[key] * np.exp(change) if relative else effect.shape[key] + change
+        moved = (
+            effect.shape[key] * np.exp(change)
+            if relative
+            else effect.shape[key] + change
+        )
         other = kind(two_link.robot, joints, **{**effect.shape, key: moved})
         truly = (wide_columns(other, motion) - wide_columns(effect, motion)) @ theta
         unit = np.zeros(len(sensitive.parameters))

@@ -10,7 +10,13 @@ from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation import bootstrap
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.pose import pose
-from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, Sandwich, Uncertainty, counts, of_regression
+from sdp_vs_penalty.estimation.uncertainty import (
+    NOT_SEEN,
+    Sandwich,
+    Uncertainty,
+    counts,
+    of_regression,
+)
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.regression.base_parameters import base_rows
@@ -35,14 +41,22 @@ def measured(problem: Problem, model: Model, seed: int, seconds: float) -> Measu
     theta = truth_of(problem, model)
     trajectory = random_trajectory(problem.robot, seed=3, duration=seconds)
     ideal = Sensor(200.0, np.zeros(problem.robot.n))
-    clean = simulate(trajectory, lambda motion: model.torque(theta, motion), ideal, seed)
-    noise = np.random.default_rng(seed).normal(size=clean.tau.shape) * 0.05 * clean.tau.std(axis=0)
+    clean = simulate(
+        trajectory, lambda motion: model.torque(theta, motion), ideal, seed
+    )
+    noise = (
+        np.random.default_rng(seed).normal(size=clean.tau.shape)
+        * 0.05
+        * clean.tau.std(axis=0)
+    )
     return replace(clean, tau=clean.tau + noise)
 
 
 def told(problem: Problem, model: Model, run: Measurements) -> Uncertainty:
     data = compress(FilteredRuns.of(run, problem.preprocessing), model)
-    return of_regression(make_task(problem, model, data), data, base_rows(problem, model))
+    return of_regression(
+        make_task(problem, model, data), data, base_rows(problem, model)
+    )
 
 
 def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
@@ -56,7 +70,9 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     assert np.ptp(theta, axis=0).max() > 0.0
     count = len(posed.regression.blocks)
     drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count))
-    rows = posed.regression.select(np.repeat(np.arange(count), drawn)).least_squares(task.weights)
+    rows = posed.regression.select(np.repeat(np.arange(count), drawn)).least_squares(
+        task.weights
+    )
     objective, constraints = method.posed(task)
     again = Objective(rows, objective.entropy)
     best = PosedSdp(task, again, constraints).fit(again)
@@ -67,7 +83,8 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
 
 
 def test_intervals_hold_the_truth(two_link):
-    """Over many repetitions with fresh noise, 95 % intervals hold the true values in about 95 %."""
+    """Over many repetitions with fresh noise, 95 % intervals hold the true values in
+    about 95 %."""
     model = two_link.model(EFFECTS)
     theta = truth_of(two_link, model)
     shares, spreads = [], []
@@ -77,36 +94,48 @@ def test_intervals_hold_the_truth(two_link):
         base = [i for i in known.base if np.isfinite(i.lower)]
         values = base_rows(two_link, model).rows @ theta
         assert len(base) == len(values)
-        shares.append(np.mean([i.lower <= x <= i.upper for i, x in zip(base, values, strict=True)]))
+        shares.append(
+            np.mean(
+                [i.lower <= x <= i.upper for i, x in zip(base, values, strict=True)]
+            )
+        )
         drawn = np.sum((base_rows(two_link, model).rows @ known.spread) ** 2, axis=1)
         spreads.append(np.mean(drawn / np.square([i.std for i in base])))
     assert 0.90 <= np.mean(shares) <= 0.99
-    # The joint covariance is that of the intervals, which Student's quantile makes a little longer.
+    # The joint covariance is that of the intervals, which Student's quantile makes a
+    # little longer.
     assert 0.8 <= np.mean(spreads) <= 1.0
 
 
 def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
-    """Of white noise and of friction that is known beforehand to 0.02, each in its unit."""
+    """Of white noise and of friction that is known beforehand to 0.02, each in its
+    unit."""
     model = two_link.model(EFFECTS)
     run = measured(two_link, model, 1, 20.0)
     data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
     weights = make_task(two_link, model, data).weights
-    scale = np.where(np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02)
+    scale = np.where(
+        np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02
+    )
     found = Sandwich(data, weights, scale, taken_white=True)
     R, rows = data.least_squares(weights).R, base_rows(two_link, model).rows
     unit = 1.0 / np.maximum(np.linalg.norm(R, axis=0), 1e-9)
     information = (R * unit).T @ (R * unit) + found.white * np.diag((unit / scale) ** 2)
-    expected = found.white * (rows * unit) @ np.linalg.pinv(information, 1e-9, hermitian=True)
+    expected = (
+        found.white * (rows * unit) @ np.linalg.pinv(information, 1e-9, hermitian=True)
+    )
     expected = NORMAL_95 * np.sqrt(np.sum(expected * (rows * unit), axis=1))
     np.testing.assert_allclose(found.half_widths(rows), expected, rtol=1e-5)
 
 
 def test_intervals_end_where_what_is_possible_does(two_link):
-    """Of torque that is noise: masses within their bounds, no moment of inertia below zero, no brake
-    that drives; whichever way a combination of them goes."""
+    """Of torque that is noise: masses within their bounds, no moment of inertia below
+    zero, no brake that drives; whichever way a combination of them goes."""
     model = two_link.model(EFFECTS)
     run = measured(two_link, model, 0, 20.0)
-    run = replace(run, tau=run.tau + 60.0 * np.random.default_rng(9).normal(size=run.tau.shape))
+    run = replace(
+        run, tau=run.tau + 60.0 * np.random.default_rng(9).normal(size=run.tau.shape)
+    )
     data = compress(FilteredRuns.of(run, two_link.preprocessing), model)
     base = base_rows(two_link, model)
     task = make_task(two_link, model, data)
@@ -114,18 +143,27 @@ def test_intervals_end_where_what_is_possible_does(two_link):
     task.box[:, 0, 0] = 0.3
     known = of_regression(task, data, base, theta, constrained=True)
     low, high, names = -task.bound, task.bound, [p.name for p in model.parameters]
-    positive = [k for k, n in enumerate(names) if n[:3] in ("Ixx", "Iyy", "Izz", "f_v", "f_c")]
+    positive = [
+        k for k, n in enumerate(names) if n[:3] in ("Ixx", "Iyy", "Izz", "f_v", "f_c")
+    ]
     low[positive], low[task.links[:, 0]] = 0.0, 0.3
     with np.errstate(invalid="ignore"):
-        corners = np.nansum(np.sort([base.rows * low, base.rows * high], axis=0), axis=2)
+        corners = np.nansum(
+            np.sort([base.rows * low, base.rows * high], axis=0), axis=2
+        )
     for i, row, *ends in zip(known.base, base.rows, *corners, strict=True):
         least, half, value = row @ task.ols, NORMAL_95 * i.std, row @ theta
-        assert i.lower == pytest.approx(min(max(least - half, ends[0]), value), abs=1e-9)
-        assert i.upper == pytest.approx(max(min(least + half, ends[1]), value), abs=1e-9)
+        assert i.lower == pytest.approx(
+            min(max(least - half, ends[0]), value), abs=1e-9
+        )
+        assert i.upper == pytest.approx(
+            max(min(least + half, ends[1]), value), abs=1e-9
+        )
 
 
 def test_what_cannot_be_seen_is_said(two_link):
-    """Link 1 of the 2R turns about a vertical axis: of its ten parameters one makes torque."""
+    """Link 1 of the 2R turns about a vertical axis: of its ten parameters one makes
+    torque."""
     model = two_link.model(EFFECTS)
     known = told(two_link, model, measured(two_link, model, 0, 40.0))
     verdicts = {i.name: i for i in known.standard}
@@ -133,8 +171,12 @@ def test_what_cannot_be_seen_is_said(two_link):
         if name != "Iyy1":  # its link frame's y axis is the joint's
             assert verdicts[name].verdict == NOT_SEEN
             assert np.isinf(verdicts[name].lower)
-    assert verdicts["mx2"].verdict == NOT_SEEN  # only mx2 + 0.8 m2: the frame is at the far end
-    assert verdicts["my2"].verdict == "weakly"  # seen, but it is zero within its interval
+    assert (
+        verdicts["mx2"].verdict == NOT_SEEN
+    )  # only mx2 + 0.8 m2: the frame is at the far end
+    assert (
+        verdicts["my2"].verdict == "weakly"
+    )  # seen, but it is zero within its interval
     for name in ("f_c1", "f_c2", "f_v2"):
         assert verdicts[name].verdict == "identifiable", verdicts[name]
         assert verdicts[name].lower < verdicts[name].value < verdicts[name].upper

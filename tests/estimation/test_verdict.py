@@ -1,4 +1,5 @@
-"""The one verdict: what it takes to be good, and that knowing less never makes it better."""
+"""The one verdict: what it takes to be good, and that knowing less never makes it
+better."""
 
 from typing import Any
 
@@ -13,9 +14,22 @@ MASSES = np.array([3.0, 1.0])
 SOUND = Certificate({"pseudo-inertia": 0.0}, 1.0)
 
 
-def verdict(certificate: Certificate = SOUND, masses: np.ndarray = MASSES, **known: Any) -> Verdict:
-    found = {"rmse": RMSE, "r2": R2, "floor": RMSE / 1.5, "noise_source": "repetition", "outside": 0.0}
-    found |= {"relative": 1.2, "new_share": 0.9, "certificate": certificate, "masses": masses}
+def verdict(
+    certificate: Certificate = SOUND, masses: np.ndarray = MASSES, **known: Any
+) -> Verdict:
+    found = {
+        "rmse": RMSE,
+        "r2": R2,
+        "floor": RMSE / 1.5,
+        "noise_source": "repetition",
+        "outside": 0.0,
+    }
+    found |= {
+        "relative": 1.2,
+        "new_share": 0.9,
+        "certificate": certificate,
+        "masses": masses,
+    }
     return judge(nominal=MASSES, judged_on=("test.csv",), **found | known)
 
 
@@ -26,7 +40,9 @@ def test_good_takes_a_known_floor_unseen_motion_and_links_that_exist():
     assert good.error_over_noise == pytest.approx((1.5, 1.5))
 
 
-@pytest.mark.parametrize("less", [{"floor": None}, {"new_share": None}, {"new_share": 0.2}])
+@pytest.mark.parametrize(
+    "less", [{"floor": None}, {"new_share": None}, {"new_share": 0.2}]
+)
 @pytest.mark.parametrize("relative", [1.2, 12.0, 48.5])
 @pytest.mark.parametrize("times", [1.5, 1.9, 13.0])
 def test_knowing_less_is_never_better(less, relative, times):
@@ -40,7 +56,9 @@ def test_knowing_less_is_never_better(less, relative, times):
 def test_half_the_torque_unexplained_is_no_model():
     bad = verdict(relative=48.5, floor=None)
     assert bad.grade == "do not use"
-    assert bad.headline.startswith("Do not use. 48.5 % relative error; the noise floor is unknown")
+    assert bad.headline.startswith(
+        "Do not use. 48.5 % relative error; the noise floor is unknown"
+    )
     # What is noise is not the model's fault.
     assert verdict(relative=20.0, floor=RMSE / 1.01).grade == "good"
 
@@ -54,18 +72,26 @@ def test_links_that_cannot_be_are_not_to_be_used():
     assert verdict(Certificate({}, 1.0, body_share=1.0)).grade == "good"  # fills it
     # Nor an estimate whose own certificate says so.
     assert verdict(Certificate({}, 1.0, gap=0.34)).grade == "do not use"
-    assert "Link 2 weighs less than a thousandth" in verdict(masses=np.array([30.0, 0.01])).headline
-    # An upper bound on an inertia about the centre of mass is not convex, and rounding is none.
+    assert (
+        "Link 2 weighs less than a thousandth"
+        in verdict(masses=np.array([30.0, 0.01])).headline
+    )
+    # An upper bound on an inertia about the centre of mass is not convex, and rounding
+    # is none.
     assert verdict(Certificate({"pseudo-inertia": 1e-12}, 1.0)).grade == "good"
 
 
 def test_a_joint_without_a_model_is_named():
-    """A small error of the whole arm does not hide a joint whose mean torque does better."""
+    """A small error of the whole arm does not hide a joint whose mean torque does
+    better."""
     found = verdict(r2=np.array([0.99, -5.7]), floor=RMSE / 3.0)
     assert found.grade == "usable"
     assert "no model of joint 2 (worse than the mean torque)" in str(found)
     # What is not to be used does not become usable by it.
-    assert verdict(r2=np.array([0.1, -5.7]), relative=60.0, floor=RMSE / 30.0).grade == "do not use"
+    assert (
+        verdict(r2=np.array([0.1, -5.7]), relative=60.0, floor=RMSE / 30.0).grade
+        == "do not use"
+    )
     # A joint that is held still: its error is noise, and so is its torque.
     assert verdict(r2=np.array([0.99, -5.7])).grade == "good"
 
@@ -74,4 +100,9 @@ def test_it_survives_json():
     found = verdict()
     assert Verdict.from_dict(found.to_dict()) == found
     with pytest.raises(ValueError, match="none of good"):
-        Verdict.from_dict({**found.to_dict(), "lines": [{"about": "fit", "grade": "fine", "text": ""}]})
+        Verdict.from_dict(
+            {
+                **found.to_dict(),
+                "lines": [{"about": "fit", "grade": "fine", "text": ""}],
+            }
+        )

@@ -13,7 +13,13 @@ from sdp_vs_penalty import Problem
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import Estimator, Fit, Task, estimator_types, make_estimator
+from sdp_vs_penalty.estimators import (
+    Estimator,
+    Fit,
+    Task,
+    estimator_types,
+    make_estimator,
+)
 from sdp_vs_penalty.estimators.estimator import joint_weights
 from sdp_vs_penalty.regression import Regression
 from sdp_vs_penalty.regression.regression import Factor
@@ -23,7 +29,11 @@ NAMES = list(estimator_types())
 MEASURED = [name for name in NAMES if not estimator_types()[name].needs_black_box]
 EVERY = pytest.mark.parametrize("method", NAMES)
 #: Methods that promise an answer inside the convex constraints.
-CONSTRAINED = [n for n in MEASURED if n.startswith("lmi-sdp") or n in ("penalty", "penalty-two-step")]
+CONSTRAINED = [
+    n
+    for n in MEASURED
+    if n.startswith("lmi-sdp") or n in ("penalty", "penalty-two-step")
+]
 
 
 def quick(method: str) -> Estimator:
@@ -70,7 +80,9 @@ def test_a_fit_is_finite_and_says_what_it_minimised(method, task, fits):
     assert fit.objective.gradient(fit.theta).shape == fit.theta.shape
     json.dumps(fit.details, allow_nan=False)
     imposed = {c.family for c in fit.constraints.convex}
-    assert {"pseudo-inertia", "mass", "sign"} <= imposed, "the certificate must see every family"
+    assert {"pseudo-inertia", "mass", "sign"} <= imposed, (
+        "the certificate must see every family"
+    )
     assert {c.family for c in fit.constraints.nonconvex} >= {
         c.family for c in task.constraints.nonconvex
     }
@@ -87,7 +99,9 @@ def test_promised_constraints_hold_by_an_independent_check(method, task, fits):
     links = theta[task.links]
     assert np.all(np.linalg.eigvalsh(inertia.pseudo_inertia(links)) >= -1e-10)
     masses = links[:, 0]
-    assert np.all((masses >= task.box[:, 0, 0] - 1e-9) & (masses <= task.box[:, 0, 1] + 1e-9))
+    assert np.all(
+        (masses >= task.box[:, 0, 0] - 1e-9) & (masses <= task.box[:, 0, 1] + 1e-9)
+    )
     h, low, high = links[:, 1:4], task.box[:, 1:4, 0], task.box[:, 1:4, 1]
     with np.errstate(invalid="ignore"):
         assert not np.any(h < low * masses[:, None] - 1e-8)
@@ -120,10 +134,13 @@ def test_weights_make_the_residuals_of_all_joints_equal():
     for joint, sigma in enumerate(sigmas):
         triangle = np.sqrt(rows) * np.array([[3.0, 3.0], [0.0, sigma]])
         factors.append(Factor(joint, 0, np.array([0]), triangle, rows))
-    regression = Regression((Parameter("x", "-", "e", 0),), len(sigmas), (), tuple(factors))
+    regression = Regression(
+        (Parameter("x", "-", "e", 0),), len(sigmas), (), tuple(factors)
+    )
     weights = joint_weights(regression, np.array([1.0]))
     np.testing.assert_allclose(weights * sigmas, (weights * sigmas)[0], rtol=1e-9)
-    # Their scale keeps the meaning of the loss: the sum of squares over all joints stays.
+    # Their scale keeps the meaning of the loss: the sum of squares over all joints
+    # stays.
     assert np.sum((weights * sigmas) ** 2) == pytest.approx(np.sum(np.square(sigmas)))
 
 

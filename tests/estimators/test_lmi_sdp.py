@@ -1,4 +1,5 @@
-"""The convex estimators: against CVXPY with two solvers, known robots, and their own laws."""
+"""The convex estimators: against CVXPY with two solvers, known robots, and their own
+laws."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,13 +10,28 @@ import random_robots
 from arms import random_arm, random_run
 from cvxpy_model import cvxpy_optimum
 from hypothesis import given, settings
-from random_robots import bare, link_parameters, open_problem, posed_task, seeds, simulated, sines, tree
+from random_robots import (
+    bare,
+    link_parameters,
+    open_problem,
+    posed_task,
+    seeds,
+    simulated,
+    sines,
+    tree,
+)
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_problem
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimation.pose import pose
-from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, Task, interior_point, make_estimator
+from sdp_vs_penalty.estimators import (
+    LmiSdp,
+    PosedSdp,
+    Task,
+    interior_point,
+    make_estimator,
+)
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep, essential
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.research.shootout.instances import Instance, in_units
@@ -26,7 +42,9 @@ from sdp_vs_penalty.solvers.clarabel import Clarabel
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 
 
-def with_friction(problem: Problem, links: np.ndarray, level: float = 0.3) -> np.ndarray:
+def with_friction(
+    problem: Problem, links: np.ndarray, level: float = 0.3
+) -> np.ndarray:
     theta = np.full(len(problem.model().parameters), level)
     theta[: len(links)] = links
     return theta
@@ -41,19 +59,25 @@ def toy_task(two_link: Problem) -> Task:
 
 
 def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
-    """It crashed: the prior knows the robot's links alone. A load moves with the last link: their sum is
-    told, and the pull is that link's."""
+    """It crashed: the prior knows the robot's links alone. A load moves with the last
+    link: their sum is told, and the pull is that link's."""
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
     run = simulated(two_link.model(), truth, noise=0.1, seconds=6.0)
     own = [effect.name for effect in two_link.model().effects]
-    plain, carried = (identify(two_link, run, effects=[*own, *more]) for more in ([], ["payload"]))
+    plain, carried = (
+        identify(two_link, run, effects=[*own, *more]) for more in ([], ["payload"])
+    )
     assert carried.certificate.worst == 0.0
     assert carried.certificate.gap < 1e-6
     assert abs(carried.certificate.loss / plain.certificate.loss - 1.0) < 0.01
 
 
-#: solver -> its settings; the optimum agrees to 1e-7 of the loss, violations stay below 1e-7.
-CVXPY_SOLVERS = {"CLARABEL": {}, "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 100_000}}
+#: solver -> its settings; the optimum agrees to 1e-7 of the loss, violations stay below
+#: 1e-7.
+CVXPY_SOLVERS = {
+    "CLARABEL": {},
+    "SCS": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 100_000},
+}
 
 
 @pytest.mark.parametrize("solver", CVXPY_SOLVERS)
@@ -70,42 +94,56 @@ def test_the_readable_model_has_the_same_optimum(method, solver, toy_task, two_l
     found, value = cvxpy_optimum(*asked, **CVXPY_SOLVERS[solver])
     loss = fit.objective.least_squares.loss(theta)
     assert value == pytest.approx(certificate.upper, abs=1e-7 * loss)
-    assert fit.objective.value(found) == pytest.approx(certificate.upper, abs=1e-7 * loss)
+    assert fit.objective.value(found) == pytest.approx(
+        certificate.upper, abs=1e-7 * loss
+    )
     assert fit.constraints.margin(found) > -1e-7
     assert certificate.gap < 1e-8
 
 
 def test_the_default_objective_is_the_torque_and_three_priors(toy_task):
-    """In units of a row's variance v: one of each joint's own parameters, three of the total mass within
-    20 % and of each link's divergence, of which the closed form is stated here."""
+    """In units of a row's variance v: one of each joint's own parameters, three of the
+    total mass within 20 % and of each link's divergence, of which the closed form is
+    stated here."""
     task = replace(toy_task, total=30.0)
     x, v = task.nominal.copy(), task.data.loss(task.ols) / task.data.rows
     x[20:] = 0.7
     x[task.links] *= [[1.3], [0.8]]
     own = np.sum((x[20:] / task.joint_scale[20:]) ** 2)
     mass = ((x[task.links[:, 0]].sum() / 30.0 - 1.0) / 0.2) ** 2
-    ratio = [np.linalg.eigvals(np.linalg.solve(*map(inertia.pseudo_inertia, pair))).real
-             for pair in zip(task.prior_links, x[task.links], strict=True)]  # fmt: skip
+    ratio = [
+        np.linalg.eigvals(np.linalg.solve(*map(inertia.pseudo_inertia, pair))).real
+        for pair in zip(task.prior_links, x[task.links], strict=True)
+    ]
     pull = np.sum(np.array(ratio) - np.log(ratio) - 1.0)
     objective, constraints = LmiSdp().posed(task)
-    assert objective.value(x) == pytest.approx(task.data.loss(x) + v * (own + 3.0 * (mass + pull)))
+    assert objective.value(x) == pytest.approx(
+        task.data.loss(x) + v * (own + 3.0 * (mass + pull))
+    )
     step = 1e-4 * x * np.random.default_rng(0).normal(size=len(x))
     rise = objective.value(x + step) - objective.value(x - step)
     assert rise == pytest.approx(2.0 * objective.gradient(x) @ step, rel=1e-5)
     assert sum(c.family == "body" for c in constraints.convex) == 2
 
 
-def relative_torque_error(problem: Problem, theta: np.ndarray, truth: np.ndarray) -> float:
+def relative_torque_error(
+    problem: Problem, theta: np.ndarray, truth: np.ndarray
+) -> float:
     model = problem.model()
-    motion = sines(np.random.default_rng(99), problem.robot.n, np.arange(0.0, 10.0, 0.01), 0.13, 5)
+    motion = sines(
+        np.random.default_rng(99), problem.robot.n, np.arange(0.0, 10.0, 0.01), 0.13, 5
+    )
     torque = model.torque(truth, motion)
-    return float(np.linalg.norm(model.torque(theta, motion) - torque) / np.linalg.norm(torque))
+    return float(
+        np.linalg.norm(model.torque(theta, motion) - torque) / np.linalg.norm(torque)
+    )
 
 
 @settings(max_examples=5)
 @given(seeds)
 def test_a_random_feasible_robot_round_trips(seed):
-    """Simulate, identify, predict another motion: a tree of one to five joints of both kinds."""
+    """Simulate, identify, predict another motion: a tree of one to five joints of both
+    kinds."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 6))
     robot = tree(rng, n)
@@ -115,9 +153,14 @@ def test_a_random_feasible_robot_round_trips(seed):
     theta = with_friction(problem, truth, 0.4)
     run = simulated(problem.model(), theta, seed % 1000, seconds=12.0)
     # A nominal robot drawn apart from the truth is no witness of the torque's unit.
-    estimate, free = (identify(problem, run, name, check=False) for name in ("lmi-sdp", "ols"))
-    # Constraints that the truth obeys cost nothing beside what the filters leave of dry friction.
-    error, least = (relative_torque_error(problem, e.theta, theta) for e in (estimate, free))
+    estimate, free = (
+        identify(problem, run, name, check=False) for name in ("lmi-sdp", "ols")
+    )
+    # Constraints that the truth obeys cost nothing beside what the filters leave of dry
+    # friction.
+    error, least = (
+        relative_torque_error(problem, e.theta, theta) for e in (estimate, free)
+    )
     assert error < max(1e-5, 1.01 * least)
     assert least < 1e-3
     assert estimate.certificate.worst == 0.0
@@ -129,18 +172,27 @@ def test_a_random_feasible_robot_round_trips(seed):
 
 def test_a_solver_without_the_cone_of_the_prior_is_named(toy_task):
     pytest.importorskip("cvxopt")
-    with pytest.raises(InputError, match=r"cvxopt.*no exp cone.*clarabel.*lmi-sdp-thickness"):
+    with pytest.raises(
+        InputError, match=r"cvxopt.*no exp cone.*clarabel.*lmi-sdp-thickness"
+    ):
         LmiSdp(solver="cvxopt").fit(toy_task)
-    assert certify(toy_task, LmiSdpThickness(solver="cvxopt").fit(toy_task))[1].worst == 0.0
+    assert (
+        certify(toy_task, LmiSdpThickness(solver="cvxopt").fit(toy_task))[1].worst
+        == 0.0
+    )
 
 
 def test_the_two_step_chain_is_what_it_says(toy_task):
     fit = LmiSdpTwoStep().fit(toy_task)
-    chain = {k: np.array(fit.details[k]) for k in ("beta_prime", "beta_star", "beta_star_e")}
+    chain = {
+        k: np.array(fit.details[k]) for k in ("beta_prime", "beta_star", "beta_star_e")
+    }
     target = toy_task.base @ toy_task.ols
     distance = {k: np.linalg.norm(beta - target) for k, beta in chain.items()}
     assert distance["beta_prime"] <= min(distance.values()) + 1e-9
-    np.testing.assert_allclose(chain["beta_star_e"], toy_task.base @ fit.theta, atol=1e-12)
+    np.testing.assert_allclose(
+        chain["beta_star_e"], toy_task.base @ fit.theta, atol=1e-12
+    )
     # The torque SDP over fewer demands cannot lose more.
     w = toy_task.data.R @ np.linalg.pinv(toy_task.base)
 
@@ -158,14 +210,21 @@ def test_a_joint_that_never_reverses_keeps_its_certificate(toy_task):
     names, R = [p.name for p in toy_task.model.parameters], toy_task.data.R.copy()
     R[:, names.index("f_c1")] = R[:, names.index("f_o1")]
     task = replace(toy_task, data=replace(toy_task.data, R=R))
-    kept = [c.name for c in essential(task.constraints, Objective(task.data)) if c.family == "range"]
+    kept = [
+        c.name
+        for c in essential(task.constraints, Objective(task.data))
+        if c.family == "range"
+    ]
     assert "coulomb_friction f_c1" in kept
     assert "coulomb_friction f_c2" not in kept
     _, certificate = certify(task, LmiSdp().fit(task))
     assert certificate.gap < 1e-6
     # The SDP does not receive what is not convex, and the data say nothing of it here.
     convex = {c.family for c in task.constraints.convex}
-    assert max(v for family, v in certificate.violations.items() if family in convex) == 0.0
+    assert (
+        max(v for family, v in certificate.violations.items() if family in convex)
+        == 0.0
+    )
 
 
 @pytest.mark.parametrize("method", ["lmi-sdp", "penalty", "penalty-paper"])
@@ -195,15 +254,20 @@ def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
     monkeypatch.setattr(Clarabel, "run", run)
 
 
-def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, monkeypatch):
-    """The panda's nominal links are thinner than 7 cm: an interior point has to be searched."""
+def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(
+    panda, monkeypatch
+):
+    """The panda's nominal links are thinner than 7 cm: an interior point has to be
+    searched."""
     task = random_robots.task_of(panda)
     demands = task.constraints.plus(task.minimum_thickness(0.07))
     assert demands.margin(task.nominal) < 0.0
     without_answers(monkeypatch, 1)
     assert demands.margin(interior_point(task, demands)) > 0.0
     without_answers(monkeypatch, 2)
-    with pytest.raises(InputError, match=r"neither parameters that satisfy .* nor a proof") as error:
+    with pytest.raises(
+        InputError, match=r"neither parameters that satisfy .* nor a proof"
+    ) as error:
         interior_point(task, demands)
     assert not isinstance(error.value, Infeasible)
 
@@ -211,29 +275,34 @@ def test_a_solver_without_an_answer_proves_nothing_of_the_constraints(panda, mon
 @pytest.mark.real_data
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize(
-    ("name", "maker"), [("panda", 18.0), ("ur10e", 33.5), ("ur10", 28.9), ("tx40", 27.0)]
+    ("name", "maker"),
+    [("panda", 18.0), ("ur10e", 33.5), ("ur10", 28.9), ("tx40", 27.0)],
 )
 def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker, known):
-    """Within 1.5 times, though the makers' figures hold the base; torque alone says it of no arm. Also
-    where nothing but joints, their limits and the log are known."""
+    """Within 1.5 times, though the makers' figures hold the base; torque alone says it
+    of no arm. Also where nothing but joints, their limits and the log are known."""
     from corruptions.arms import real
 
     one = real(name, data_folder)
     own = one.problem
-    blank = replace(bare(own.robot), torque_side=own.torque_side, preprocessing=own.preprocessing)
+    blank = replace(
+        bare(own.robot), torque_side=own.torque_side, preprocessing=own.preprocessing
+    )
     posed = pose(own if known else replace(blank, effects=own.effects), one.train)
     total = float(LmiSdp().fit(posed.task).theta[posed.task.links[:, 0]].sum())
     assert 1.0 / 1.5 < total / maker < 1.5
 
 
-#: Mass in kg and length in metres of one unit: SI, grams and millimetres, tons and kilometres.
+#: Mass in kg and length in metres of one unit: SI, grams and millimetres, tons and
+#: kilometres.
 UNITS = ((1.0, 1.0), (1e-3, 1e-3), (1e3, 1e3))
 COMMON = ("viscous_friction", "coulomb_friction", "torque_offset")
 RARE = ("asymmetric_viscous_friction", "rotor_inertia", "joint_spring", "torque_ripple")
 
 
 def effects(rng: np.random.Generator, n: int) -> str:
-    """The links, and effects on joints drawn at random: some of the usual ones are missing."""
+    """The links, and effects on joints drawn at random: some of the usual ones are
+    missing."""
     words = ["rigid_body"]
     for name in (*COMMON, *RARE):
         joints = [str(j + 1) for j in range(n) if rng.random() < 0.8]
@@ -252,8 +321,12 @@ def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
     task = posed_task(problem, random_run(problem, seed), chosen)
     objective, constraints = make_estimator(method).posed(task)
     convex = ConstraintSet(constraints.convex)
-    made = in_units(Instance(replace(task, constraints=convex), objective), *UNITS[seed % 3])
-    fit = PosedSdp(made.task, made.objective, made.task.constraints, "clarabel").fit(made.objective)
+    made = in_units(
+        Instance(replace(task, constraints=convex), objective), *UNITS[seed % 3]
+    )
+    fit = PosedSdp(made.task, made.objective, made.task.constraints, "clarabel").fit(
+        made.objective
+    )
     _, certificate = certify(made.task, fit)
     assert certificate.worst == 0.0
     assert certificate.gap < 1e-6

@@ -1,4 +1,5 @@
-"""The penalty estimators: gradients, agreement with the SDP, feasibility by independent eigenvalues."""
+"""The penalty estimators: gradients, agreement with the SDP, feasibility by independent
+eigenvalues."""
 
 from dataclasses import replace
 
@@ -18,8 +19,11 @@ from sdp_vs_penalty.robot import inertia
 Array = NDArray[np.float64]
 
 
-def run_of(problem: Problem, links: Array, seed: int = 0, noise: float = 0.1) -> Measurements:
-    """Inverse dynamics of given links with viscous and Coulomb friction and white noise."""
+def run_of(
+    problem: Problem, links: Array, seed: int = 0, noise: float = 0.1
+) -> Measurements:
+    """Inverse dynamics of given links with viscous and Coulomb friction and white
+    noise."""
     rng, n = np.random.default_rng(seed), problem.robot.n
     motion = sines(rng, n, np.arange(0.0, 8.0, 0.01))
     tau = problem.robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq)
@@ -29,7 +33,8 @@ def run_of(problem: Problem, links: Array, seed: int = 0, noise: float = 0.1) ->
 
 
 def random_problem(seed: int, n: int) -> tuple[Problem, Array]:
-    """An open box, as of a URDF; the robot whose links are returned obeys what the box implies."""
+    """An open box, as of a URDF; the robot whose links are returned obeys what the box
+    implies."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, n, link_frames=bool(seed % 2))
     nominal = np.array([link_parameters(rng, r) for r in robot.link_reach()])
@@ -43,7 +48,9 @@ def task_named(name: str, request: pytest.FixtureRequest) -> Task:
         return posed_task(problem, run_of(problem, problem.nominal_links))
     n, seed, *side = name.split(", ")
     problem, links = random_problem(int(seed[-1]), int(n[0]))
-    return posed_task(replace(problem, torque_side=(*side, "link")[0]), run_of(problem, links))
+    return posed_task(
+        replace(problem, torque_side=(*side, "link")[0]), run_of(problem, links)
+    )
 
 
 #: The SDP that gets the arrays that `penalty` gets, and no more.
@@ -55,7 +62,9 @@ SAME = LmiSdp(entropy=0.0, thickness=LmiSdpThickness.thickness)
     [
         *("two_link", "panda", "1 joint, seed 0", "3 joints, seed 3"),
         pytest.param("6 joints, seed 4", marks=pytest.mark.long),
-        pytest.param("3 joints, seed 3, unknown", marks=pytest.mark.long),  # rotors beside the links
+        pytest.param(
+            "3 joints, seed 3, unknown", marks=pytest.mark.long
+        ),  # rotors beside the links
     ],
 )
 def test_penalty_reaches_the_sdp_and_is_feasible(name, request):
@@ -67,14 +76,17 @@ def test_penalty_reaches_the_sdp_and_is_feasible(name, request):
     # Every start, not only the best one.
     assert max(run["loss"] for run in fit.details["runs"]) < sdp.loss * (1.0 + 1e-5)
     assert certificate.worst <= 1e-9
-    assert inertia.thickness(theta[task.links]).min() >= LmiSdpThickness.thickness - 1e-9
+    assert (
+        inertia.thickness(theta[task.links]).min() >= LmiSdpThickness.thickness - 1e-9
+    )
     # Its own multipliers prove it.
     assert -1e-9 <= certificate.gap < 1e-3
 
 
 @pytest.mark.parametrize("name", ["two_link", "1 joint, seed 0"])
 def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
-    """By central differences, along axes whose curvature is one where all constraints are active."""
+    """By central differences, along axes whose curvature is one where all constraints
+    are active."""
     task = task_named(name, request)
     demands = Penalty().demands(task)
     inside = interior_point(task, demands)
@@ -84,8 +96,12 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
     at = [part.values(x) for part in penalty.parts]
     whole = penalty.rows(x, [2.0 * weight * f for f in at], weight)[1]
     size = whole.T @ whole
-    axes = np.linalg.inv(np.linalg.cholesky(size + 1e-12 * size.max() * np.eye(len(x)))).T
-    shifts = [2.0 * weight * (rng.random() < 0.5) * f for f in at]  # some active, some not
+    axes = np.linalg.inv(
+        np.linalg.cholesky(size + 1e-12 * size.max() * np.eye(len(x)))
+    ).T
+    shifts = [
+        2.0 * weight * (rng.random() < 0.5) * f for f in at
+    ]  # some active, some not
 
     def along(s: float, k: int):
         r, J = penalty.rows(x + s * axes[:, k], shifts, weight)
@@ -133,13 +149,19 @@ def test_penalty_two_step_minimises_the_distance_to_the_base_parameters(panda):
 def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     said: list[str] = []
     task = replace(
-        posed_task(two_link, run_of(two_link, two_link.nominal_links, noise=0.3)), progress=said.append
+        posed_task(two_link, run_of(two_link, two_link.nominal_links, noise=0.3)),
+        progress=said.append,
     )
     loss = PenalisedLoss(task, task.data, np.arange(len(task.bound)))
     box, rng = loss.box, np.random.default_rng(0)
-    u, step = rng.uniform(0.2, 0.8, len(task.bound)), 1e-6 * rng.normal(size=len(task.bound))
+    u, step = (
+        rng.uniform(0.2, 0.8, len(task.bound)),
+        1e-6 * rng.normal(size=len(task.bound)),
+    )
     after, before = (loss.value(u + s * step, 40.0) for s in (1.0, -1.0))
-    assert after - before == pytest.approx(2.0 * step @ loss.gradient(u, 40.0), rel=1e-4)
+    assert after - before == pytest.approx(
+        2.0 * step @ loss.gradient(u, 40.0), rel=1e-4
+    )
     assert loss.penalty(loss.p(u))[0] > 0.0
     p, family = loss.p(u), "centre of mass cone"
     theta, step = box.theta(p), 1e-7 * rng.normal(size=len(p))
@@ -149,16 +171,24 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
         np.testing.assert_allclose(after - before, 2.0 * slope, rtol=1e-3, atol=1e-12)
     told = [margins for name, margins, _ in loss.demanded(p) if name == family]
     cones = [c for c in task.constraints.convex if c.family == family]
-    margins = [c.margin(theta) / theta[c.indices[0]] for c in cones]  # of the centre, not of m c
-    np.testing.assert_allclose(np.sort(np.concatenate(told)), np.sort(margins), rtol=1e-9)
+    margins = [
+        c.margin(theta) / theta[c.indices[0]] for c in cones
+    ]  # of the centre, not of m c
+    np.testing.assert_allclose(
+        np.sort(np.concatenate(told)), np.sort(margins), rtol=1e-9
+    )
     worst = loss.violations(p)
     assert worst[family] == pytest.approx(max(0.0, -np.min(margins)))
     moments = np.linalg.eigvalsh(inertia.inertia_matrix(p[box.links[:, 4:]]))
-    assert worst["triangle inequality"] == pytest.approx(max(0.0, *moments @ [-1.0, -1.0, 1.0]))
+    assert worst["triangle inequality"] == pytest.approx(
+        max(0.0, *moments @ [-1.0, -1.0, 1.0])
+    )
     estimator = replace(make_estimator(method), runs=3, evaluations=1000)
     fit = estimator.fit(task)
     p = box.p(fit.theta)
-    np.testing.assert_allclose(box.theta(p), fit.theta, rtol=1e-9, atol=1e-9)  # nothing was clipped
+    np.testing.assert_allclose(
+        box.theta(p), fit.theta, rtol=1e-9, atol=1e-9
+    )  # nothing was clipped
     assert np.all(np.isfinite(box.lower))
     assert np.all(np.isfinite(box.upper))
     runs = fit.details["runs"]
@@ -166,7 +196,9 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     assert all("violation" in text for text in said)
     best = min(runs, key=lambda run: run["penalised"])
     assert task.data.loss(fit.theta) == pytest.approx(best["loss"], rel=1e-12)
-    free = replace(estimator, runs=1, evaluations=300, weights=(40.0, 40.0, 0.0)).fit(task)
+    free = replace(estimator, runs=1, evaluations=300, weights=(40.0, 40.0, 0.0)).fit(
+        task
+    )
     (run,) = free.details["runs"]  # judged by the last weight
     assert run["penalised"] == pytest.approx(run["objective"], rel=1e-9)
     assert all(0 < run["evaluations"] < 2000 for run in runs)

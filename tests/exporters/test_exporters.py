@@ -1,4 +1,5 @@
-"""What leaves for a simulator makes the same torques there; nothing else of a user's file changes."""
+"""What leaves for a simulator makes the same torques there; nothing else of a user's
+file changes."""
 
 import ctypes
 import json
@@ -38,22 +39,32 @@ TREE_FILE = Path(__file__).with_name("tree.urdf")
 TREE = TREE_FILE.read_bytes().decode()
 
 
-def estimate_of(robot: Robot, effects: str, seed: int, links: np.ndarray | None = None) -> Estimate:
+def estimate_of(
+    robot: Robot, effects: str, seed: int, links: np.ndarray | None = None
+) -> Estimate:
     """An estimate with random consistent links and random positive other parameters."""
     rng = np.random.default_rng(seed)
     model = Model(robot, parse_effects(effects, robot))
     theta = rng.uniform(0.05, 2.0, len(model.parameters))
     if links is None:
-        links = np.array([random_robots.link_parameters(rng, 0.4) for _ in range(robot.n)])
+        links = np.array(
+            [random_robots.link_parameters(rng, 0.4) for _ in range(robot.n)]
+        )
     theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
     if model.needs_reference:
         model = Model(robot, model.effects, theta)
-    p, n, pairs = len(theta), robot.n, zip(model.parameters, theta.tolist(), strict=True)
+    p, n, pairs = (
+        len(theta),
+        robot.n,
+        zip(model.parameters, theta.tolist(), strict=True),
+    )
     intervals = tuple(Interval(q.name, q.unit, x) for q, x in pairs)
     nothing = np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0))
     unknown, made = Uncertainty(intervals, (), *nothing), Certificate({}, 0.0)
     settings = (Preprocessing(), {}, {}, {})
-    return Estimate(random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings)
+    return Estimate(
+        random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings
+    )
 
 
 @cache
@@ -78,9 +89,14 @@ def of_the_file(path: Path, robot: Robot, dq: Rows, ddq: Rows) -> Rows:
     joints, rotors = root.findall("joint"), np.zeros(robot.n)
     for own in root.findall("transmission"):
         at = robot.joint_names.index(own.find("joint").get("name"))
-        rotors[at] = float(own.find("actuator/{http://drake.mit.edu}rotor_inertia").get("value"))
+        rotors[at] = float(
+            own.find("actuator/{http://drake.mit.edu}rotor_inertia").get("value")
+        )
     written = {j.get("name"): j.find("dynamics") for j in joints}
-    rows = [[float(written[j.name].get(key)) for key in ("damping", "friction")] for j in robot.joints]
+    rows = [
+        [float(written[j.name].get(key)) for key in ("damping", "friction")]
+        for j in robot.joints
+    ]
     damping, friction = np.array(rows).T
     return damping * dq + friction * np.tanh(dq / 0.01) + rotors * ddq
 
@@ -98,8 +114,8 @@ def by_our_reader(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Row
 
 
 def by_mujoco(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
-    """MuJoCo's own inverse dynamics: links, armature and damping; dry friction is a soft constraint
-    there, so that only its size is taken."""
+    """MuJoCo's own inverse dynamics: links, armature and damping; dry friction is a
+    soft constraint there, so that only its size is taken."""
     mujoco = pytest.importorskip("mujoco", minversion="3.0")
     model = mujoco.MjModel.from_xml_path(str(path))
     at = [model.joint(j.name).dofadr[0] for j in robot.joints]
@@ -122,14 +138,16 @@ def by_c(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
     assert function == f"{re.sub(r'[^a-zA-Z0-9]', '_', robot.name)}_torque"
     source, library = path.with_suffix(".c"), path.with_suffix(".so")
     source.write_text(
-        f'#include "{path.name}"\nvoid torque(double *q, double *v, double *a, double *t) '
-        f"{{ {function}(q, v, a, t); }}"
+        f'#include "{path.name}"\nvoid torque(double *q, double *v, double *a, double'
+        f" *t) {{ {function}(q, v, a, t); }}"
     )
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC"]
     subprocess.run(["cc", *strict, str(source), "-o", str(library), "-lm"], check=True)
     loaded, out = ctypes.CDLL(str(library)), np.zeros_like(q)
     for row in zip(q, dq, ddq, out, strict=True):
-        loaded.torque(*(np.ascontiguousarray(x).ctypes.data_as(ctypes.c_void_p) for x in row))
+        loaded.torque(
+            *(np.ascontiguousarray(x).ctypes.data_as(ctypes.c_void_p) for x in row)
+        )
     return out
 
 
@@ -143,13 +161,16 @@ READERS: dict[str, tuple[tuple[Torques, ...], tuple[str, ...]]] = {
 
 
 def check_parity(path: Path, estimate: Estimate, ending: str = ".urdf") -> None:
-    """Torques of the reloaded file against the model's, without what the file has no place for."""
+    """Torques of the reloaded file against the model's, without what the file has no
+    place for."""
     robot, (readers, lost) = estimate.robot, READERS[ending]
     q, dq, ddq = random_robots.states(robot, 30, 1)
     expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
     for p, value in zip(estimate.model.parameters, estimate.theta, strict=True):
         if p.effect in lost:
-            expected[:, p.joint - 1] -= value * (ddq[:, p.joint - 1] if p.effect[0] == "r" else 1.0)
+            expected[:, p.joint - 1] -= value * (
+                ddq[:, p.joint - 1] if p.effect[0] == "r" else 1.0
+            )
     for read in readers:
         assert np.abs(read(path, robot, q, dq, ddq) - expected).max() <= PARITY
 
@@ -164,7 +185,8 @@ def test_every_file_of_dynamics_makes_the_models_torques(name, ending, tmp_path)
 
 
 def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
-    """Cut the inertials and dynamics elements out of both: the rest is the same to the byte."""
+    """Cut the inertials and dynamics elements out of both: the rest is the same to the
+    byte."""
 
     def rest(text: bytes) -> bytes:
         text = re.sub(rb"\s*<inertial.*?</inertial>\s*", b"", text, flags=re.S)
@@ -174,7 +196,11 @@ def only_numbers_of_inertials_changed(before: bytes, after: bytes) -> None:
         return re.sub(rb">\s+<", b"><", text)
 
     assert rest(before) == rest(after)
-    for kept in (rb"<!--.*?-->", rb"<\?xml.*?\?>", rb"<(?:mesh|visual|gazebo|mu1)[^>]*>"):
+    for kept in (
+        rb"<!--.*?-->",
+        rb"<\?xml.*?\?>",
+        rb"<(?:mesh|visual|gazebo|mu1)[^>]*>",
+    ):
         assert re.findall(kept, before, re.S) == re.findall(kept, after, re.S)
 
 
@@ -185,8 +211,14 @@ def test_a_users_urdf_is_edited_byte_for_byte(tmp_path):
     check_parity(out, estimate)
     before, after = TREE_FILE.read_bytes(), out.read_bytes()
     only_numbers_of_inertials_changed(before, after)
-    # Where bytes differ, only inside inertials and dynamics; odd quotes and spaces stay.
-    for text in ('<inertial extra="kept">', "<!-- beside -->", 'secret="1 > 0"', '">\r\n'):
+    # Where bytes differ, only inside inertials and dynamics; odd quotes and spaces
+    # stay.
+    for text in (
+        '<inertial extra="kept">',
+        "<!-- beside -->",
+        'secret="1 > 0"',
+        '">\r\n',
+    ):
         assert text.encode() in after
     # The base keeps its inertial, and so does what is fixed to it.
     assert before.count(b'<mass value="5"/>') == after.count(b'<mass value="5"/>') == 1
@@ -203,38 +235,54 @@ def test_a_users_urdf_is_edited_byte_for_byte(tmp_path):
 
 
 def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path):
-    """The same two-link arm with frames elsewhere on the joint axes, as a vendor would draw it."""
+    """The same two-link arm with frames elsewhere on the joint axes, as a vendor would
+    draw it."""
     robot = load_problem("two_link").robot
     estimate = estimate_of(robot, "rigid_body", 4)
     theirs, out = tmp_path / "vendor.urdf", tmp_path / "out.urdf"
     theirs.write_text(
-        '<robot name="vendor"><link name="floor"/><link name="post"/><link name="arm"/>'
-        '<joint name="first" type="continuous"><parent link="floor"/><child link="post"/>'
-        '<origin xyz="0 0 0.7" rpy="0 0 0.3"/><axis xyz="0 0 1"/></joint>'
-        '<joint name="second" type="continuous"><parent link="post"/><child link="arm"/>'
-        '<origin xyz="0 0 0.8" rpy="1.5707963267948966 0 -0.3"/><axis xyz="0 0 1"/></joint></robot>'
+        '<robot name="vendor"><link name="floor"/><link name="post"/><link'
+        ' name="arm"/><joint name="first" type="continuous"><parent'
+        ' link="floor"/><child link="post"/><origin xyz="0 0 0.7" rpy="0 0 0.3"/><axis'
+        ' xyz="0 0 1"/></joint><joint name="second" type="continuous"><parent'
+        ' link="post"/><child link="arm"/><origin xyz="0 0 0.8" rpy="1.5707963267948966'
+        ' 0 -0.3"/><axis xyz="0 0 1"/></joint></robot>'
     )
     export(estimate, out, urdf=theirs)
     q, dq, ddq = random_robots.states(robot, 30, 1)
     vendor, links = load_urdf(out, robot.gravity)
     expected = robot.inverse_dynamics(estimate.links.ravel(), q, dq, ddq)
-    assert np.abs(vendor.inverse_dynamics(links.ravel(), q, dq, ddq) - expected).max() <= PARITY
+    assert (
+        np.abs(vendor.inverse_dynamics(links.ravel(), q, dq, ddq) - expected).max()
+        <= PARITY
+    )
     text = theirs.read_text()
     theirs.write_text(text.replace(" -0.3", " 0"))
     refusal(lambda: export(estimate, out, urdf=theirs), "second")
-    theirs.write_text(text.replace('xyz="0 0 0.8"', 'xyz="5e-5 0 0.8"'))  # as rounded tables lie
+    theirs.write_text(
+        text.replace('xyz="0 0 0.8"', 'xyz="5e-5 0 0.8"')
+    )  # as rounded tables lie
     export(estimate, out, urdf=theirs)
     for apart, far in (("0.01", "9.55"), ("1.5e-4", "0.14")):
         theirs.write_text(text.replace('xyz="0 0 0.8"', f'xyz="{apart} 0 0.8"'))
-        refusal(lambda: export(estimate, out, urdf=theirs), f"its axis lies {far}", " mm away")
+        refusal(
+            lambda: export(estimate, out, urdf=theirs),
+            f"its axis lies {far}",
+            " mm away",
+        )
     theirs.write_text(TREE)
     refusal(lambda: export(estimate, out, urdf=theirs), "3 moving joint")
 
 
 def test_a_payload_for_the_makers_controllers(tmp_path):
-    """Mass, centre from the flange, inertia about the centre: the body's own, whoever writes it."""
+    """Mass, centre from the flange, inertia about the centre: the body's own, whoever
+    writes it."""
     robot = load_problem("panda").robot
-    mass, com, tensor = 1.3, np.array([0.01, -0.02, 0.15]), np.diag([0.004, 0.005, 0.003])
+    mass, com, tensor = (
+        1.3,
+        np.array([0.01, -0.02, 0.15]),
+        np.diag([0.004, 0.005, 0.003]),
+    )
     moments = tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
     estimate = estimate_of(robot, "rigid_body,payload", 3)
     theta = estimate.theta.copy()
@@ -246,15 +294,26 @@ def test_a_payload_for_the_makers_controllers(tmp_path):
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.107]).tolist())
     assert told["inertia"] == pytest.approx(tensor.ravel().tolist(), abs=1e-12)
     estimate.save(tmp_path / "model.json")
-    request = {"model": str(tmp_path / "model.json"), "folder": str(tmp_path), "flange": "0,0,0.05"}
-    jobs.take(jobs.Asked({**request, "name": "endeffector-config.json"}))  # as the page asks for it
+    request = {
+        "model": str(tmp_path / "model.json"),
+        "folder": str(tmp_path),
+        "flange": "0,0,0.05",
+    }
+    jobs.take(
+        jobs.Asked({**request, "name": "endeffector-config.json"})
+    )  # as the page asks for it
     told = json.loads((tmp_path / "endeffector-config.json").read_text())
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.05]).tolist())
     export(estimate, tmp_path / "load.script")
     line = (tmp_path / "load.script").read_text().splitlines()[1]
     figures = [float(x) for x in re.findall(r"-?[0-9.]+(?:e-?[0-9]+)?", line)]
-    assert figures == pytest.approx([mass, *com, *np.diag(tensor), 0.0, 0.0, 0.0], abs=1e-12)
-    refusal(lambda: export(estimate_of(robot, FULL, 3), tmp_path / "load.script"), "no payload")
+    assert figures == pytest.approx(
+        [mass, *com, *np.diag(tensor), 0.0, 0.0, 0.0], abs=1e-12
+    )
+    refusal(
+        lambda: export(estimate_of(robot, FULL, 3), tmp_path / "load.script"),
+        "no payload",
+    )
 
 
 def test_a_motor_takes_commands_in_the_units_that_its_channel_reads(tmp_path):
@@ -291,19 +350,28 @@ def test_inconsistent_inertials_are_refused(suffix, tmp_path):
 def test_other_refusals(tmp_path):
     estimate = estimate_of(load_problem("emps").robot, "viscous_friction", 0)
     refusal(lambda: export(estimate, tmp_path / "out.urdf"), "rigid_body")
-    refusal(lambda: export(estimate, tmp_path / "out.xml", urdf=tmp_path / "x.urdf"), ".urdf")
+    refusal(
+        lambda: export(estimate, tmp_path / "out.xml", urdf=tmp_path / "x.urdf"),
+        ".urdf",
+    )
     path = tmp_path / "dtd.urdf"
     path.write_text('<!DOCTYPE robot [<!ENTITY a "b">]>' + TREE.split("?>", 1)[1])
     full = estimate_of(robots()["tree"], "rigid_body", 0)
     refusal(lambda: export(full, tmp_path / "out.urdf", urdf=path), "DOCTYPE")
-    path.write_text(TREE.replace("utf-8", "utf-16").replace("UTF-8", "UTF-16"), "utf-16")
-    refusal(lambda: export(full, tmp_path / "out.urdf", urdf=path), "save the file as UTF-8")
+    path.write_text(
+        TREE.replace("utf-8", "utf-16").replace("UTF-8", "UTF-16"), "utf-16"
+    )
+    refusal(
+        lambda: export(full, tmp_path / "out.urdf", urdf=path), "save the file as UTF-8"
+    )
 
 
 def test_check_urdf_names_the_link_and_mends_it(tmp_path):
     path, fixed = tmp_path / "bad.urdf", tmp_path / "fixed.urdf"
     path.write_bytes(
-        TREE.replace('izz="0.01"/>\n    </inertial>', 'izz="0.05"/>\n    </inertial>').encode()
+        TREE.replace(
+            'izz="0.01"/>\n    </inertial>', 'izz="0.05"/>\n    </inertial>'
+        ).encode()
     )
     checks = {c.link: c for c in check_urdf(path)}
     assert not checks["upper"].consistent
@@ -314,20 +382,30 @@ def test_check_urdf_names_the_link_and_mends_it(tmp_path):
     assert run_cli("check-urdf", path, "--fix", fixed) == 1
     assert all(c.consistent for c in check_urdf(fixed))
     only_numbers_of_inertials_changed(path.read_bytes(), fixed.read_bytes())
-    for moment, verdict in (("-0.01", "negative moment of inertia"), ("0.05", "triangle inequality")):
+    for moment, verdict in (
+        ("-0.01", "negative moment of inertia"),
+        ("0.05", "triangle inequality"),
+    ):
         path.write_bytes(TREE.replace('ixx="0.02"', f'ixx="{moment}"').encode())
-        assert {c.link: c for c in check_urdf(path)}["upper"].verdict.startswith(verdict)
+        assert {c.link: c for c in check_urdf(path)}["upper"].verdict.startswith(
+            verdict
+        )
 
 
 def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
-    """Unless something with an inertial is fixed to them; the base and fixed links need none."""
+    """Unless something with an inertial is fixed to them; the base and fixed links need
+    none."""
     path = tmp_path / "bare.urdf"
-    joint = '<joint name="{0}" type="{2}"><parent link="{1}"/><child link="{0}"/></joint>'
-    tensor = " ".join(f'{k}="{v}"' for k, v in zip(("ixx", "iyy", "izz"), "111", strict=True))
+    joint = (
+        '<joint name="{0}" type="{2}"><parent link="{1}"/><child link="{0}"/></joint>'
+    )
+    tensor = " ".join(
+        f'{k}="{v}"' for k, v in zip(("ixx", "iyy", "izz"), "111", strict=True)
+    )
     body = f'<inertial><mass value="1"/><inertia {tensor}/></inertial>'
     path.write_text(
-        '<robot name="r"><link name="base"/><link name="bare"/><link name="hand"/><link name="tip"/>'
-        f'<link name="tool">{body}</link>'
+        '<robot name="r"><link name="base"/><link name="bare"/><link'
+        f' name="hand"/><link name="tip"/><link name="tool">{body}</link>'
         + joint.format("bare", "base", "continuous")
         + joint.format("hand", "bare", "continuous")
         + joint.format("tool", "hand", "fixed")
@@ -337,21 +415,37 @@ def test_check_urdf_names_moving_links_without_inertial(tmp_path, capsys):
     assert massless_links(path) == ["bare"]
     assert run_cli("check-urdf", path, "--json", tmp_path / "c.json") == 0
     assert "Moving links without an inertial: bare. " in capsys.readouterr().out
-    assert json.loads((tmp_path / "c.json").read_text())["moving_links_without_inertial"] == ["bare"]
+    assert json.loads((tmp_path / "c.json").read_text())[
+        "moving_links_without_inertial"
+    ] == ["bare"]
 
 
-@settings(derandomize=False, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(seed=st.integers(0, 10_000), joints=st.integers(1, 7), frames=st.booleans(), turned=st.booleans())
-@example(seed=190, joints=4, frames=False, turned=False)  # joints a thousand kilometres apart
-def test_any_tree_survives_being_written_and_edited(tmp_path, seed, joints, frames, turned):
-    """A random tree of revolute and prismatic joints: made, reloaded, edited with another model.
+@settings(
+    derandomize=False, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    seed=st.integers(0, 10_000),
+    joints=st.integers(1, 7),
+    frames=st.booleans(),
+    turned=st.booleans(),
+)
+@example(
+    seed=190, joints=4, frames=False, turned=False
+)  # joints a thousand kilometres apart
+def test_any_tree_survives_being_written_and_edited(
+    tmp_path, seed, joints, frames, turned
+):
+    """A random tree of revolute and prismatic joints: made, reloaded, edited with
+    another model.
 
     turned : the user's file names the joints in the opposite order.
     """
     rng = np.random.default_rng(seed)
     robot = random_robots.tree(rng, joints, link_frames=frames)
     made, edited = tmp_path / "made.urdf", tmp_path / "edited.urdf"
-    export(estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed), made)
+    export(
+        estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed), made
+    )
     other = estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed + 1)
     if turned:
         root = ElementTree.parse(made).getroot()
@@ -368,7 +462,9 @@ def test_figures_are_what_they_were_in_every_export(ending, tmp_path):
     effects = f"{FULL},torque_offset,presliding_hysteresis,payload"
     estimate = estimate_of(load_problem("two_link").robot, effects, 3)
     theta = estimate.theta.copy()
-    theta[-10:] = inertia.standard_from_barycentric([1.3, 0.01, 0.02, 0.1, 4e-3, 0, 5e-3, 0, 0, 3e-3])
+    theta[-10:] = inertia.standard_from_barycentric(
+        [1.3, 0.01, 0.02, 0.1, 4e-3, 0, 5e-3, 0, 0, 3e-3]
+    )
     estimate = replace(estimate, theta=theta)
     home = formats()[ending]
     assert home.FILE.endswith(ending)
@@ -377,7 +473,13 @@ def test_figures_are_what_they_were_in_every_export(ending, tmp_path):
     made = (tmp_path / home.FILE).read_bytes()
     assert export(estimate, tmp_path / f"again-{home.FILE}") == left_out
     assert (tmp_path / f"again-{home.FILE}").read_bytes() == made
-    assert home.ABOUT.startswith("payload") or ending == ".json" or "presliding" in " ".join(left_out)
-    lines = {f"line {k}": line for k, line in enumerate(made.decode().splitlines(), start=1)}
+    assert (
+        home.ABOUT.startswith("payload")
+        or ending == ".json"
+        or "presliding" in " ".join(left_out)
+    )
+    lines = {
+        f"line {k}": line for k, line in enumerate(made.decode().splitlines(), start=1)
+    }
     found = {"left out": left_out, "words": said(made.decode())["words"], **lines}
     assert not changed(f"export_{home.FILE.replace('.', '_')}", found)

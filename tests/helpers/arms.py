@@ -1,5 +1,5 @@
-"""Small arms as URDF files, and measurements of them whose truth is known, for tests of what belongs to
-a robot that is nobody's built-in one."""
+"""Small arms as URDF files, and measurements of them whose truth is known, for tests of
+what belongs to a robot that is nobody's built-in one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,8 +19,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Axis:
-    """One moving joint and its link: ``com`` from the link's frame [m]; moments (6,) about it, Ixx, Ixy,
-    Iyy, Ixz, Iyz, Izz, of a solid ball of 8 cm radius where none are given."""
+    """One moving joint and its link: ``com`` from the link's frame [m]; moments (6,)
+    about it, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, of a solid ball of 8 cm radius where none
+    are given."""
 
     kind: str
     axis: str | Sequence[float]
@@ -46,9 +47,12 @@ SCARA = (
     Axis("revolute", _UP, "0 0 0.2", 8.0, "0.16 0 0", (0.03, 0, 0.10, 0, 0, 0.11)),
     Axis("revolute", _UP, "0.325 0 0", 5.0, "0.12 0 0.02", (0.02, 0, 0.06, 0, 0, 0.06)),
     Axis("prismatic", _UP, "0.225 0 0", 1.2, "0 0 -0.05", (8e-3, 0, 8e-3, 0, 0, 4e-4)),
-    Axis("revolute", _UP, "0 0 -0.1", 0.3, "0.002 0 -0.02", (3e-4, 0, 3e-4, 0, 0, 1e-4)),
+    Axis(
+        "revolute", _UP, "0 0 -0.1", 0.3, "0.002 0 -0.02", (3e-4, 0, 3e-4, 0, 0, 1e-4)
+    ),
 )
-#: Viscous friction [N m s/rad, N s/m], Coulomb friction and offset [N m, N], noise of one sample.
+#: Viscous friction [N m s/rad, N s/m], Coulomb friction and offset [N m, N], noise of
+#: one sample.
 SCARA_FRICTION = (
     np.array([3.0, 1.5, 14.0, 0.02]),
     np.array([1.2, 0.8, 5.0, 0.05]),
@@ -73,18 +77,26 @@ state_cutoff = 6.0
 
 
 def _words(numbers: str | Sequence[float]) -> str:
-    return numbers if isinstance(numbers, str) else " ".join(f"{x:.17g}" for x in numbers)
+    return (
+        numbers if isinstance(numbers, str) else " ".join(f"{x:.17g}" for x in numbers)
+    )
 
 
 def write_urdf(
-    path: Path, name: str, axes: Sequence[Axis], limits: tuple[float, float, float] = (0.2, 2.5, 2.0)
+    path: Path,
+    name: str,
+    axes: Sequence[Axis],
+    limits: tuple[float, float, float] = (0.2, 2.5, 2.0),
 ) -> Path:
-    """A chain of these axes as a robot of that name; limits : of a slide, of a turn, of velocity."""
+    """A chain of these axes as a robot of that name; limits : of a slide, of a turn, of
+    velocity."""
     links, joints = ['<link name="link0"/>'], []
     for k, a in enumerate(axes, start=1):
         ball = 0.4 * a.mass * 0.08**2
         six = zip(
-            ["xx", "xy", "yy", "xz", "yz", "zz"], a.moments or (ball, 0, ball, 0, 0, ball), strict=True
+            ["xx", "xy", "yy", "xz", "yz", "zz"],
+            a.moments or (ball, 0, ball, 0, 0, ball),
+            strict=True,
         )
         tensor = " ".join(f'i{entry}="{value:.17g}"' for entry, value in six)
         links.append(
@@ -93,20 +105,25 @@ def write_urdf(
         )
         limit = limits[a.kind != "prismatic"]
         joints.append(
-            f'<joint name="joint{k}" type="{a.kind}"><parent link="link{k - 1}"/><child link="link{k}"/>'
-            f'<origin xyz="{_words(a.origin)}" rpy="{_words(a.turn)}"/><axis xyz="{_words(a.axis)}"/>'
-            f'<limit lower="{-limit}" upper="{limit}" velocity="{limits[2]}" effort="500"/></joint>'
+            f'<joint name="joint{k}" type="{a.kind}"><parent link="link{k - 1}"/><child'
+            f' link="link{k}"/><origin xyz="{_words(a.origin)}"'
+            f' rpy="{_words(a.turn)}"/><axis xyz="{_words(a.axis)}"/><limit'
+            f' lower="{-limit}" upper="{limit}" velocity="{limits[2]}"'
+            ' effort="500"/></joint>'
         )
     path.write_text(f'<robot name="{name}">{"".join(links + joints)}</robot>')
     return path
 
 
 def write_folder(folder: Path) -> Path:
-    """A folder with a problem.toml, a table of bounds and a cone, of the last two of THREE joints."""
+    """A folder with a problem.toml, a table of bounds and a cone, of the last two of
+    THREE joints."""
     folder.mkdir()
     write_urdf(folder / "arm.urdf", "arm", THREE[1:])
     (folder / "problem.toml").write_text(FOLDER)
-    (folder / "bounds.csv").write_text("parameter,lower,upper\nm1,0.5,3.5\nc1x,-0.1,0.3\nI1xx,0,0.2\n")
+    (folder / "bounds.csv").write_text(
+        "parameter,lower,upper\nm1,0.5,3.5\nc1x,-0.1,0.3\nI1xx,0,0.2\n"
+    )
     return folder
 
 
@@ -122,12 +139,21 @@ def random_arm(folder: Path, seed: int) -> Path:
     for _ in range(int(rng.integers(2, 7))):
         reach = float(rng.uniform(0.05, 0.6))
         mass = float(10.0 ** rng.uniform(-1.5, 1.5))
-        body = inertia.barycentric_from_standard(link_parameters(rng, reach, mass, thickness=0.02))
+        body = inertia.barycentric_from_standard(
+            link_parameters(rng, reach, mass, thickness=0.02)
+        )
         kind = "prismatic" if rng.random() < 0.35 else "revolute"
         # Axes as machines have them, along or across, and now and then askew.
         axis = np.eye(3)[rng.integers(3)] if rng.random() < 0.8 else rng.normal(size=3)
-        square = rng.choice([0.0, np.pi / 2, -np.pi / 2], size=3) if rng.random() < 0.7 else None
-        turn, origin = rng.normal(size=3) if square is None else square, reach * rng.normal(size=3)
+        square = (
+            rng.choice([0.0, np.pi / 2, -np.pi / 2], size=3)
+            if rng.random() < 0.7
+            else None
+        )
+        turn, origin = (
+            rng.normal(size=3) if square is None else square,
+            reach * rng.normal(size=3),
+        )
         axis = axis / np.linalg.norm(axis)
         axes.append(Axis(kind, axis, origin, mass, body[1:4], tuple(body[4:]), turn))
     return write_urdf(folder / f"arm{seed}.urdf", f"arm{seed}", axes, LIMITS)
@@ -141,13 +167,18 @@ def run_of(
     seconds: float = 8.0,
     rate: float = 100.0,
 ) -> Measurements:
-    """Sums of sines, driven by the URDF's own links, viscous and Coulomb friction and an offset."""
+    """Sums of sines, driven by the URDF's own links, viscous and Coulomb friction and
+    an offset."""
     rng = np.random.default_rng(seed)
     n = problem.robot.n
     t = np.arange(0.0, seconds, 1.0 / rate)
     sum_of_sines = sines(rng, n, t, base_hz=2.0 / seconds)
-    stroke = np.array([0.1 if j.kind == "prismatic" else 0.5 for j in problem.robot.joints])
-    q, dq, ddq = (stroke * x for x in (sum_of_sines.q, sum_of_sines.dq, sum_of_sines.ddq))
+    stroke = np.array(
+        [0.1 if j.kind == "prismatic" else 0.5 for j in problem.robot.joints]
+    )
+    q, dq, ddq = (
+        stroke * x for x in (sum_of_sines.q, sum_of_sines.dq, sum_of_sines.ddq)
+    )
     names = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
     model = problem.model(names)
     theta = np.concatenate([problem.nominal_links.ravel(), *friction])
@@ -155,17 +186,22 @@ def run_of(
     return Measurements(t, q, tau + noise * rng.normal(size=tau.shape), dq)
 
 
-def run_of_widths(arm: Problem, widths: tuple[float, ...], seconds: float) -> Measurements:
+def run_of_widths(
+    arm: Problem, widths: tuple[float, ...], seconds: float
+) -> Measurements:
     """The SCARA; Coulomb friction written out, over another velocity on each joint."""
     viscous, coulomb, offset = SCARA_FRICTION
     bare = run_of(arm, (np.zeros(4),) * 3, np.zeros(4), seconds=seconds, rate=500.0)
-    friction = viscous * bare.dq + coulomb * np.tanh(bare.dq / np.array(widths)) + offset
+    friction = (
+        viscous * bare.dq + coulomb * np.tanh(bare.dq / np.array(widths)) + offset
+    )
     noise = np.random.default_rng(0).normal(size=friction.shape) * 0.02 * coulomb
     return Measurements(bare.t, bare.q, bare.tau + friction + noise, bare.dq)
 
 
 def random_run(problem: Problem, seed: int) -> Measurements:
-    """A run of a random arm with friction and noise drawn over several orders of magnitude."""
+    """A run of a random arm with friction and noise drawn over several orders of
+    magnitude."""
     rng = np.random.default_rng(seed)
     n = problem.robot.n
     viscous, coulomb = 10.0 ** rng.uniform(-2.0, 1.5, (2, n))
@@ -174,7 +210,8 @@ def random_run(problem: Problem, seed: int) -> Measurements:
 
 
 def urdfdom_torque(path: Path, robot: Robot, q: Array, dq: Array, ddq: Array) -> Array:
-    """Inverse dynamics (N, n) of a file as Pinocchio's own reader (urdfdom) builds it, not ours."""
+    """Inverse dynamics (N, n) of a file as Pinocchio's own reader (urdfdom) builds it,
+    not ours."""
     model = pin.buildModelFromUrdf(str(path))
     model.gravity = pin.Motion(np.array(robot.gravity), np.zeros(3))
     data = model.createData()
@@ -187,5 +224,7 @@ def urdfdom_torque(path: Path, robot: Robot, q: Array, dq: Array, ddq: Array) ->
             configuration[theirs.idx_q : theirs.idx_q + theirs.nq] = angle
             v[theirs.idx_v], a[theirs.idx_v] = dq[k, i], ddq[k, i]
         tau = pin.rnea(model, data, configuration, v, a)
-        out[k] = [tau[model.joints[model.getJointId(j.name)].idx_v] for j in robot.joints]
+        out[k] = [
+            tau[model.joints[model.getJointId(j.name)].idx_v] for j in robot.joints
+        ]
     return out

@@ -26,7 +26,9 @@ def run_cli(*words: object) -> int:
     return int(code.value.code or 0)
 
 
-def python(*words: object, path: str = HOME, **options: Any) -> subprocess.CompletedProcess[str]:
+def python(
+    *words: object, path: str = HOME, **options: Any
+) -> subprocess.CompletedProcess[str]:
     """Another Python, with the package that lies on this path."""
     environment = {**os.environ, "PYTHONPATH": path}
     command = [sys.executable, *map(str, words)]
@@ -37,7 +39,8 @@ def python(*words: object, path: str = HOME, **options: Any) -> subprocess.Compl
 
 @contextmanager
 def peak_memory() -> Iterator[list[float]]:
-    """A list that holds the peak in bytes, beyond what was taken before, once the block has ended."""
+    """A list that holds the peak in bytes, beyond what was taken before, once the block
+    has ended."""
     out: list[float] = []
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
@@ -48,7 +51,9 @@ def peak_memory() -> Iterator[list[float]]:
 
 def _status(field: str) -> float:
     try:
-        found = re.search(rf"{field}:\s+(\d+) kB", Path("/proc/self/status").read_text())
+        found = re.search(
+            rf"{field}:\s+(\d+) kB", Path("/proc/self/status").read_text()
+        )
     except OSError:
         return 0.0
     return 1024.0 * int(found[1]) if found else 0.0

@@ -1,4 +1,5 @@
-"""What was made before, and what may differ of it made again: committed tables, and texts of tests."""
+"""What was made before, and what may differ of it made again: committed tables, and
+texts of tests."""
 
 import csv
 import os
@@ -16,17 +17,28 @@ Row = dict[str, str]
 
 #: The columns that name a row of each table.
 KEYS: dict[str, tuple[str, ...]] = {
-    "I": ("parameter", "what"), "II": ("coefficient", "trajectory"), "III": ("coefficient",),
-    "IV": ("estimate",), "V": ("engine", "motion"), "VI": ("i",),
-    **dict.fromkeys(("VII", "VIII", "IX"), ("parameter",)), "data": ("data", "seconds", "method"),
-    "errata": ("number",), "methods": ("data", "method"),
-    "unseen": ("method", "added_effects", "judged_on"), "wrenches": ("joint", "component"),
-}  # fmt: skip
-#: Tables by problem, and where they are committed: those of the 2R's own are with the Panda's.
-MADE = [("panda", name, RESULTS) for name in KEYS if name not in ("VI", "VII", "wrenches")]
+    "I": ("parameter", "what"),
+    "II": ("coefficient", "trajectory"),
+    "III": ("coefficient",),
+    "IV": ("estimate",),
+    "V": ("engine", "motion"),
+    "VI": ("i",),
+    **dict.fromkeys(("VII", "VIII", "IX"), ("parameter",)),
+    "data": ("data", "seconds", "method"),
+    "errata": ("number",),
+    "methods": ("data", "method"),
+    "unseen": ("method", "added_effects", "judged_on"),
+    "wrenches": ("joint", "component"),
+}
+#: Tables by problem, and where they are committed: those of the 2R's own are with the
+#: Panda's.
+MADE = [
+    ("panda", name, RESULTS) for name in KEYS if name not in ("VI", "VII", "wrenches")
+]
 MADE += [("two_link", name, RESULTS) for name in ("VI", "wrenches")]
 MADE += [
-    ("two_link", name, RESULTS / "two_link") for name in ("III", "IV", "VII", "VIII", "IX", "methods")
+    ("two_link", name, RESULTS / "two_link")
+    for name in ("III", "IV", "VII", "VIII", "IX", "methods")
 ]
 
 
@@ -41,15 +53,21 @@ def keyed(name: str, rows: Iterable[Row]) -> dict[tuple[str, ...], Row]:
 
 
 def differences(table: Table, folder: Path) -> list[tuple[Any, ...]]:
-    """Where a table made again is not the committed one: row, column, both cells; or the row alone, if
-    it is missing and not for want of the real run."""
+    """Where a table made again is not the committed one: row, column, both cells; or
+    the row alone, if it is missing and not for want of the real run."""
     name, text = table.name, (folder / f"table_{table.name}.csv").read_text()
-    old, new = (keyed(name, csv.DictReader(x.splitlines())) for x in (text, table.csv()))
-    out: list[tuple[Any, ...]] = [x for x in old.keys() - new.keys() if "measured" not in " ".join(x)]
+    old, new = (
+        keyed(name, csv.DictReader(x.splitlines())) for x in (text, table.csv())
+    )
+    out: list[tuple[Any, ...]] = [
+        x for x in old.keys() - new.keys() if "measured" not in " ".join(x)
+    ]
     for key, row in new.items():
         if row.get("status", "run") != "run":
             continue  # an engine that is not here
-        for column in (c for c in row.keys() - set(KEYS[name]) if not free(name, c, old[key])):
+        for column in (
+            c for c in row.keys() - set(KEYS[name]) if not free(name, c, old[key])
+        ):
             pair = old[key][column], row[column]
             if not close(*pair, *tolerance(name, column, old[key])):
                 out.append((key, column, *pair))
@@ -91,15 +109,26 @@ def free(name: str, column: str, row: Row) -> bool:
         or name in ("VII", "VIII", "IX")
         # An interval at the ends of phi_2's range.
         or (
-            name == "I" and row["parameter"] == "phi_2" and column[0] == "j" and float(row[column]) > 100
+            name == "I"
+            and row["parameter"] == "phi_2"
+            and column[0] == "j"
+            and float(row[column]) > 100
         )
         # An optimiser's path: its condition numbers, not its coefficients.
         or (name == "II" and not row["coefficient"].startswith("condition"))
         or (name == "methods" and method.startswith("penalty-paper"))
         or (name == "methods" and column in ("smallest_eigenvalue", "violated_family"))
-        or (name == "methods" and column == "smallest_thickness_mm" and method != "lmi-sdp-thickness")
+        or (
+            name == "methods"
+            and column == "smallest_thickness_mm"
+            and method != "lmi-sdp-thickness"
+        )
         # An optimal set that is flat, where some joints do not reverse.
-        or (name == "data" and row["seconds"] in "12" and method in ("ols", "lmi-sdp-plain", "penalty"))
+        or (
+            name == "data"
+            and row["seconds"] in "12"
+            and method in ("ols", "lmi-sdp-plain", "penalty")
+        )
         # Where among those of equal loss an estimate ends.
         or (name == "wrenches" and not column.startswith(("true", "interval")))
     )
@@ -108,7 +137,10 @@ def free(name: str, column: str, row: Row) -> bool:
 def tolerance(name: str, column: str, row: Row) -> tuple[float, float]:
     if name in ("III", "IV") and "penalty_paper" in column + row.get("estimate", ""):
         return 0.05, 0.02 if name == "III" else 1e-3
-    special = {("III", "re_simulated"): (1e-3, 1e-9), ("methods", "worst_violation"): (0.02, 1e-8)}
+    special = {
+        ("III", "re_simulated"): (1e-3, 1e-9),
+        ("methods", "worst_violation"): (0.02, 1e-8),
+    }
     return special.get((name, column), USUAL[name])
 
 
@@ -116,8 +148,8 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
 
 
 def as_kept(name: str, text: str) -> None:
-    """The words of a file in research/small, and its numbers within 1 % (engines and solvers differ);
-    SDP_VS_PENALTY_KEEP=1 writes it."""
+    """The words of a file in research/small, and its numbers within 1 % (engines and
+    solvers differ); SDP_VS_PENALTY_KEEP=1 writes it."""
     path = Path(__file__).parents[1] / "research" / "small" / name
     if "SDP_VS_PENALTY_KEEP" in os.environ:
         path.write_text(text)

@@ -9,8 +9,8 @@
                 sum_k E[(u_k . (x - c))^2] / a_k^2 <= m       each link inside of its body
                 m <= sum m_i <= m,  signs and ranges of everything else
 
-Written from the problem's physical quantities, not from the constraint arrays, so that the two can be
-wrong only if both are.
+Written from the problem's physical quantities, not from the constraint arrays, so that
+the two can be wrong only if both are.
 """
 
 from typing import Any
@@ -27,47 +27,65 @@ from sdp_vs_penalty.solvers import Objective
 
 
 def cvxpy_optimum(
-    problem: Problem, task: Task, objective: Objective, method: Any, solver: str, **settings: Any
+    problem: Problem,
+    task: Task,
+    objective: Objective,
+    method: Any,
+    solver: str,
+    **settings: Any,
 ) -> tuple[Array, float]:
-    """theta (p,) and the objective in (N m)^2 from the solver of that name ("CLARABEL", "SCS"), with the
-    minimum thickness [m] that the method demands and, where it does, the bodies of the links.
+    """theta (p,) and the objective in (N m)^2 from the solver of that name ("CLARABEL",
+    "SCS"), with the minimum thickness [m] that the method demands and, where it does,
+    the bodies of the links.
 
-    theta = centre + scale x: only the numbers that the solver handles are scaled, each parameter by
-    the torque that it makes (by its bound where it makes none), the loss by that of least squares.
+    theta = centre + scale x: only the numbers that the solver handles are scaled, each
+    parameter by the torque that it makes (by its bound where it makes none), the loss
+    by that of least squares.
     """
     data, norms = objective.least_squares, objective.least_squares.column_norms
-    scale = np.minimum(np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf), task.bound)
+    scale = np.minimum(
+        np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf), task.bound
+    )
     scale = np.where(norms > 0.0, scale, task.bound)
     x = cp.Variable(len(scale))
     theta = task.ols + cp.multiply(scale, x)
     unit = max(data.loss(task.ols), 1e-12 * data.tau_squared)
     root = np.sqrt(unit)
-    residual = data.R / root @ cp.multiply(scale, x) + (data.R @ task.ols - data.rho) / root
+    residual = (
+        data.R / root @ cp.multiply(scale, x) + (data.R @ task.ols - data.rho) / root
+    )
     value = cp.sum_squares(residual) + data.residual_norm**2 / unit
     constraints: list[Any] = []
     links = [Link(theta[indices]) for indices in task.links]
     for number, link in enumerate(links):
         constraints += _link(problem, number, link, method.thickness, method.body)
     if links:
-        constraints += _between(cp.sum(cp.hstack([link.mass for link in links])), *problem.total_mass)
+        constraints += _between(
+            cp.sum(cp.hstack([link.mass for link in links])), *problem.total_mass
+        )
     for k in np.setdiff1d(np.arange(len(scale)), task.model.rigid_indices):
         lower = max(task.model.parameters[k].lower, -PARAMETER_RANGE)
         constraints += _between(theta[k], lower, PARAMETER_RANGE)
     if (entropy := objective.entropy) is not None:
         for link, p0 in zip(links, entropy.nominal, strict=True):
-            # Congruence by the nominal's size: the same divergence in numbers of order one.
+            # Congruence by the nominal's size: the same divergence in numbers of order
+            # one.
             t = np.diag(1.0 / np.sqrt(np.diagonal(p0)))
             own, nominal = t @ link.pseudo_inertia() @ t, t @ p0 @ t
             pull = cp.trace(np.linalg.inv(nominal) @ own) - cp.log_det(own)
-            value += entropy.weight / unit * (pull + float(np.linalg.slogdet(nominal)[1]) - 4.0)
+            value += (
+                entropy.weight
+                / unit
+                * (pull + float(np.linalg.slogdet(nominal)[1]) - 4.0)
+            )
     program = cp.Problem(cp.Minimize(value), constraints)
     program.solve(solver=solver, **settings)
     return np.asarray(theta.value, float), float(program.value) * unit
 
 
 class Link:
-    """A link's inertial parameters as CVXPY expressions, about the link frame: mass, h = m c (3,), J and
-    sigma (3, 3), the second moment of the mass."""
+    """A link's inertial parameters as CVXPY expressions, about the link frame: mass, h
+    = m c (3,), J and sigma (3, 3), the second moment of the mass."""
 
     def __init__(self, theta: Any) -> None:
         self.mass, self.h = theta[0], theta[1:4]
@@ -79,14 +97,24 @@ class Link:
         """Of a link whose gyration is less by a thickness in every direction (4, 4)."""
         column = cp.reshape(self.h, (3, 1), order="F")
         mass = cp.reshape(self.mass, (1, 1), order="F")
-        return cp.bmat([[self.sigma - self.mass * thickness**2 * np.eye(3), column], [column.T, mass]])
+        return cp.bmat(
+            [
+                [self.sigma - self.mass * thickness**2 * np.eye(3), column],
+                [column.T, mass],
+            ]
+        )
 
 
-def _link(problem: Problem, number: int, link: Link, thickness: float, bodily: bool) -> list[Any]:
+def _link(
+    problem: Problem, number: int, link: Link, thickness: float, bodily: bool
+) -> list[Any]:
     box, mass = problem.box[number], link.mass
     largest, com, _ = (x[number] for x in problem.link_sizes)
-    # A congruence under which the nominal link is the identity: a solver sees numbers of one size.
-    t = np.linalg.inv(np.linalg.cholesky(inertia.pseudo_inertia(problem.nominal_links[number])))
+    # A congruence under which the nominal link is the identity: a solver sees numbers
+    # of one size.
+    t = np.linalg.inv(
+        np.linalg.cholesky(inertia.pseudo_inertia(problem.nominal_links[number]))
+    )
     out = [t @ link.pseudo_inertia(thickness) @ t.T >> 0]
     out += _between(mass, max(box[0, 0], 0.0), largest)
     for axis, (lower, upper) in enumerate(box[1:4]):
@@ -102,15 +130,22 @@ def _link(problem: Problem, number: int, link: Link, thickness: float, bodily: b
             out.append(link.J[axis, axis] <= box[entry, 1] + mass * others)
     else:
         out.append(cp.trace(link.sigma) <= mass * problem.link_defaults[number, 1] ** 2)
-    if bodily:  # the mean square distance from the body's centre, in its half axes, is at most one
+    # the mean square distance from the body's centre, in its half axes, is at most one
+    if bodily:
         body, square = problem.link_bodies[number], 0.0
         for axis, half in zip(body.axes.T, body.half_axes, strict=True):
             centre = float(axis @ body.centre)
-            along = axis @ link.sigma @ axis - 2.0 * centre * (axis @ link.h) + centre**2 * mass
+            along = (
+                axis @ link.sigma @ axis
+                - 2.0 * centre * (axis @ link.h)
+                + centre**2 * mass
+            )
             square = square + along / half**2
         out.append(square <= mass)
     return out
 
 
 def _between(x: Any, lower: float, upper: float) -> list[Any]:
-    return ([x >= lower] if np.isfinite(lower) else []) + ([x <= upper] if np.isfinite(upper) else [])
+    return ([x >= lower] if np.isfinite(lower) else []) + (
+        [x <= upper] if np.isfinite(upper) else []
+    )

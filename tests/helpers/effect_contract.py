@@ -1,9 +1,10 @@
-"""Robots and motions to try effects on; units are those of the columns, and columns the torque of the
-hidden world, signed.
+"""Robots and motions to try effects on; units are those of the columns, and columns the
+torque of the hidden world, signed.
 
-Robots have joints of one kind only where shape constants are at work: one constant for rad and m at
-once has no unit. The worlds state the torque of an effect a second time, in code that shares nothing
-with the columns (``tests/simulation/test_challenge.py`` looks). Forms that no world draws stand here.
+Robots have joints of one kind only where shape constants are at work: one constant for
+rad and m at once has no unit. The worlds state the torque of an effect a second time,
+in code that shares nothing with the columns (``tests/simulation/test_challenge.py``
+looks). Forms that no world draws stand here.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,7 +20,13 @@ from scipy.signal import butter, sosfiltfilt
 
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.diagnosis.conclude import size_of
-from sdp_vs_penalty.effects import CurrentModel, Effect, Motion, effect_types, parse_effects
+from sdp_vs_penalty.effects import (
+    CurrentModel,
+    Effect,
+    Motion,
+    effect_types,
+    parse_effects,
+)
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.robot import FourierTrajectory, Joint, Robot, random_trajectory
 from sdp_vs_penalty.simulation import MAKERS, experiment
@@ -32,7 +39,8 @@ Array = NDArray[np.float64]
 
 @cache
 def robots() -> dict[str, Robot]:
-    """A tree with both kinds of joints; an arm and a gantry with one kind; single joints."""
+    """A tree with both kinds of joints; an arm and a gantry with one kind; single
+    joints."""
 
     def all_of(kind: str, robot: Robot) -> Robot:
         return replace(robot, joints=tuple(replace(j, kind=kind) for j in robot.joints))
@@ -40,10 +48,12 @@ def robots() -> dict[str, Robot]:
     chain = tree(np.random.default_rng(1), 3, branched=False, link_frames=True)
     one = tree(np.random.default_rng(5), 1)
     return {
-        "tree": tree(np.random.default_rng(5), 5), "arm": all_of("revolute", chain),
-        "gantry": all_of("prismatic", chain), "single": all_of("revolute", one),
+        "tree": tree(np.random.default_rng(5), 5),
+        "arm": all_of("revolute", chain),
+        "gantry": all_of("prismatic", chain),
+        "single": all_of("revolute", one),
         "slide": all_of("prismatic", one),
-    }  # fmt: skip
+    }
 
 
 def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
@@ -62,7 +72,16 @@ def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
     links = np.array([link_parameters(rng, 0.4) for _ in robot.joints])
     torque = robot.inverse_dynamics(links, q, dq, ddq) + 0.5 * np.sign(dq) + 0.1 * dq
     warm = 20.0 + 300.0 * np.outer(t, 1.0 + np.arange(robot.n))
-    moved = Motion(t, q, dq, ddq, torque, CurrentModel(robot, links), temperature=warm, motors=1.2 * ddq)
+    moved = Motion(
+        t,
+        q,
+        dq,
+        ddq,
+        torque,
+        CurrentModel(robot, links),
+        temperature=warm,
+        motors=1.2 * ddq,
+    )
     return told(moved)
 
 
@@ -70,8 +89,15 @@ def to_and_fro(robot: Robot) -> Motion:
     """Six seconds of sines with reversals, and a current model."""
     moved = sines(np.random.default_rng(3), robot.n, np.arange(0.0, 6.0, 0.01), 0.1, 5)
     current = steady_motion(robot).current
-    torque = robot.inverse_dynamics(current.links, moved.q, moved.dq, moved.ddq) + 0.3 * moved.dq
-    seen = {"temperature": 25.0 + 3.0 * moved.q, "motors": 1.1 * moved.ddq, "sign_width": 0.02}
+    torque = (
+        robot.inverse_dynamics(current.links, moved.q, moved.dq, moved.ddq)
+        + 0.3 * moved.dq
+    )
+    seen = {
+        "temperature": 25.0 + 3.0 * moved.q,
+        "motors": 1.1 * moved.ddq,
+        "sign_width": 0.02,
+    }
     return told(replace(moved, torque=torque, current=current, **seen))
 
 
@@ -91,14 +117,17 @@ def wide_columns(effect: Effect, motion: Motion) -> Array:
 
 
 def variants(name: str, robot: Robot) -> list[Effect]:
-    """The effect on all joints as it is by default, and on each with whatever a search begins with."""
+    """The effect on all joints as it is by default, and on each with whatever a search
+    begins with."""
     kind = effect_types()[name]
     searched = [
         effect
         for joint in ([None] if kind.whole_robot else range(robot.n))
         for effect in kind.candidates(robot, joint)
     ]
-    if name == "measured_curve":  # measured, not searched: over what is more than a joint's own signal
+    if (
+        name == "measured_curve"
+    ):  # measured, not searched: over what is more than a joint's own signal
         kinds = [j.kind for j in robot.joints]
         other = 2 + kinds[1:].index(kinds[0]) if kinds[0] in kinds[1:] else 0
         over = [f"x={w}@xj=1@xi={other}@xc=-2" for w in ("q", "dq") if other]
@@ -113,8 +142,18 @@ def unit_scale(unit: str, base: dict[str, float], constants: dict[str, float]) -
     if unit == "-":
         return 1.0
     newton = base["kg"] * base["m"] / base["s"] ** 2
-    known = {**base, "N": newton, "rad": 1.0, "turn": 1.0, "K": 1.0, "Hz": 1.0 / base["s"], **constants}
-    return float(eval(unit.replace("^", "**"), {"__builtins__": {}}, known))  # units are our own words
+    known = {
+        **base,
+        "N": newton,
+        "rad": 1.0,
+        "turn": 1.0,
+        "K": 1.0,
+        "Hz": 1.0 / base["s"],
+        **constants,
+    }
+    return float(
+        eval(unit.replace("^", "**"), {"__builtins__": {}}, known)
+    )  # units are our own words
 
 
 def in_other_units(robot: Robot, base: dict[str, float]) -> Robot:
@@ -133,8 +172,9 @@ def in_other_units(robot: Robot, base: dict[str, float]) -> Robot:
 
 
 def check_units_are_those_of_the_columns(name: str) -> None:
-    """Rewrite the whole problem in other units of mass, length and time: a column in the new units
-    must be the old one times torque / parameter, with shape constants converted by their own unit."""
+    """Rewrite the whole problem in other units of mass, length and time: a column in
+    the new units must be the old one times torque / parameter, with shape constants
+    converted by their own unit."""
     for base in ({"kg": 1.0, "m": 1.0, "s": 0.7}, {"kg": 1.9, "m": 1.6, "s": 1.3}):
         for which, robot in robots().items():
             position, torque = (
@@ -142,7 +182,9 @@ def check_units_are_those_of_the_columns(name: str) -> None:
                 for units in (robot.position_units, robot.torque_units)
             )
             motion = steady_motion(robot)
-            new = _rewritten(motion, in_other_units(robot, base), base, position, torque)
+            new = _rewritten(
+                motion, in_other_units(robot, base), base, position, torque
+            )
             for effect in variants(name, robot):
                 if not effect.parameters or (which == "tree" and effect.shapes):
                     continue
@@ -151,22 +193,33 @@ def check_units_are_those_of_the_columns(name: str) -> None:
                     key: value * unit_scale(effect.shapes[key].unit_on(kind), base, {})
                     for key, value in effect.shape.items()
                 }
-                joints = None if effect.asked_joints is None else list(effect.asked_joints)
+                joints = (
+                    None if effect.asked_joints is None else list(effect.asked_joints)
+                )
                 rewritten = type(effect)(new.current.robot, joints, **shape)
                 # A unit may hold an exponent, which is a number by itself.
-                numbers = {k: v for k, v in effect.shape.items() if effect.shapes[k].unit == "-"}
-                scale = np.array([unit_scale(p.unit, base, numbers) for p in effect.parameters])
+                numbers = {
+                    k: v
+                    for k, v in effect.shape.items()
+                    if effect.shapes[k].unit == "-"
+                }
+                scale = np.array(
+                    [unit_scale(p.unit, base, numbers) for p in effect.parameters]
+                )
                 expected = wide_columns(effect, motion) * torque[:, None, None] / scale
                 found = wide_columns(rewritten, new)
                 atol = 1e-9 * np.abs(expected).max()
                 wrong = [
                     f"{p.name} [{p.unit}]"
-                    for p, a, b in zip(effect.parameters, expected.T, found.T, strict=True)
+                    for p, a, b in zip(
+                        effect.parameters, expected.T, found.T, strict=True
+                    )
                     if not np.allclose(b, a, 1e-7, atol)
                 ]
                 assert not wrong, (
-                    f"{effect.text} on {which}: torque over column is not in the unit declared of "
-                    f"{', '.join(wrong)} (or a shape constant's unit is wrong)"
+                    f"{effect.text} on {which}: torque over column is not in the unit"
+                    f" declared of {', '.join(wrong)} (or a shape constant's unit is"
+                    " wrong)"
                 )
 
 
@@ -191,32 +244,40 @@ def _rewritten(
     )
 
 
-#: Of the torque: what sampling, and columns that are of first order in their parameter, may cost.
+#: Of the torque: what sampling, and columns that are of first order in their parameter,
+#: may cost.
 ACCURACY = 0.01
 #: Draws a joint: together they meet every form and every sign that a world draws.
 DRAWS = 3
-#: Sizes over those at which worlds begin, where a half is too small for the time between two samples.
+#: Sizes over those at which worlds begin, where a half is too small for the time
+#: between two samples.
 SIZES = {"torque_filter": 5.0}
-#: Flanks yield a little in the worlds; sharp forms stand below, one with rates of what changes within a
-#: sample.
+#: Flanks yield a little in the worlds; sharp forms stand below, one with rates of what
+#: changes within a sample.
 YIELDS, STEPS = 0.25, 0.02
-#: Seconds of the motion that are compared: bristles have settled, and the way back to rest is left out.
+#: Seconds of the motion that are compared: bristles have settled, and the way back to
+#: rest is left out.
 BEGIN, END = 2.0, 15.5
 
 
 @cache
 def worlds() -> dict[str, tuple[Problem, World, Array]]:
-    """A seven-joint arm, and one with a prismatic joint between two revolute ones; their true links."""
+    """A seven-joint arm, and one with a prismatic joint between two revolute ones;
+    their true links."""
     urdf = Path(__file__).parent / "slide_arm.urdf"
     problems = {"panda": load_problem("panda"), "slide_arm": load_problem(urdf)}
     setups = {k: experiment(p) for k, p in problems.items()}
-    return {k: (p, true_world(p, setups[k], seed=3), setups[k].links) for k, p in problems.items()}
+    return {
+        k: (p, true_world(p, setups[k], seed=3), setups[k].links)
+        for k, p in problems.items()
+    }
 
 
 @dataclass(frozen=True)
 class Case:
-    """One hidden effect: its torque (n, N); columns (n, N, k) of the effect with the true shape; plain
-    (n, N, m) columns of the effects that it refines, where it counts time from elsewhere."""
+    """One hidden effect: its torque (n, N); columns (n, N, k) of the effect with the
+    true shape; plain (n, N, m) columns of the effects that it refines, where it counts
+    time from elsewhere."""
 
     where: str
     hidden: Hidden
@@ -228,7 +289,9 @@ class Case:
     @property
     def fitted(self) -> tuple[Array, float]:
         """Parameters of least squares, and the share of the torque that they leave."""
-        wide = np.concatenate([self.columns, self.plain], axis=2).reshape(self.torque.size, -1)
+        wide = np.concatenate([self.columns, self.plain], axis=2).reshape(
+            self.torque.size, -1
+        )
         theta, *_ = np.linalg.lstsq(wide, self.torque.ravel())
         left = self.torque.ravel() - wide @ theta
         share = float(np.linalg.norm(left) / np.linalg.norm(self.torque))
@@ -237,8 +300,8 @@ class Case:
 
 @cache
 def hidden_cases(name: str) -> tuple[Case, ...]:
-    """What worlds draw, wherever it makes a torque (an axis along gravity has no backlash), and the
-    other forms."""
+    """What worlds draw, wherever it makes a torque (an axis along gravity has no
+    backlash), and the other forms."""
     kind = effect_types()[name]
     cases = []
     for which, (problem, world, links) in worlds().items():
@@ -248,8 +311,13 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
         if name == "transmission_friction" and which == "slide_arm":
             continue  # worlds hide it where neighbours turn
         for joint in [0] if kind.whole_robot else (robot.n // 2, robot.n - 1):
-            drawn = [MAKERS[name](sharp, joint, np.random.default_rng([k, joint])) for k in range(DRAWS)]
-            drawn = [replace(one, size=one.size * SIZES.get(name, 0.5)) for one in drawn]
+            drawn = [
+                MAKERS[name](sharp, joint, np.random.default_rng([k, joint]))
+                for k in range(DRAWS)
+            ]
+            drawn = [
+                replace(one, size=one.size * SIZES.get(name, 0.5)) for one in drawn
+            ]
             others = OTHER_FORMS.get(name, lambda w, j: [])(sharp, joint)
             for one in (replace(x, effect=name) for x in (*drawn, *others)):
                 where = f"{which} joint {joint + 1} {one.shape}"
@@ -265,15 +333,26 @@ def _width(name: str) -> float:
 
 
 def _case(
-    where: str, robot: Robot, sharp: World, links: Array, hidden: Hidden, trajectory: FourierTrajectory
+    where: str,
+    robot: Robot,
+    sharp: World,
+    links: Array,
+    hidden: Hidden,
+    trajectory: FourierTrajectory,
 ) -> Case:
     kind = effect_types()[hidden.effect]
     width = _width(kind.name)
-    # Derivatives in time are differences; friction states are integrated in the world, exact in columns.
-    fine, rate = (500.0, 250.0) if kind.has_memory or hidden.shift is not None else (100.0, 25.0)
+    # Derivatives in time are differences; friction states are integrated in the world,
+    # exact in columns.
+    fine, rate = (
+        (500.0, 250.0) if kind.has_memory or hidden.shift is not None else (100.0, 25.0)
+    )
     t = np.arange(0.0, 17.0, 1.0 / fine)
     true = TrueMotion(t, *trajectory.states(t))
-    rows, seen = slice(None, None, int(fine / rate)), slice(int(BEGIN * rate), int(END * rate))
+    rows, seen = (
+        slice(None, None, int(fine / rate)),
+        slice(int(BEGIN * rate), int(END * rate)),
+    )
     torque = hidden.torque(sharp, true)[rows][seen]
     motion = Motion(
         true.t[rows],
@@ -288,47 +367,71 @@ def _case(
 
     def columns(kind: type[Effect], **shape: float) -> tuple[Effect, Array]:
         convention = {k: width for k, s in kind.shapes.items() if s.role == "estimated"}
-        sized = {kind.sized_shape: hidden.size} if kind.sized_shape in kind.shapes else {}
-        effect = kind(robot, list(hidden.joints) or None, **convention, **{**sized, **shape})
+        sized = (
+            {kind.sized_shape: hidden.size} if kind.sized_shape in kind.shapes else {}
+        )
+        effect = kind(
+            robot, list(hidden.joints) or None, **convention, **{**sized, **shape}
+        )
         return effect, wide_columns(effect, motion)[:, seen]
 
     effect, own = columns(kind, **hidden.shape)
     plain = [columns(effect_types()[r])[1] for r in kind.refines if kind.follows_clock]
     none = np.zeros((*own.shape[:2], 0))
-    return Case(where, hidden, effect, torque.T, own, np.concatenate([none, *plain], axis=2))
+    return Case(
+        where, hidden, effect, torque.T, own, np.concatenate([none, *plain], axis=2)
+    )
 
 
 def check_columns_are_the_hidden_torque(name: str) -> None:
-    """In amount and sign: torque less columns times parameters is next to nothing, and where one number
-    says how large the effect is, that of the parameters is the true one. On both kinds of joints, of
-    every form: shape constants that are choices."""
+    """In amount and sign: torque less columns times parameters is next to nothing, and
+    where one number says how large the effect is, that of the parameters is the true
+    one. On both kinds of joints, of every form: shape constants that are choices."""
     kind, met, forms = effect_types()[name], set(), set()
     choices = {k: len(s.choices) for k, s in kind.shapes.items() if s.choices}
     for case in hidden_cases(name):
         forms.add(tuple(case.effect.shape[k] for k in choices))
         theta, share = case.fitted
-        allowed = case.hidden.details.get("allowed", YIELDS if name == "backlash" else ACCURACY)
-        assert share < allowed, f"{name}, {case.where}: {100 * share:.1f} % is not in the columns"
+        allowed = case.hidden.details.get(
+            "allowed", YIELDS if name == "backlash" else ACCURACY
+        )
+        assert share < allowed, (
+            f"{name}, {case.where}: {100 * share:.1f} % is not in the columns"
+        )
         met |= {case.effect.robot.joints[j].kind for j in case.hidden.joints}
         if case.hidden.number is not None and kind.sized_by == slice(None):
             size, _ = size_of(case.effect, theta, np.zeros((len(theta),) * 2))
             true = case.hidden.number * case.hidden.size
-            size = size if len(theta) == 1 else np.copysign(size, true)  # a wave has no sign
-            np.testing.assert_allclose(size, true, rtol=max(allowed, 3.0 * ACCURACY), err_msg=case.where)
+            size = (
+                size if len(theta) == 1 else np.copysign(size, true)
+            )  # a wave has no sign
+            np.testing.assert_allclose(
+                size, true, rtol=max(allowed, 3.0 * ACCURACY), err_msg=case.where
+            )
             if len(theta) == 1:
                 demands = case.effect.constraints(np.arange(len(theta)))
-                assert all(c.margin(theta) >= 0.0 for c in demands), "the truth itself is not possible"
+                assert all(c.margin(theta) >= 0.0 for c in demands), (
+                    "the truth itself is not possible"
+                )
     wrist = name == "transmission_friction"  # they turn
-    assert met == (set() if kind.whole_robot else {"revolute", *["prismatic"] * (not wrist)})
-    assert len(forms) == int(np.prod([*choices.values()])), "the hidden worlds do not meet every form"
+    assert met == (
+        set() if kind.whole_robot else {"revolute", *["prismatic"] * (not wrist)}
+    )
+    assert len(forms) == int(np.prod([*choices.values()])), (
+        "the hidden worlds do not meet every form"
+    )
 
 
-def _laws(*forms: tuple[Callable[[TrueMotion, int], Array], float | None, dict[str, float]]):
-    """Of a joint's motion: its torque, the number behind it and its shape, form by form."""
+def _laws(
+    *forms: tuple[Callable[[TrueMotion, int], Array], float | None, dict[str, float]],
+):
+    """Of a joint's motion: its torque, the number behind it and its shape, form by
+    form."""
 
     def made(w: World, j: int) -> list[Hidden]:
         return [
-            at_joint(j, lambda w, m, x=law: x(m, j), number, **shape) for law, number, shape in forms
+            at_joint(j, lambda w, m, x=law: x(m, j), number, **shape)
+            for law, number, shape in forms
         ]
 
     return made
@@ -351,17 +454,25 @@ def _transmission(w: World, j: int) -> list[Hidden]:
 
     ratios = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio}
     both = (first, first + 1)
-    return [Hidden(both, change(law), 1.0, {**ratios, "law": law}, 0.5) for law in (1.0, 5.0)]
+    return [
+        Hidden(both, change(law), 1.0, {**ratios, "law": law}, 0.5)
+        for law in (1.0, 5.0)
+    ]
 
 
 def _both_ways(w: World, j: int) -> list[Hidden]:
-    """A low-pass there and back, of all but the links' torque: by its transfer function."""
+    """A low-pass there and back, of all but the links' torque: by its transfer
+    function."""
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
         tau = w.torque(m) - w.rigid(m)
-        wide = np.concatenate([np.repeat(tau[:1], 4000, 0), tau, np.repeat(tau[-1:], 4000, 0)])
+        wide = np.concatenate(
+            [np.repeat(tau[:1], 4000, 0), tau, np.repeat(tau[-1:], 4000, 0)]
+        )
         s = 2.0 * np.pi * np.fft.rfftfreq(len(wide), float(m.t[1] - m.t[0]))[:, None]
-        passed = np.fft.irfft(np.fft.rfft(wide, axis=0) / (1.0 + (0.01 * s) ** 2), len(wide), axis=0)
+        passed = np.fft.irfft(
+            np.fft.rfft(wide, axis=0) / (1.0 + (0.01 * s) ** 2), len(wide), axis=0
+        )
         return np.asarray(size / 0.01 * (passed[4000:-4000] - tau))
 
     return [Hidden((), change, None, {"T": 0.01, "phase": 2.0}, 0.01)]
@@ -377,13 +488,17 @@ def _sharp_flanks(w: World, j: int) -> list[Hidden]:
         step = butter(4, 8.0 * (m.t[1] - m.t[0]), output="sos")  # below 4 Hz
         return np.asarray(-b * sosfiltfilt(step, np.sign(w.rigid(m)[:, j])))
 
-    slow = replace(shifted(j, shift, 1.0, 2e-4), shape={"law": 2.0}, details={"allowed": STEPS})
+    slow = replace(
+        shifted(j, shift, 1.0, 2e-4), shape={"law": 2.0}, details={"allowed": STEPS}
+    )
     return [Hidden((j,), change, 1.0, size=5e-4, details={"allowed": ACCURACY}), slow]
 
 
 def _wave(m: TrueMotion, j: int) -> Array:
     q = m.q[:, j]
-    return np.asarray(np.sign(m.dq[:, j]) * (np.cos(2.0 * q + 1.0) + 0.5 * np.sin(4.0 * q)))
+    return np.asarray(
+        np.sign(m.dq[:, j]) * (np.cos(2.0 * q + 1.0) + 0.5 * np.sin(4.0 * q))
+    )
 
 
 def _dip(
@@ -395,7 +510,9 @@ def _dip(
     return torque, 1.0, {"vs": 0.1, "delta": delta, "law": law}
 
 
-def _rise(share: Callable[[Array], Array], law: float) -> tuple[Any, float, dict[str, float]]:
+def _rise(
+    share: Callable[[Array], Array], law: float
+) -> tuple[Any, float, dict[str, float]]:
     def torque(m: TrueMotion, j: int) -> Array:
         return np.asarray(share(m.dq[:, j]) - np.sign(m.dq[:, j]))
 
@@ -414,7 +531,11 @@ def _even_slip(m: TrueMotion, j: int) -> Array:
 OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
     "drift_offset": _laws((lambda m, j: m.t / 100.0, None, {"form": 1.0, "T": 60.0})),
     "drift_friction": _laws(
-        (lambda m, j: m.t / 100.0 * np.sign(m.dq[:, j]), None, {"form": 1.0, "T": 60.0}),
+        (
+            lambda m, j: m.t / 100.0 * np.sign(m.dq[:, j]),
+            None,
+            {"form": 1.0, "T": 60.0},
+        ),
         (lambda m, j: m.t / 100.0 * m.dq[:, j], None, {"form": 3.0, "T": 60.0}),
     ),
     "backlash": _sharp_flanks,
@@ -427,7 +548,11 @@ OTHER_FORMS: Mapping[str, Callable[[World, int], list[Hidden]]] = {
             1.0,
             {"law": 1.0, "by": 2.0, "T": 60.0},
         ),
-        (lambda m, j: np.exp(-m.t / 60.0) * m.dq[:, j], 1.0, {"law": 2.0, "by": 2.0, "T": 60.0}),
+        (
+            lambda m, j: np.exp(-m.t / 60.0) * m.dq[:, j],
+            1.0,
+            {"law": 2.0, "by": 2.0, "T": 60.0},
+        ),
     ),
     "stribeck_friction": _laws(
         _dip(lambda x: np.exp(-x), 1.0, 1.0),

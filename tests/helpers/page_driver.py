@@ -20,8 +20,12 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
-psutil = pytest.importorskip("psutil", reason="it counts the processes: install the extra [test]")
-playwright = pytest.importorskip("playwright.sync_api", reason="install the extra [test]")
+psutil = pytest.importorskip(
+    "psutil", reason="it counts the processes: install the extra [test]"
+)
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="install the extra [test]"
+)
 expect = playwright.expect
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 if CHROMIUM is None:
@@ -44,7 +48,8 @@ class Server:
         return f"http://127.0.0.1:{self.port}/"
 
     def workers(self) -> list[psutil.Process]:
-        """Processes that do a job: each leads a group of its own; the next one only waits."""
+        """Processes that do a job: each leads a group of its own; the next one only
+        waits."""
         found = []
         for p in psutil.Process(self.process.pid).children(recursive=True):
             try:
@@ -59,8 +64,12 @@ def started(folder: Path, *options: str) -> Server:
     """The verb, which has said where it is; its files are in the folder."""
     command = [sys.executable, *PROGRAM, "page", "--no-browser", *options]
     environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": ROOT}
-    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
-    printed = re.search(r"http://127\.0\.0\.1:(\d+)/\?key=(\S+)", process.stdout.readline())
+    process = subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True
+    )
+    printed = re.search(
+        r"http://127\.0\.0\.1:(\d+)/\?key=(\S+)", process.stdout.readline()
+    )
     return Server(process, int(printed[1]), printed[2])
 
 
@@ -75,7 +84,12 @@ def browsing() -> Iterator[Browser]:
 @contextmanager
 def a_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
     """A browser of its own, as it were; faults of its pages fail the test."""
-    options = {"viewport": DESKTOP, "reduced_motion": "reduce", "accept_downloads": True, **options}
+    options = {
+        "viewport": DESKTOP,
+        "reduced_motion": "reduce",
+        "accept_downloads": True,
+        **options,
+    }
     made = browser.new_context(**options)
     yield made
     faults = [fault for page in made.pages for fault in getattr(page, "faults", [])]
@@ -88,7 +102,8 @@ def key(name: str) -> str:
 
 
 def open_page(context: BrowserContext, server: Server, path: str = "new") -> Page:
-    """A page whose faults fail the test, and whose every request stays on this computer."""
+    """A page whose faults fail the test, and whose every request stays on this
+    computer."""
     page = context.new_page()
     page.set_default_timeout(PATIENCE)
     faults: list[str] = []
@@ -141,11 +156,15 @@ def choose(page: Page, robot: str, data: list[Path]) -> None:
 def errors(page: Page) -> list[list[float]]:
     """RMS errors of the history's table: a list a joint, of its models."""
     rows = page.locator("table.history tbody tr").all()
-    return [[float(cell) for cell in row.locator("td").all_inner_texts()[:-2]] for row in rows]
+    return [
+        [float(cell) for cell in row.locator("td").all_inner_texts()[:-2]]
+        for row in rows
+    ]
 
 
 def barriers(page: Page) -> list[str]:
-    """What axe-core calls a serious or critical fault of accessibility on what is shown now."""
+    """What axe-core calls a serious or critical fault of accessibility on what is shown
+    now."""
     from axe_playwright_python.sync_playwright import Axe
 
     found = Axe().run(page).response["violations"]
@@ -158,4 +177,6 @@ def barriers(page: Page) -> list[str]:
 
 def no_sideways_scrolling(page: Page) -> None:
     """Once what was drawn out of sight has found its width."""
-    page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth", timeout=5000)
+    page.wait_for_function(
+        "document.documentElement.scrollWidth <= window.innerWidth", timeout=5000
+    )

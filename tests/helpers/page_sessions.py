@@ -1,4 +1,5 @@
-"""Sessions of the page without a browser, their jobs done in this process, and their screens."""
+"""Sessions of the page without a browser, their jobs done in this process, and their
+screens."""
 
 import asyncio
 import base64
@@ -32,30 +33,45 @@ def unpacked(chart: Any) -> Any:
     """A chart with its arrays as numbers."""
     if isinstance(chart, dict):
         whole = "bdata" in chart
-        return numbers(chart) if whole else {k: unpacked(x) for k, x in chart.items() if k != "template"}
+        return (
+            numbers(chart)
+            if whole
+            else {k: unpacked(x) for k, x in chart.items() if k != "template"}
+        )
     return [unpacked(x) for x in chart] if isinstance(chart, list) else chart
 
 
-#: Properties of elements that differ from page to page, or are content that is read elsewhere.
+#: Properties of elements that differ from page to page, or are content that is read
+#: elsewhere.
 _PASSING = "innerHTML", "options", "aria-labelledby", "href", "id"
 
 
 class Here:
-    """Does jobs as a worker does, in this process: requests and answers are JSON all the same."""
+    """Does jobs as a worker does, in this process: requests and answers are JSON all
+    the same."""
 
-    async def run(self, request: Mapping[str, Any], progress: Callable[[str], None]) -> dict[str, Any]:
+    async def run(
+        self, request: Mapping[str, Any], progress: Callable[[str], None]
+    ) -> dict[str, Any]:
         asked = jobs.Asked(json.loads(json.dumps(request)), progress)
         answer = worker.do(getattr(jobs, request["job"]), asked)
         if "error" in answer:
             raise InputError(answer["error"])
-        return dict(json.loads(json.dumps(answer["result"], default=lambda array: array.tolist())))
+        return dict(
+            json.loads(
+                json.dumps(answer["result"], default=lambda array: array.tolist())
+            )
+        )
 
     def close(self) -> None:
         pass
 
 
-async def finish(session: Session, act: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    """Do something and wait until its job is done; a sentence about an error fails the test."""
+async def finish(
+    session: Session, act: Callable[[], Coroutine[Any, Any, None]]
+) -> None:
+    """Do something and wait until its job is done; a sentence about an error fails the
+    test."""
     session.start(act)
     await asyncio.wait([session.task])
     if session.notice is not None and session.notice.error:
@@ -68,7 +84,8 @@ def do(session: Session, *deeds: Callable[[], Coroutine[Any, Any, None]]) -> Non
 
 
 def opened(sessions: Sessions, robot: str, **files: Path) -> Session:
-    """A session in which a robot was chosen and runs were read, by the names that they come with."""
+    """A session in which a robot was chosen and runs were read, by the names that they
+    come with."""
     s = sessions.new()
     do(s, lambda: s.choose_robot(robot))
     if files:
@@ -86,14 +103,17 @@ def saved(folder: Path, runs: Any, *names: str) -> dict[str, Path]:
 def forms() -> Mapping[str, Sequence[Action]]:
     """What the verb gives the page."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sdp_vs_penalty.page.server.serve", lambda *given: held.append(given))
+        patch.setattr(
+            "sdp_vs_penalty.page.server.serve", lambda *given: held.append(given)
+        )
         held: list[Any] = []
         verb.verb()
     return dict(held[0][3])
 
 
 class Screen:
-    """The page of a session, drawn without a browser; its controls are found by their keys."""
+    """The page of a session, drawn without a browser; its controls are found by their
+    keys."""
 
     def __init__(self, session: Session, folder: Path | None = None) -> None:
         from nicegui import Client, core
@@ -135,30 +155,50 @@ class Screen:
     def under(self, top: Any = None) -> list[Any]:
         """All that is visible below an element, in its order on the page."""
         top = self.client.layout if top is None else top
-        children = [child for slot in top.slots.values() for child in slot.children if child.visible]
+        children = [
+            child
+            for slot in top.slots.values()
+            for child in slot.children
+            if child.visible
+        ]
         return [top, *(e for child in children for e in self.under(child))]
 
     def part(self, name: str) -> list[Any]:
         """All of a part, or of a stage."""
         names = ("data-stage", "data-part")
-        return self.under(next(e for e in self.under() if name in map(e.props.get, names)))
+        return self.under(
+            next(e for e in self.under() if name in map(e.props.get, names))
+        )
 
     def text(self, name: str) -> str:
         """What a part says, or a stage, on a line."""
-        told = [getattr(e, kind, "") for e in self.part(name) for kind in ("text", "content")]
-        return " ".join(re.sub(r"<[^>]+>", " ", " ".join(x for x in told if isinstance(x, str))).split())
+        told = [
+            getattr(e, kind, "")
+            for e in self.part(name)
+            for kind in ("text", "content")
+        ]
+        return " ".join(
+            re.sub(
+                r"<[^>]+>", " ", " ".join(x for x in told if isinstance(x, str))
+            ).split()
+        )
 
     def drawn(self) -> dict[str, Any]:
-        """Of each stage and part what it says, its controls with their states, and its charts."""
+        """Of each stage and part what it says, its controls with their states, and its
+        charts."""
         parts = [e for e in self.under() if "data-part" in e.props]
         inside = {part: self.under(part) for part in parts}
         heads = [e for e in self.under() if "data-stage" in e.props]
         within = {x.id for own in inside.values() for x in own}
-        inside |= {head: [x for x in self.under(head) if x.id not in within] for head in heads}
+        inside |= {
+            head: [x for x in self.under(head) if x.id not in within] for head in heads
+        }
         out = {}
         for top, own in inside.items():
             texts = [getattr(e, kind, "") for e in own for kind in ("text", "content")]
-            props = [f"{k}={v}" for e in own for k, v in e.props.items() if k not in _PASSING]
+            props = [
+                f"{k}={v}" for e in own for k, v in e.props.items() if k not in _PASSING
+            ]
             marks = [c for e in own for c in e.classes]
             out[str(top.props.get("data-part") or top.props["data-stage"])] = {
                 "text": said(" ".join(x for x in texts if isinstance(x, str))),
@@ -178,7 +218,9 @@ class Screen:
 
         for listener in list(element._event_listeners.values()):
             if listener.type == kind:
-                event = GenericEventArguments(sender=element, client=self.client, args=args)
+                event = GenericEventArguments(
+                    sender=element, client=self.client, args=args
+                )
                 self.do(listener.handler, event)
 
     def click(self, *keys: str) -> None:

@@ -1,10 +1,11 @@
 """Proofs with known truth, genuine, false and malformed, to put to the checker.
 
-Small random problems (1 to 6 parameters, cones of 1 to 6 dimensions, entropies) whose numbers are short
-binary fractions. A claim is called false only where this file, which shares no code with the checker,
-finds a feasible point that contradicts it, or a field that docs/proof.md forbids. The wrong multipliers
-are those for which the unguarded inequalities would prove the false claim: singular, indefinite,
-asymmetric, of another size.
+Small random problems (1 to 6 parameters, cones of 1 to 6 dimensions, entropies) whose
+numbers are short binary fractions. A claim is called false only where this file, which
+shares no code with the checker, finds a feasible point that contradicts it, or a field
+that docs/proof.md forbids. The wrong multipliers are those for which the unguarded
+inequalities would prove the false claim: singular, indefinite, asymmetric, of another
+size.
 """
 
 import copy
@@ -20,7 +21,8 @@ import numpy as np
 from sdp_vs_penalty.solvers import verify_proof
 
 Proof = dict[str, Any]
-#: A claim is false by at least this share of the objective's size: far above this file's rounding.
+#: A claim is false by at least this share of the objective's size: far above this
+#: file's rounding.
 _CLEARLY = 1e-6
 
 
@@ -30,7 +32,11 @@ def text(x: float | Fraction) -> str:
 
 def texts(array: Any) -> Any:
     made = np.asarray(array, float)
-    return [texts(row) for row in made] if made.ndim > 1 else [text(x) for x in made.tolist()]
+    return (
+        [texts(row) for row in made]
+        if made.ndim > 1
+        else [text(x) for x in made.tolist()]
+    )
 
 
 def short(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -45,12 +51,19 @@ def definite(rng: np.random.Generator, d: int) -> np.ndarray:
 
 def signed(body: Proof) -> Proof:
     rest = {k: v for k, v in body.items() if k != "sha256"}
-    return {**rest, "sha256": hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()}
+    return {
+        **rest,
+        "sha256": hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest(),
+    }
 
 
 def number(text: Any) -> Any:
     """A text, or lists of them, in floating point."""
-    return np.array([number(t) for t in text]) if isinstance(text, list) else float(Fraction(text))
+    return (
+        np.array([number(t) for t in text])
+        if isinstance(text, list)
+        else float(Fraction(text))
+    )
 
 
 def content(c: Proof, x: np.ndarray) -> np.ndarray:
@@ -60,29 +73,38 @@ def content(c: Proof, x: np.ndarray) -> np.ndarray:
 
 
 def value(p: Proof, x: np.ndarray) -> float:
-    """f(x) in floating point; infinite where x is clearly outside of a constraint, NaN on its edge."""
+    """f(x) in floating point; infinite where x is clearly outside of a constraint, NaN
+    on its edge."""
     r = number(p["R"]).reshape(-1, len(x)) @ x
     total = number(p["floor"]) ** 2 + float(np.sum((r - number(p["rho"])) ** 2))
     if np.any(np.abs(x) > number(p["bound"])):
         return float("inf")
     for c in p["constraints"]:
         F = content(c, x)
-        square = F.reshape([round(len(F) ** 0.5)] * 2) if c["cone"] == "psd" else np.eye(1)
+        square = (
+            F.reshape([round(len(F) ** 0.5)] * 2) if c["cone"] == "psd" else np.eye(1)
+        )
         least = float(np.linalg.eigvalsh(square)[0] if c["cone"] == "psd" else F.min())
         if c["cone"] == "soc":
             least = float(F[0] - np.linalg.norm(F[1:]))
         if least < 1e-9:
             return float("inf") if least < -1e-9 else float("nan")
         for e in c["entropy"]:
-            gain = number(e["inverse"]) @ F - np.linalg.slogdet(square)[1] + number(e["log_det"])
+            gain = (
+                number(e["inverse"]) @ F
+                - np.linalg.slogdet(square)[1]
+                + number(e["log_det"])
+            )
             total += number(e["weight"]) * float(gain - len(square))
     return total
 
 
 def genuine(rng: np.random.Generator) -> Proof:
-    """A random problem with a strictly feasible theta, multipliers in the cones, and what they prove.
+    """A random problem with a strictly feasible theta, multipliers in the cones, and
+    what they prove.
 
-    lower and upper are computed here in floating point and moved outward by ``_CLEARLY``.
+    lower and upper are computed here in floating point and moved outward by
+    ``_CLEARLY``.
     """
     n, m = int(rng.integers(1, 7)), int(rng.integers(0, 7))
     theta, bound = short(rng, n), np.full(n, 8.0)
@@ -93,7 +115,10 @@ def genuine(rng: np.random.Generator) -> Proof:
     constant, slope = floor**2 - 2 * y @ rho - y @ y, 2 * y @ R
     constraints = []
     for k in range(int(rng.integers(1, 5))):
-        cone, d = str(rng.choice(["psd", "soc", "nonnegative"])), int(rng.integers(1, 7))
+        cone, d = (
+            str(rng.choice(["psd", "soc", "nonnegative"])),
+            int(rng.integers(1, 7)),
+        )
         size = d * d if cone == "psd" else d
         indices = rng.permutation(n)[: int(rng.integers(0, n + 1))]
         shapes = [short(rng, size) for _ in indices]
@@ -103,39 +128,86 @@ def genuine(rng: np.random.Generator) -> Proof:
             v = short(rng, d, int(rng.integers(1, d + 1))) / 8.0
             inside, dual = definite(rng, d).ravel(), (v @ v.T).ravel()
         elif cone == "soc":
-            inside[0], dual[0] = np.ceil(np.sum(inside)) + 0.5, np.ceil(np.sum(dual)) + 0.5
+            inside[0], dual[0] = (
+                np.ceil(np.sum(inside)) + 0.5,
+                np.ceil(np.sum(dual)) + 0.5,
+            )
         coefficients = np.array(shapes).reshape(len(indices), size)
         F0, S, entropy = inside - theta[indices] @ coefficients, dual, []
         if cone == "psd" and rng.random() < 0.5:
-            weight, T, inverse = float(rng.integers(0, 5)) / 2, definite(rng, d), definite(rng, d)
+            weight, T, inverse = (
+                float(rng.integers(0, 5)) / 2,
+                definite(rng, d),
+                definite(rng, d),
+            )
             log_det = float(rng.integers(-8, 9)) / 4
-            entropy = [{"weight": text(weight), "dual": texts(T.ravel()), "log_det": text(log_det)}]
+            entropy = [
+                {
+                    "weight": text(weight),
+                    "dual": texts(T.ravel()),
+                    "log_det": text(log_det),
+                }
+            ]
             entropy[0]["inverse"] = texts(inverse.ravel())
             constant += weight * (np.linalg.slogdet(T)[1] + log_det)
             S = S + weight * (T - inverse).ravel()
         constant -= F0 @ S
         np.subtract.at(slope, indices, coefficients @ S)
-        about = {"family": "any", "name": str(k), "cone": cone, "indices": indices.tolist()}
-        about |= {"constant": texts(F0), "coefficients": texts(coefficients) if len(indices) else []}
+        about = {
+            "family": "any",
+            "name": str(k),
+            "cone": cone,
+            "indices": indices.tolist(),
+        }
+        about |= {
+            "constant": texts(F0),
+            "coefficients": texts(coefficients) if len(indices) else [],
+        }
         constraints.append({**about, "dual": texts(dual), "entropy": entropy})
-    p = {"format": verify_proof.FORMAT, "kind": "optimum", "model": "", "data": "", "floor": text(floor)}
-    p |= {"parameters": [f"x{k}" for k in range(n)], "R": texts(R) if m else [], "rho": texts(rho)}
-    p |= {"bound": texts(bound), "y": texts(y), "theta": texts(theta), "constraints": constraints}
+    p = {
+        "format": verify_proof.FORMAT,
+        "kind": "optimum",
+        "model": "",
+        "data": "",
+        "floor": text(floor),
+    }
+    p |= {
+        "parameters": [f"x{k}" for k in range(n)],
+        "R": texts(R) if m else [],
+        "rho": texts(rho),
+    }
+    p |= {
+        "bound": texts(bound),
+        "y": texts(y),
+        "theta": texts(theta),
+        "constraints": constraints,
+    }
     lower, upper = float(constant - np.abs(slope) @ bound), value(p, theta)
     p["lower"] = repr(lower - _CLEARLY * (1.0 + abs(lower)))
     return p | {"upper": repr(upper + _CLEARLY * (1.0 + abs(upper)))}
 
 
 def infeasible(rng: np.random.Generator) -> Proof:
-    """s x >= 1 + a and -s x >= 1 - a in any of the parameters, beside constraints that always hold."""
+    """s x >= 1 + a and -s x >= 1 - a in any of the parameters, beside constraints that
+    always hold."""
     p = genuine(rng)
     n, a, s = len(p["bound"]), float(short(rng, 1)[0]), float(rng.integers(1, 9)) / 4
     k = int(rng.integers(0, n))
     for c in p["constraints"]:
         c.update(entropy=[], dual=["0"] * len(c["constant"]))
     for sign in (1.0, -1.0):
-        c = {"family": "any", "name": "one", "cone": "nonnegative", "indices": [k], "entropy": []}
-        c |= {"constant": [text(-1.0 - sign * a)], "coefficients": [[text(sign * s)]], "dual": ["1"]}
+        c = {
+            "family": "any",
+            "name": "one",
+            "cone": "nonnegative",
+            "indices": [k],
+            "entropy": [],
+        }
+        c |= {
+            "constant": [text(-1.0 - sign * a)],
+            "coefficients": [[text(sign * s)]],
+            "dual": ["1"],
+        }
         p["constraints"].append(c)
     return without_optimum(p)
 
@@ -146,31 +218,44 @@ def without_optimum(p: Proof) -> Proof:
     return rest | {"kind": "infeasible", "R": [], "rho": [], "y": [], "floor": "0"}
 
 
-# False claims: each takes a genuine proof and returns one that is known to be false, or None.
+# False claims: each takes a genuine proof and returns one that is known to be false, or
+# None.
 
 
 def swapped(p: Proof, rng: np.random.Generator) -> Proof | None:
     """lower above the objective of a feasible point, upper below it."""
     f = value(p, number(p["theta"]))
     off = (1.0 + abs(f)) * float(rng.choice([2 * _CLEARLY, 1e-3, 1.0, 1e6]))
-    return p | ({"lower": repr(f + off)} if rng.random() < 0.5 else {"upper": repr(f - off)})
+    return p | (
+        {"lower": repr(f + off)} if rng.random() < 0.5 else {"upper": repr(f - off)}
+    )
 
 
 def outside(p: Proof, rng: np.random.Generator) -> Proof | None:
-    """A theta that violates a constraint or a bound, with an upper bound that it would have."""
+    """A theta that violates a constraint or a bound, with an upper bound that it would
+    have."""
     x = number(p["theta"]) + float(rng.choice([1.0, 8.0])) * short(rng, len(p["theta"]))
-    return p | {"theta": texts(x), "upper": repr(1e9)} if value(p, x) == float("inf") else None
+    return (
+        p | {"theta": texts(x), "upper": repr(1e9)}
+        if value(p, x) == float("inf")
+        else None
+    )
 
 
 def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
-    """A multiplier outside its cone, as long as it takes to prove a lower bound above f(theta)."""
+    """A multiplier outside its cone, as long as it takes to prove a lower bound above
+    f(theta)."""
     p, k = copy.deepcopy(p), int(rng.integers(0, len(p["constraints"])))
     c, x = p["constraints"][k], number(p["theta"])
     F = content(c, x)
     direction = -F / np.linalg.norm(F)
     if c["cone"] == "psd":
         matrix = F.reshape([round(len(F) ** 0.5)] * 2)
-        ways = (-np.eye(len(matrix)), np.diag(np.diag(matrix)) - matrix, -np.tril(matrix, -1))
+        ways = (
+            -np.eye(len(matrix)),
+            np.diag(np.diag(matrix)) - matrix,
+            -np.tril(matrix, -1),
+        )
         direction = ways[int(rng.integers(0, 3))].ravel()
         if float(direction @ F) >= 0.0:
             return None
@@ -180,9 +265,9 @@ def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
 
 
 def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
-    """An entropy at a singular matrix: f(theta) is infinite, whatever upper says. Or a singular or
-    indefinite dual of the entropy of a large constant matrix, whose -log det is below whatever the
-    logarithm of such a dual is taken to be."""
+    """An entropy at a singular matrix: f(theta) is infinite, whatever upper says. Or a
+    singular or indefinite dual of the entropy of a large constant matrix, whose -log
+    det is below whatever the logarithm of such a dual is taken to be."""
     d = int(rng.integers(1, 7))
     v = short(rng, d, max(d - 1, 1)) * (d > 1)
     if rng.random() < 0.5:
@@ -197,9 +282,23 @@ def singular(p: Proof, rng: np.random.Generator) -> Proof | None:
 
 def with_entropy(p: Proof, F: np.ndarray, dual: np.ndarray) -> Proof:
     """The same with one more constraint, of a constant matrix that has an entropy."""
-    e = {"weight": "1", "dual": texts(dual.ravel()), "inverse": texts(np.eye(len(F)).ravel())}
-    c = {"family": "any", "name": "constant", "cone": "psd", "indices": [], "coefficients": []}
-    c |= {"constant": texts(F.ravel()), "dual": ["0"] * F.size, "entropy": [e | {"log_det": "0"}]}
+    e = {
+        "weight": "1",
+        "dual": texts(dual.ravel()),
+        "inverse": texts(np.eye(len(F)).ravel()),
+    }
+    c = {
+        "family": "any",
+        "name": "constant",
+        "cone": "psd",
+        "indices": [],
+        "coefficients": [],
+    }
+    c |= {
+        "constant": texts(F.ravel()),
+        "dual": ["0"] * F.size,
+        "entropy": [e | {"log_det": "0"}],
+    }
     return p | {"constraints": [*p["constraints"], c]}
 
 
@@ -214,14 +313,16 @@ def concave(p: Proof, rng: np.random.Generator) -> Proof | None:
 
 #: What a number must not look like; {} is a true one, so that nothing else is wrong.
 _NUMBERS = (
-    "1e99999999| {}|{} |{}_0|+{}|0x10|1/0|nan|inf||.5|--1|1e400|1e9999|\uff11|-|{}/1/2|{} /1|1/-2|1/3"
+    "1e99999999| {}|{}"
+    " |{}_0|+{}|0x10|1/0|nan|inf||.5|--1|1e400|1e9999|\uff11|-|{}/1/2|{} /1|1/-2|1/3"
 )
 _NUMBERS += "|{}" + 5000 * "0" + "|1/" + 5000 * "2"
 _OTHERS: list[Any] = [1, 0.5, None, True, [], {}, ["1"], "one", -1, 10**30]
 
 
 def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
-    """One field lost, added, of another type or range, an index that is none, a list too long."""
+    """One field lost, added, of another type or range, an index that is none, a list
+    too long."""
     p, pick = copy.deepcopy(p), random.Random(int(rng.integers(0, 2**31)))
     parent = pick.choice([p, p, *p["constraints"]])
     key = pick.choice([k for k in parent if k != "format"])
@@ -255,7 +356,8 @@ FALSE["impossible"] = lambda p, rng: without_optimum(p)
 
 
 def unreadable(whole: str, rng: np.random.Generator) -> str:
-    """A file that is not the JSON of a proof: broken, a field twice, changed after it was signed."""
+    """A file that is not the JSON of a proof: broken, a field twice, changed after it
+    was signed."""
     ways: tuple[Callable[[], str], ...] = (
         lambda: whole[: int(rng.integers(0, len(whole)))],
         lambda: whole.replace('"floor"', '"floor": "1", "floor"', 1),

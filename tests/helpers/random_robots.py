@@ -35,9 +35,13 @@ def pose(rng: np.random.Generator, reach: float) -> Array:
 
 
 def link_parameters(
-    rng: np.random.Generator, reach: float, mass: float | None = None, thickness: float = 0.03
+    rng: np.random.Generator,
+    reach: float,
+    mass: float | None = None,
+    thickness: float = 0.03,
 ) -> Array:
-    """Standard parameters (10,) of a solid ellipsoid inside the ball of radius ``reach``.
+    """Standard parameters (10,) of a solid ellipsoid inside the ball of radius
+    ``reach``.
 
     Its radius of gyration is at least ``thickness`` in every direction.
     """
@@ -53,7 +57,13 @@ def link_parameters(
     return inertia.from_pseudo_inertia(pseudo)
 
 
-def tree(rng: np.random.Generator, n: int, *, branched: bool = True, link_frames: bool = False) -> Robot:
+def tree(
+    rng: np.random.Generator,
+    n: int,
+    *,
+    branched: bool = True,
+    link_frames: bool = False,
+) -> Robot:
     """A random tree of n revolute and prismatic joints, depth first."""
     joints: list[Joint] = []
     branch: list[int] = []  # from the base to the last joint
@@ -85,7 +95,8 @@ def states(robot: Robot, count: int, seed: int = 0) -> tuple[Array, Array, Array
 def sines(
     rng: np.random.Generator, n: int, t: Array, base_hz: float = 0.1, harmonics: int = 5
 ) -> Motion:
-    """Sums of sines with exact derivatives: q, dq, ddq (N, n), speeds of about 1 rad/s or m/s."""
+    """Sums of sines with exact derivatives: q, dq, ddq (N, n), speeds of about 1 rad/s
+    or m/s."""
     w = 2.0 * np.pi * base_hz * np.arange(1, harmonics + 1)
     a, b = rng.normal(size=(2, n, harmonics)) * 1.0 / np.sqrt(harmonics)
     wt = t[:, None] * w
@@ -116,7 +127,8 @@ def driven(
     effects: str = "rigid_body,viscous_friction",
     noise: float = 0.0,
 ) -> tuple[Model, Array, Measurements]:
-    """The model of a random tree of three joints, its parameters, and a run of it with white noise."""
+    """The model of a random tree of three joints, its parameters, and a run of it with
+    white noise."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, 3)
     model = Model(robot, parse_effects(effects, robot))
@@ -127,10 +139,14 @@ def driven(
 
 def open_problem(robot: Robot, nominal: Array) -> Problem:
     """A robot without bounds, and its nominal links (n, 10)."""
-    return Problem("random", "random", robot, open_box(robot.n, 0.01), nominal, torque_side="link")
+    return Problem(
+        "random", "random", robot, open_box(robot.n, 0.01), nominal, torque_side="link"
+    )
 
 
-def with_box(problem: Problem, link: int, entry: int, low: float, high: float) -> Problem:
+def with_box(
+    problem: Problem, link: int, entry: int, low: float, high: float
+) -> Problem:
     """A problem with other bounds on one parameter of a link."""
     box = problem.box.copy()
     box[link, entry] = low, high
@@ -140,11 +156,17 @@ def with_box(problem: Problem, link: int, entry: int, low: float, high: float) -
 def bare(robot: Robot) -> Problem:
     """A robot of which nothing but the kinematics is known."""
     nominal, sources = plausible_links(robot, np.zeros((robot.n, 10)))
-    return replace(open_problem(robot, nominal), name=robot.name, title="by hand", nominal_from=sources)
+    return replace(
+        open_problem(robot, nominal),
+        name=robot.name,
+        title="by hand",
+        nominal_from=sources,
+    )
 
 
 def task_of(problem: Problem) -> Task:
-    """A task whose data say nothing in particular: for what depends on the constraints alone."""
+    """A task whose data say nothing in particular: for what depends on the constraints
+    alone."""
     model = problem.model()
     p = len(model.parameters)
     return Task(
@@ -157,7 +179,9 @@ def task_of(problem: Problem) -> Task:
     )
 
 
-def posed_task(problem: Problem, run: Measurements, effects: str | None = None, seed: int = 0) -> Task:
+def posed_task(
+    problem: Problem, run: Measurements, effects: str | None = None, seed: int = 0
+) -> Task:
     """What estimators are given of a run, under the problem's own filters."""
     model = problem.model(effects)
     return make_task(
@@ -185,4 +209,6 @@ def repeating_run(
     t = np.arange(0.0, seconds, 4e-3)
     motion = sines(np.random.default_rng(motion_seed), problem.robot.n, t, base, 5)
     tau = model.torque(theta, motion)
-    return Measurements(t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, (f"r{seed}",))
+    return Measurements(
+        t, motion.q, tau + noise * rng.normal(size=tau.shape), None, None, (f"r{seed}",)
+    )

@@ -33,7 +33,9 @@ def changed(name: str, found: Mapping[str, Any]) -> list[str]:
 
 def _lines(of: Mapping[str, Any]) -> str:
     """JSON with an entry a line."""
-    lines = (f"{json.dumps(k)}: {json.dumps(v, ensure_ascii=False)}" for k, v in of.items())
+    lines = (
+        f"{json.dumps(k)}: {json.dumps(v, ensure_ascii=False)}" for k, v in of.items()
+    )
     return "{\n" + ",\n".join(lines) + "\n}"
 
 
@@ -57,31 +59,43 @@ def a_sentence(text: str, *words: str) -> str:
 
 
 def same_refusal(kind: str, name: str, sentence: str) -> bool:
-    """Whether it is the sentence that is kept, but for names that there are besides; it is one."""
+    """Whether it is the sentence that is kept, but for names that there are besides; it
+    is one."""
     a_sentence(sentence)
     if WRITES:
         every = json.loads(REFUSALS.read_text())
         every[kind][name][-1] = sentence
         kinds = {k: _lines(cases) for k, cases in every.items()}
-        REFUSALS.write_text("{\n" + ",\n".join(f'"{k}": {x}' for k, x in kinds.items()) + "\n}\n")
+        REFUSALS.write_text(
+            "{\n" + ",\n".join(f'"{k}": {x}' for k, x in kinds.items()) + "\n}\n"
+        )
     kept: str = refusals(kind)[name][-1]
     its, names = (set(x.rstrip(".").split(", ")) for x in (sentence, kept))
-    assert names <= its if re.search("here are: |choose one of ", kept) else sentence == kept
+    assert (
+        names <= its
+        if re.search("here are: |choose one of ", kept)
+        else sentence == kept
+    )
     return True
 
 
 def said(text: str) -> dict[str, Any]:
-    """A text as its words, of many their beginning and a sum, and its numbers; but for what differs from
-    day to day or is rounding: seconds of work, names of copies, gaps."""
-    text = re.sub(rf"{_NUMBER}e-\d+|file-[0-9a-f]{{16}}|identified in {_NUMBER} s", "~", text)
+    """A text as its words, of many their beginning and a sum, and its numbers; but for
+    what differs from day to day or is rounding: seconds of work, names of copies, gaps.
+    """
+    text = re.sub(
+        rf"{_NUMBER}e-\d+|file-[0-9a-f]{{16}}|identified in {_NUMBER} s", "~", text
+    )
     words = "_".join(re.sub(_NUMBER, "#", text).split())
-    words = words if len(words) < 400 else f"{words[:300]}...{zlib.crc32(words.encode())}"
+    words = (
+        words if len(words) < 400 else f"{words[:300]}...{zlib.crc32(words.encode())}"
+    )
     return {"words": words, "numbers": _numbers(text)}
 
 
 def brief(value: Any) -> Any:
-    """What is kept: names, numbers, of many numbers their count, two root mean squares and their mean;
-    of sentences the numbers in them, of tables their columns."""
+    """What is kept: names, numbers, of many numbers their count, two root mean squares
+    and their mean; of sentences the numbers in them, of tables their columns."""
     if isinstance(value, str):
         return brief(_numbers(value)) if " " in value else value
     if isinstance(value, Mapping):
@@ -91,16 +105,26 @@ def brief(value: Any) -> Any:
     if not isinstance(value, np.ndarray | list | tuple):
         return float(f"{float(value):.6g}")
     every = list(value)
-    if every and all(isinstance(x, Mapping) and x.keys() == every[0].keys() for x in every):
+    if every and all(
+        isinstance(x, Mapping) and x.keys() == every[0].keys() for x in every
+    ):
         return {k: brief([x[k] for x in every]) for k in every[0]}
     leaves = list(_leaves(every))
     if any(isinstance(x, Mapping) for x in leaves):
         return [brief(x) for x in every]
     words = [x for x in leaves if isinstance(x, str) and " " not in x]
-    said = {"words": words if len(words) < 5 else zlib.crc32(" ".join(words).encode())} if words else {}
+    said = (
+        {"words": words if len(words) < 5 else zlib.crc32(" ".join(words).encode())}
+        if words
+        else {}
+    )
     found = [y for x in leaves for y in (_numbers(x) if isinstance(x, str) else [x])]
     x = np.nan_to_num(np.array(found, float), nan=-1.0, posinf=1e9, neginf=-1e9)
-    sizes = [np.sqrt(np.mean(y**2)) for y in (x, x * np.linspace(1.0, 2.0, len(x)))] if found else []
+    sizes = (
+        [np.sqrt(np.mean(y**2)) for y in (x, x * np.linspace(1.0, 2.0, len(x)))]
+        if found
+        else []
+    )
     figures = [*sizes, x.mean()] if len(x) > 3 else x
     return said | {"count": len(x), "figures": [float(f"{y:.6g}") for y in figures]}
 
@@ -117,14 +141,25 @@ def _leaves(value: Any) -> Iterator[Any]:
         yield from _leaves(x)
 
 
-def differences(kept: Any, found: Any, where: str = "", least: float = 1e-7) -> list[str]:
+def differences(
+    kept: Any, found: Any, where: str = "", least: float = 1e-7
+) -> list[str]:
     """Where two of them differ: numbers by more than processors round."""
-    if isinstance(kept, dict) and isinstance(found, dict) and kept.keys() == found.keys():
+    if (
+        isinstance(kept, dict)
+        and isinstance(found, dict)
+        and kept.keys() == found.keys()
+    ):
         return [d for k in kept for d in differences(kept[k], found[k], f"{where}.{k}")]
     if isinstance(kept, list) and isinstance(found, list) and len(kept) == len(found):
-        pairs, first = enumerate(zip(kept, found, strict=True)), found[0] if found else 0.0
+        pairs, first = (
+            enumerate(zip(kept, found, strict=True)),
+            found[0] if found else 0.0,
+        )
         least = 3e-4 * abs(first) + 1e-7 if isinstance(first, float) else 1e-7
-        return [d for k, both in pairs for d in differences(*both, f"{where}[{k}]", least)]
+        return [
+            d for k, both in pairs for d in differences(*both, f"{where}[{k}]", least)
+        ]
     number = isinstance(kept, float | int) and isinstance(found, float | int)
     near = number and abs(kept - found) <= max(least, 3e-4 * abs(found))
     return [] if near or kept == found else [f"{where}: {kept} is now {found}"]

@@ -14,8 +14,8 @@ from sdp_vs_penalty.solvers.conic import CBF_NAMES
 
 
 def read_cbf(path: str | Path) -> ConicProblem:
-    """The problem of a CBF file as :func:`cbf_text` writes it: free variables, affine cones, scalar ones
-    first."""
+    """The problem of a CBF file as :func:`cbf_text` writes it: free variables, affine
+    cones, scalar ones first."""
     sections: dict[str, list[list[str]]] = {}
     name = ""
     for text in Path(path).read_text().splitlines():
@@ -53,7 +53,9 @@ def read_cbf(path: str | Path) -> ConicProblem:
     for block, i, j, value in sections.get("DCOORD", [[]])[1:]:
         at, weight = _psd_row(int(i), int(j))
         b[int(starts[int(block)]) + at] = float(value) * weight
-    return ConicProblem(sparse.csc_matrix((m, m)), q, sparse.csc_matrix(A), b, (*cones, *psd))
+    return ConicProblem(
+        sparse.csc_matrix((m, m)), q, sparse.csc_matrix(A), b, (*cones, *psd)
+    )
 
 
 #: Programs that read a.dat-s, and where they print the optimum.
@@ -68,7 +70,9 @@ def outside_optimum(program: str, folder: Path) -> float:
     if shutil.which(program) is None:
         pytest.skip(f"the program {program} is not installed")
     command, printed = PROGRAMS[program]
-    done = subprocess.run(command.split(), cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command.split(), cwd=folder, capture_output=True, text=True, check=False
+    )
     text = done.stdout + "".join(p.read_text() for p in folder.glob("answer"))
     return float(re.findall(printed, text)[-1])
 

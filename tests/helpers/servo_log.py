@@ -1,4 +1,5 @@
-"""Logs of a slide with a position servo: its command, its position, and the torque that nobody logs."""
+"""Logs of a slide with a position servo: its command, its position, and the torque that
+nobody logs."""
 
 from functools import cache
 from pathlib import Path
@@ -45,7 +46,11 @@ def log(
         sums += h * (late[k] - x)
         drive = KP * (late[k] - x) - KD * v + ki * sums - kh * (x - start)
         tau[k] = drive
-        v += h * (drive - VISCOUS * v - COULOMB * np.tanh(v / 0.05) - OFFSET) / (MASS + load)
+        v += (
+            h
+            * (drive - VISCOUS * v - COULOMB * np.tanh(v / 0.05) - OFFSET)
+            / (MASS + load)
+        )
         x += h * v
     rng = np.random.default_rng(seed + 1)
     logged = q[::20] + noise * rng.normal(size=len(t[::20]))

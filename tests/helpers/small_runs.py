@@ -1,4 +1,5 @@
-"""Small simulated measurements, sound and absurd, and as files: for tests of readers and of verbs."""
+"""Small simulated measurements, sound and absurd, and as files: for tests of readers
+and of verbs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,8 @@ from sdp_vs_penalty.signals import Preprocessing
 def small_run(
     problem: Problem, seconds: float = 6.0, seed: int = 0, rate: float = 100.0
 ) -> Measurements:
-    """A run of sums of sines by the problem's nominal robot with some friction and noise."""
+    """A run of sums of sines by the problem's nominal robot with some friction and
+    noise."""
     rng = np.random.default_rng(seed)
     n = problem.robot.n
     t = np.arange(0.0, seconds, 1.0 / rate)
@@ -34,14 +36,18 @@ def small_run(
     return Measurements(t, q, tau + 0.05 * rng.normal(size=tau.shape), dq)
 
 
-def write_run(path: Path, problem: Problem, seconds: float = 6.0, seed: int = 0) -> Path:
+def write_run(
+    path: Path, problem: Problem, seconds: float = 6.0, seed: int = 0
+) -> Path:
     save(small_run(problem, seconds, seed), path)
     return path
 
 
-def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: Any) -> None:
-    """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the same topic. Of
-    several topics the k-th one's positions are larger by k."""
+def write_bag(
+    path: Path, run: Measurements, *, mcap: bool = False, **change: Any
+) -> None:
+    """A ROS 2 bag as a driver records it: joints in its own order, a gripper on the
+    same topic. Of several topics the k-th one's positions are larger by k."""
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -50,7 +56,11 @@ def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: An
     kinds = store.types
     state, header, stamp = (
         kinds[f"{name}"]
-        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+        for name in (
+            "sensor_msgs/msg/JointState",
+            "std_msgs/msg/Header",
+            "builtin_interfaces/msg/Time",
+        )
     )
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
     names = change.get("names", ["c", "a", "b"])
@@ -68,10 +78,15 @@ def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: An
             order = np.roll(np.arange(run.n), 1)
             effort = np.zeros(0) if change.get("no_effort") else run.tau[k, order]
             velocity = run.dq[k, order] if run.dq is not None else np.zeros(0)
-            gripper = state(header(at, ""), ["finger"], np.zeros(1), np.zeros(1), np.zeros(1))
+            gripper = state(
+                header(at, ""), ["finger"], np.zeros(1), np.zeros(1), np.zeros(1)
+            )
             for number, connection in enumerate(connections):
                 position = run.q[k, order] + number
-                for message in (gripper, state(header(at, ""), names, position, velocity, effort)):
+                for message in (
+                    gripper,
+                    state(header(at, ""), names, position, velocity, effort),
+                ):
                     raw = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
                     # The recorder is late by another time each, where stamps tell.
                     late = 0 if change.get("no_stamps") else 1000 * (k % 3)
@@ -79,15 +94,31 @@ def write_bag(path: Path, run: Measurements, *, mcap: bool = False, **change: An
 
 
 #: Numbers that overflow, underflow or are none; and odd ones that a reader lets pass.
-WILD = (0.0, -0.0, 5e-324, 1e-300, 1e-160, 1e16, 1e100, 1e160, 1e300, np.inf, -np.inf, np.nan)
+WILD = (
+    0.0,
+    -0.0,
+    5e-324,
+    1e-300,
+    1e-160,
+    1e16,
+    1e100,
+    1e160,
+    1e300,
+    np.inf,
+    -np.inf,
+    np.nan,
+)
 ODD = (0.0, -0.0, 5e-324, 1e-160, 1e-31, 1e-29, 1e-15, 1e3, 1e6, 9e8, -9e8)
 
 
 @np.errstate(all="ignore")
 def hostile_log(seed: int) -> Measurements:
-    """A small run in which one to four things are absurd: numbers, stamps, gaps, constant channels."""
+    """A small run in which one to four things are absurd: numbers, stamps, gaps,
+    constant channels."""
     rng = np.random.default_rng(seed)
-    run = small_run(load_problem("two_link"), seconds=float(rng.uniform(1.0, 6.0)), seed=seed % 7)
+    run = small_run(
+        load_problem("two_link"), seconds=float(rng.uniform(1.0, 6.0)), seed=seed % 7
+    )
     wild = rng.random() < 0.5
     for _ in range(int(rng.integers(1, 5))):
         name = str(rng.choice(["t", "q", "dq", "tau"]))
@@ -101,14 +132,20 @@ def hostile_log(seed: int) -> Measurements:
         if deed == 0:
             values[rows] = rng.choice(WILD if wild else ODD)
         elif deed == 1:
-            factors = [0.0, 1e-300, 1e-12, 1e12, 1e150, 1e300] if wild else [0.0, 1e-29, 1e-9, 1e3, 1e7]
+            factors = (
+                [0.0, 1e-300, 1e-12, 1e12, 1e150, 1e300]
+                if wild
+                else [0.0, 1e-29, 1e-9, 1e3, 1e7]
+            )
             values *= float(rng.choice(factors))
         elif deed == 2:
             values[rows] = values[begin]
         elif deed == 3:
             values[rows] = np.sort(values[rows], axis=0)[::-1]
         else:
-            values = values + rng.choice([1e9, 1e15, -1e300] if wild else [1e-12, 1.0, -1e8])
+            values = values + rng.choice(
+                [1e9, 1e15, -1e300] if wild else [1e-12, 1.0, -1e8]
+            )
         run = replace(run, **{name: values})
     return run
 
@@ -117,7 +154,9 @@ SETTINGS = Preprocessing(5.0, 8.0)
 JOINTS = 4
 
 
-def periodic(rng: np.random.Generator, t: np.ndarray, period: float, joints: int = 3) -> np.ndarray:
+def periodic(
+    rng: np.random.Generator, t: np.ndarray, period: float, joints: int = 3
+) -> np.ndarray:
     """Five harmonics a joint (N, joints)."""
     w = 2.0 * np.pi / period * np.arange(1, 6)
     a, b = rng.normal(size=(2, joints, 5)) / np.arange(1, 6)
@@ -132,9 +171,11 @@ def run_of(
     dt: float = 4e-3,
     still: float = 0.0,
 ) -> Measurements:
-    """Five harmonics a joint in other units each, encoder noise; it stands ``still`` seconds at first.
+    """Five harmonics a joint in other units each, encoder noise; it stands ``still``
+    seconds at first.
 
-    The motion depends on the seed's tens only, the noise on all of it. The last joint does not move.
+    The motion depends on the seed's tens only, the noise on all of it. The last joint
+    does not move.
     """
     t = np.arange(0.0, still + seconds, dt)
     clock = np.maximum(t - still, 0.0) + first

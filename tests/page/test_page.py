@@ -71,19 +71,28 @@ def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[
 
 @pytest.fixture(scope="module")
 def story(
-    browser: Browser, server: driver.Server, files: list[Path], tmp_path_factory: pytest.TempPathFactory
+    browser: Browser,
+    server: driver.Server,
+    files: list[Path],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[dict[str, Any]]:
-    """From dropping files to a fallen error and the files to take away, once; tests look at it."""
+    """From dropping files to a fallen error and the files to take away, once; tests
+    look at it."""
     with driver.a_context(browser) as context:
         page = open_page(context, server)
-        seen: dict[str, Any] = {"page": page, "context": context, "barriers": driver.barriers(page)}
+        seen: dict[str, Any] = {
+            "page": page,
+            "context": context,
+            "barriers": driver.barriers(page),
+        }
         driver.choose(page, "two_link", files)
         act(page, "identify", "[data-part=fit] .js-line")
         seen["barriers"] += driver.barriers(page)
         begin = time.perf_counter()
         page.click(key("joint-2"))
         page.wait_for_function(
-            "document.querySelector('[data-part=fit] .ytitle')?.textContent.startsWith('joint 2')"
+            "document.querySelector('[data-part=fit]"
+            " .ytitle')?.textContent.startsWith('joint 2')"
         )
         seen["click"] = time.perf_counter() - begin
         go(page, "diagnose")
@@ -124,7 +133,9 @@ def test_the_report_is_accessible_and_what_is_taken_away_works(story, files):
     model = load_estimate(folder / "model.json")
     states = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 50, 2))
     wanted = model.robot.inverse_dynamics(model.links.ravel(), *states)
-    np.testing.assert_allclose(robot.inverse_dynamics(links.ravel(), *states), wanted, atol=1e-9)
+    np.testing.assert_allclose(
+        robot.inverse_dynamics(links.ravel(), *states), wanted, atol=1e-9
+    )
     assert "<mujoco" in (folder / "robot.xml").read_text()
     address = story["page"].url.partition("#")[0]
     assert story["page"].request.get(f"{address}/take/nothing.json").status == 404
@@ -134,11 +145,15 @@ def test_the_report_is_accessible_and_what_is_taken_away_works(story, files):
     assert not re.search(r"<(script|img|link)[^>]+(src|href)=[\"']?(http|//)", html)
 
 
-def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(story, browser, server):
+def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
+    story, browser, server
+):
     with driver.a_context(
         browser, viewport=driver.PHONE, color_scheme="dark", has_touch=True
     ) as context:
-        page = open_page(context, server, story["page"].url.removeprefix(server.address))
+        page = open_page(
+            context, server, story["page"].url.removeprefix(server.address)
+        )
         page.wait_for_selector("table.history", state="attached")
         assert driver.errors(page) == story["errors"]
         driver.no_sideways_scrolling(page)
@@ -148,19 +163,25 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(story, browser
         go(page, "identify")
 
         def brightness(what: str, style: str) -> float:
-            colour = page.evaluate(f"getComputedStyle(document.querySelector('{what}')).{style}")
+            colour = page.evaluate(
+                f"getComputedStyle(document.querySelector('{what}')).{style}"
+            )
             return sum(map(float, re.findall(r"[0-9.]+", colour)[:3])) / 3.0
 
         paper = brightness("body", "backgroundColor")
-        assert brightness("[data-part=fit] .ytitle", "fill") - paper > 120  # charts, too
+        assert (
+            brightness("[data-part=fit] .ytitle", "fill") - paper > 120
+        )  # charts, too
 
 
 @pytest.mark.slow
 def test_with_the_keyboard_alone(context, server, files):
-    """Where the focus is can be seen, and after each step it stands where the way goes on."""
+    """Where the focus is can be seen, and after each step it stands where the way goes
+    on."""
     page = open_page(context, server)
     shown = (
-        "getComputedStyle(document.activeElement.closest('.drop, :focus:not([type=file])')).outlineStyle"
+        "getComputedStyle(document.activeElement.closest('.drop,"
+        " :focus:not([type=file])')).outlineStyle"
     )
 
     def press(to: str, what: str = "Enter") -> None:
@@ -191,7 +212,9 @@ def test_with_the_keyboard_alone(context, server, files):
     press("identify", "Space")
     page.wait_for_selector("[data-part=fit] .js-line")
     idle(page)
-    expect(page.locator("[aria-live=polite]")).to_have_text("Identifying by lmi-sdp. Done.")
+    expect(page.locator("[aria-live=polite]")).to_have_text(
+        "Identifying by lmi-sdp. Done."
+    )
     assert page.evaluate("document.activeElement.innerText") == "Identify"
     press("joint-2")
     expect(page.locator(key("joint-2"))).to_have_attribute("aria-pressed", "true")
@@ -209,8 +232,15 @@ def test_a_closed_tab_leaves_nothing_running_and_is_found_again(context, server)
     act(page, "identify", "[data-part=fit] .js-line")
     for name in ("lmi-sdp", "ols", "penalty"):
         page.uncheck(key(f"method-{name}"))
-    for name in ("penalty-paper", "penalty-paper-two-step", "penalty-two-step", "lmi-sdp-entropic"):
-        page.check(key(f"method-{name}"))  # simulated annealing: together, in folds, they take minutes
+    for name in (
+        "penalty-paper",
+        "penalty-paper-two-step",
+        "penalty-two-step",
+        "lmi-sdp-entropic",
+    ):
+        page.check(
+            key(f"method-{name}")
+        )  # simulated annealing: together, in folds, they take minutes
     page.check(key("folds"))
     page.click(key("compare"))
     page.wait_for_selector(".working .status:has-text('penalty-paper')")
@@ -248,13 +278,20 @@ def test_other_sites_and_names_get_nothing(server):
     for path in ("/", "/new", "/s/guess", "/new?key=guess", "/_nicegui/"):
         assert status("GET", path, nobody) == 403
     own = {**nobody, "Cookie": f"sdp-vs-penalty-key-{server.port}={server.key}"}
-    assert status("GET", "/new", own) == status("GET", f"/new?key={server.key}", nobody) == 303
+    assert (
+        status("GET", "/new", own)
+        == status("GET", f"/new?key={server.key}", nobody)
+        == 303
+    )
     assert status("POST", f"/s/guess/sent?key={server.key}", nobody) == 403
     assert status("GET", "/new", {**own, "Host": "evil.example"}) == 400
     upgrade = {
-        "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
-        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Origin": "http://evil.example",
-    }  # fmt: skip
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        "Origin": "http://evil.example",
+    }
     socket_path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
     assert status("GET", socket_path, {**own, **upgrade}) == 403
     for path in ("/s/guess/take/model.json", "/s/guess/take/..%2f..%2fetc%2fpasswd"):

@@ -29,9 +29,15 @@ from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 REQUESTS = Path(__file__).parents[1] / "data" / "page_requests.json"
 #: A job of seconds.
 LONG = {
-    "job": "simulate", "robot": {"source": "panda"}, "folder": "nowhere", "seed": 0, "runs": [],
-    "effect": "joint_spring", "joints": [1], "level": "strong",
-}  # fmt: skip
+    "job": "simulate",
+    "robot": {"source": "panda"},
+    "folder": "nowhere",
+    "seed": 0,
+    "runs": [],
+    "effect": "joint_spring",
+    "joints": [1],
+    "level": "strong",
+}
 
 
 @pytest.fixture
@@ -62,12 +68,16 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     run = hidden.runs[0]
     tau = run.tau.copy()
     tau[[500, 900, 1300], 1] += 500.0
-    s = opened(here, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv"))
+    s = opened(
+        here, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv")
+    )
     (before,) = s.runs
     assert [f["kind"] for f in before["findings"] if f["can_fix"]] == ["spikes"]
     drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"])
     (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, repaired")
-    np.testing.assert_allclose(numbers(crosses["x"]), run.t[[500, 900, 1300]] - run.t[0], rtol=1e-4)
+    np.testing.assert_allclose(
+        numbers(crosses["x"]), run.t[[500, 900, 1300]] - run.t[0], rtol=1e-4
+    )
     do(s, lambda: s.mend(before["file"]))
     (run,) = s.runs
     assert run["name"] == "spikes_fixed.csv"
@@ -76,7 +86,8 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
 
 
 def ended(work: JobProcess, seconds: float) -> bool:
-    """Whether a worker ends within so many seconds; whoever killed it waits for it as well."""
+    """Whether a worker ends within so many seconds; whoever killed it waits for it as
+    well."""
     until = time.monotonic() + seconds
     while work.process.is_alive() and time.monotonic() < until:
         time.sleep(0.01)
@@ -105,18 +116,31 @@ def test_bad_robots_are_refused_and_names_are_no_paths(here):
         await asyncio.wait([s.task])
         return " ".join(s.notice.texts) if s.notice else ""
 
-    entity = '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot name="r">&x;</robot>'
-    for name, content in (("entity.urdf", entity), ("../../<img src=x>.urdf", "<robot")):
+    entity = (
+        '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot'
+        ' name="r">&x;</robot>'
+    )
+    for name, content in (
+        ("entity.urdf", entity),
+        ("../../<img src=x>.urdf", "<robot"),
+    ):
         said = asyncio.run(drop(name, content))
         assert ".urdf: " in said
         assert "/" not in said.split(":")[0]
-    link, joint = '<link name="{0}"/>', '<joint name="j" type="continuous"><parent link="a"/>'
-    arm = f'<robot name="r">{link.format("a")}{link.format("b")}{joint}<child link="b"/></joint></robot>'
+    link, joint = (
+        '<link name="{0}"/>',
+        '<joint name="j" type="continuous"><parent link="a"/>',
+    )
+    arm = (
+        f'<robot name="r">{link.format("a")}{link.format("b")}{joint}<child'
+        ' link="b"/></joint></robot>'
+    )
     assert not asyncio.run(drop("../my arm.urdf", arm))
     assert (s.robot["file"], s.robot["title"]) == ("my arm.urdf", "1 joint, from URDF")
     for name in ("C:\\Windows\\run.csv", "/etc/passwd.csv", "a\0b.csv", "ä ö.csv"):
         assert asyncio.run(put(s, name, "runs", b"t,q1,tau1\n")) == 200
-    # Whatever the names said, files are in the session's own folder under names of ours.
+    # Whatever the names said, files are in the session's own folder under names of
+    # ours.
     kept = [p for p in here.root.rglob("*") if p.is_file()]
     assert len([p for p in kept if p.suffix == ".csv"]) == 4
     for path in kept:
@@ -154,7 +178,8 @@ def test_a_full_disk_is_said(here, monkeypatch):
 
 
 def test_of_a_dropped_run_only_its_samples_are_kept(here, hidden, tmp_path):
-    """The file's copy goes when it was read, or refused; a file of the person's own stays."""
+    """The file's copy goes when it was read, or refused; a file of the person's own
+    stays."""
     files = saved(tmp_path, hidden.runs, "own.csv", "dropped.csv")
     s = opened(here, "two_link")
     for name in ("dropped.csv", "broken.csv"):
@@ -185,15 +210,20 @@ def test_every_error_of_a_job_is_a_sentence():
 
         return worker.do(job, {})
 
-    assert fails(InputError("run.csv: row 3 is empty: delete it."))["error"].startswith("run.csv")
-    assert fails(MemoryError())["error"] == "Not enough memory: use fewer or shorter runs."
+    assert fails(InputError("run.csv: row 3 is empty: delete it."))["error"].startswith(
+        "run.csv"
+    )
+    assert (
+        fails(MemoryError())["error"] == "Not enough memory: use fewer or shorter runs."
+    )
     said = fails(ZeroDivisionError("float\ndivision"))["error"]
     assert "ZeroDivisionError: float?division)" in said
     assert "\n" not in said
 
 
 def test_a_worker_ends_with_its_server(pool):
-    """The server's end of the pipe closes, and the worker ends; tests/test_kills.py kills the server."""
+    """The server's end of the pipe closes, and the worker ends; tests/test_kills.py
+    kills the server."""
     work = pool.worker()
     work.pipe.send(LONG)
     assert work.pipe.recv_bytes()  # it works
@@ -213,7 +243,10 @@ def test_too_much_is_refused_and_not_kept(tmp_path, monkeypatch):
     """However many arrive at once: never more than there is room for."""
     monkeypatch.setattr(tabs, "LARGEST", 2**20)
     receive(tmp_path, "run.csv", b"0" * 2**19, b"0" * 2**19)
-    refusal(lambda: receive(tmp_path, "run.csv", b"0"), "run.csv: a page takes 1 MB of files")
+    refusal(
+        lambda: receive(tmp_path, "run.csv", b"0"),
+        "run.csv: a page takes 1 MB of files",
+    )
     refusal(lambda: receive(tmp_path, "run.exe", b"MZ"), "run.exe: files of this kind")
     (path,) = tmp_path.iterdir()
     path.unlink()
@@ -249,9 +282,12 @@ def test_silence_and_lost_connections_leave_nothing(tmp_path, monkeypatch):
         assert not [*tmp_path.iterdir()]
 
 
-@pytest.mark.parametrize("shown", [False, True], ids=["not connected yet", "all lost at once"])
+@pytest.mark.parametrize(
+    "shown", [False, True], ids=["not connected yet", "all lost at once"]
+)
 def test_tabs_without_a_connection_are_kept_a_while(shown, sessions, monkeypatch):
-    """None of twenty that are opened at once, or lose their connections at once, is lost."""
+    """None of twenty that are opened at once, or lose their connections at once, is
+    lost."""
     monkeypatch.setattr(sessions, "_all", {})
     made = [sessions.new() for _ in range(tabs.MOST)]
     for session in made if shown else ():
@@ -295,7 +331,9 @@ def test_only_this_page_may_ask(headers, allowed, kind):
         headers = {"origin": "http://127.0.0.1:99", **headers}
     headers = {"cookie": "other=1; sdp-vs-penalty-key-99=secret", **headers}
     reached, sent = answer(headers, kind=kind)
-    allowed = kind == "http" if allowed is None else allowed  # a socket names where it comes from
+    allowed = (
+        kind == "http" if allowed is None else allowed
+    )  # a socket names where it comes from
     assert reached == allowed
     if not allowed:
         assert sent[0].get("code") == 1008 or sent[0]["status"] in (400, 403)
@@ -304,8 +342,12 @@ def test_only_this_page_may_ask(headers, allowed, kind):
 
 
 def test_an_error_of_a_request_is_one_line(capsys):
-    silent = KeyError("Session is disconnected")  # what engine.io does to a tab that was silent
-    answer({"host": "127.0.0.1", "cookie": "sdp-vs-penalty-key-99=secret"}, error=silent)
+    silent = KeyError(
+        "Session is disconnected"
+    )  # what engine.io does to a tab that was silent
+    answer(
+        {"host": "127.0.0.1", "cookie": "sdp-vs-penalty-key-99=secret"}, error=silent
+    )
     said = capsys.readouterr().err
     assert said == "sdp-vs-penalty: page: KeyError: 'Session is disconnected'\n"
 
@@ -313,12 +355,16 @@ def test_an_error_of_a_request_is_one_line(capsys):
 @pytest.mark.parametrize(
     ("path", "query", "to"),
     [
-        ("/", b"key=secret", b"/"), ("/s/abc", b"a=1&key=secret", b"/s/abc?a=1"),
-        ("//evil.example", b"key=secret", b"/evil.example"), ("/", b"key=guess", None), ("/", b"", None),
+        ("/", b"key=secret", b"/"),
+        ("/s/abc", b"a=1&key=secret", b"/s/abc?a=1"),
+        ("//evil.example", b"key=secret", b"/evil.example"),
+        ("/", b"key=guess", None),
+        ("/", b"", None),
     ],
-)  # fmt: skip
+)
 def test_the_printed_address_lets_in_once(path, query, to):
-    """The key leaves the address bar, and stays in a cookie that scripts and other sites do not get."""
+    """The key leaves the address bar, and stays in a cookie that scripts and other
+    sites do not get."""
     reached, sent = answer({"host": "127.0.0.1:99"}, path=path, query_string=query)
     assert not reached  # without the cookie
     headers = dict(sent[0]["headers"])
@@ -332,7 +378,8 @@ def test_the_printed_address_lets_in_once(path, query, to):
 
 
 def test_jobs_of_all_tabs_wait_for_each_other():
-    """Until one is cancelled, whose worker ends at once, or its tab is lost; nothing is changed."""
+    """Until one is cancelled, whose worker ends at once, or its tab is lost; nothing is
+    changed."""
     pool = WorkerPool(1)
     sessions = Sessions(pool)
 
@@ -355,7 +402,9 @@ def test_jobs_of_all_tabs_wait_for_each_other():
             assert s.notice.texts == ("Cancelled: nothing was changed.",)
         assert time.perf_counter() - begin < 1.0
         assert ended(work, 2.0)
-        await finish(second, lambda: second.choose_robot("two_link"))  # the place is free again
+        await finish(
+            second, lambda: second.choose_robot("two_link")
+        )  # the place is free again
         assert second.robot["name"] == "two_link"
 
     asyncio.run(story())

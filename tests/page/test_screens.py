@@ -1,4 +1,5 @@
-"""What screens show is what the functions behind the verbs say; each control does what it says."""
+"""What screens show is what the functions behind the verbs say; each control does what
+it says."""
 
 import asyncio
 import json
@@ -30,7 +31,12 @@ from sdp_vs_penalty.page.sessions import Sessions
 
 NAMES = ("a.csv", "b.csv", "test.csv")
 #: What a person sets to look at something else.
-ANOTHER = {"signal": "t", "forward-joint": "1", "checked-run": "b.csv", "shown-run": "a.csv"}
+ANOTHER = {
+    "signal": "t",
+    "forward-joint": "1",
+    "checked-run": "b.csv",
+    "shown-run": "a.csv",
+}
 
 
 def traces(chart: dict[str, Any]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -41,7 +47,8 @@ def traces(chart: dict[str, Any]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 @pytest.fixture(scope="module")
 def story(hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
-    """From files to a model with what it missed, each step once; what the page said on the way."""
+    """From files to a model with what it missed, each step once; what the page said on
+    the way."""
     folder, sessions = tmp_path_factory.mktemp("runs"), Sessions(Here())
     files = saved(folder, [hidden.runs[k] for k in (0, 1, 3)], *NAMES)
     session = sessions.new()
@@ -60,7 +67,9 @@ def story(hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
         screen.click(*keys)
         assert session.notice is None
         stages = ("measure", "check", "identify", "diagnose", "use")
-        said[name] = {stage: screen.text(stage) for stage in stages} | {"keys": screen.keys}
+        said[name] = {stage: screen.text(stage) for stage in stages} | {
+            "keys": screen.keys
+        }
         look(name)
 
     step("empty")
@@ -83,7 +92,9 @@ def story(hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     screen.hear(bars, "click", ["2", "q"])
     look("joint 2")
     (chart, _) = (e for e in screen.part("fit") if hasattr(e, "figure"))
-    screen.hear(chart, "plotly_relayout", {"xaxis2.range[0]": 3, "xaxis2.range[1]": 5.0})
+    screen.hear(
+        chart, "plotly_relayout", {"xaxis2.range[0]": 3, "xaxis2.range[1]": 5.0}
+    )
     look("zoomed")
     screen.hear(chart, "plotly_relayout", {"xaxis.autorange": True})
     screen.set("shown-run", "test.csv")
@@ -91,7 +102,13 @@ def story(hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     runs, test = load_measurements(folder / "a.csv", folder / "b.csv"), hidden.runs[3]
     whole = concatenate([runs, test])
     judged = compare(dict(zip("ab", models, strict=True)), test, noise_from=whole)
-    known = {"figures": figures, "runs": runs, "test": test, "models": models, "judged": judged}
+    known = {
+        "figures": figures,
+        "runs": runs,
+        "test": test,
+        "models": models,
+        "judged": judged,
+    }
     yield SimpleNamespace(screen=screen, session=session, said=said, **known)
     screen.loop.close()
     sessions.close()
@@ -102,13 +119,16 @@ def test_figures_are_what_they_were(story):
 
 
 def test_one_grade_everywhere_and_no_stale_sentence(story):
-    """After each change every stage says the same, in words and colour, of the model that is shown."""
+    """After each change every stage says the same, in words and colour, of the model
+    that is shown."""
     names = {"good": "Good", "usable": "Usable", "do not use": "Do not use"}
     grades = [names[judged.verdict.grade] for judged in story.judged]
     for step, now in story.said.items():
         current = grades[step in ("added", "redone", "compared")]
         for stage in ("measure", "check", "identify", "diagnose", "use"):
-            said = re.findall(r"(?:^|[.!] ?| )(Good|Usable|Do not use) ?\. ", now[stage])
+            said = re.findall(
+                r"(?:^|[.!] ?| )(Good|Usable|Do not use) ?\. ", now[stage]
+            )
             assert set(said) <= {current}, (step, stage)
             assert "`" not in now[stage]
             if stage in ("identify", "use") and step not in ("empty", "robot", "runs"):
@@ -116,20 +136,32 @@ def test_one_grade_everywhere_and_no_stale_sentence(story):
         assert ("Missing:" in now["diagnose"]) == (step in ("found", "undone"))
     level = {"Good": "good", "Usable": "usable"}.get(grades[1], "bad")
     for stage in ("identify", "use"):
-        marks = {c for e in story.screen.under() if e.props.get("data-to") == stage for c in e.classes}
+        marks = {
+            c
+            for e in story.screen.under()
+            if e.props.get("data-to") == stage
+            for c in e.classes
+        }
         assert marks & {"good", "usable", "bad"} == {level}, (stage, marks)
 
 
 def test_fit_is_that_of_the_models(story):
-    """Of the joint that was clicked: torques, errors against what was asked, the noise's band."""
+    """Of the joint that was clicked: torques, errors against what was asked, the
+    noise's band."""
     screen, (before, after) = story.screen, story.judged
     screen.view.look(signal="q")
     torque, error = screen.charts("fit")
     assert f"Joint 2: the error is {number(after.rmse[1])} N m" in screen.text("fit")
     signals, (band,) = after.signals, error["layout"]["shapes"]
-    assert band["y1"] == -band["y0"] == pytest.approx(1.96 * after.noise_floor[1], rel=1e-4)
+    assert (
+        band["y1"]
+        == -band["y0"]
+        == pytest.approx(1.96 * after.noise_floor[1], rel=1e-4)
+    )
     t, labels = signals.t - signals.t[0], [step.label for step in story.session.history]
-    modelled = dict(zip(labels, (before.signals.modelled, signals.modelled), strict=True))
+    modelled = dict(
+        zip(labels, (before.signals.modelled, signals.modelled), strict=True)
+    )
     curves = {"measured": signals.measured, **modelled}
     curves |= {f"{k}-": signals.measured - x for k, x in modelled.items()}
     drawn, points = traces(torque), traces(error)
@@ -147,7 +179,10 @@ def test_what_was_answered_is_of_the_model_that_was_asked(story):
     made: list[str] = []
     screen.do(session.start, session.take, "run-3.csv", made.append)
     assert made == ["run-3.csv"]
-    assert load_measurements(session.folder / "run-3.csv").data_hash == story.test.data_hash
+    assert (
+        load_measurements(session.folder / "run-3.csv").data_hash
+        == story.test.data_hash
+    )
     assert session.answer("methods")
     screen.click("undo")
     assert session.answer("methods") is session.answer("forward") is None
@@ -159,7 +194,8 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     """Each step in turn; what was found for sure is added."""
     (one,) = story.session.history[0].findings.effects
     found = replace(
-        story.session.history[0].findings, effects=(one, replace(one, confidence="weak", text="x"))
+        story.session.history[0].findings,
+        effects=(one, replace(one, confidence="weak", text="x")),
     )
     session = Sessions(Here()).new()
     called: list[tuple[Any, ...]] = []
@@ -173,9 +209,12 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     session.history = [replace(story.session.history[0], findings=found)]
     asyncio.run(session.show_me())
     assert called == [
-        ("choose_robot", "panda"), ("simulate", "presliding_hysteresis", [7], "strong", 7),
-        ("identify",), ("diagnose",), ("add", [one.text]),
-    ]  # fmt: skip
+        ("choose_robot", "panda"),
+        ("simulate", "presliding_hysteresis", [7], "strong", 7),
+        ("identify",),
+        ("diagnose",),
+        ("add", [one.text]),
+    ]
 
 
 @pytest.mark.parametrize("part", ["check", "fit", "forward"])
@@ -186,7 +225,10 @@ def test_the_arm_fills_its_picture_and_moves_as_measured(story, part):
     moves = json.loads(re.search(r"\.load\((.*)\)$", loads[-1])[1])
     poses, robot = np.array(moves["poses"]), story.models[-1].robot
     camera = scene.camera
-    eye, to = (np.array([getattr(camera, f"{at}{c}") for c in "xyz"]) for at in ("", "look_at_"))
+    eye, to = (
+        np.array([getattr(camera, f"{at}{c}") for c in "xyz"])
+        for at in ("", "look_at_")
+    )
     away = poses[:, : robot.n, :3].reshape(-1, 3) - eye
     depth = away @ (to - eye) / np.linalg.norm(to - eye)
     angle = np.degrees(np.arccos(depth / np.linalg.norm(away, axis=1)))
@@ -197,7 +239,9 @@ def test_the_arm_fills_its_picture_and_moves_as_measured(story, part):
         q = np.column_stack([np.interp(when, run.t, x) for x in run.q.T])
         want = robot.poses(robot.tree_state(q)[0])
         np.testing.assert_allclose(poses[..., :3], want[..., :3, 3], atol=0.02)
-    joints = SimpleNamespace(hits=[SimpleNamespace(object_name=x) for x in ("ground", "link-1")])
+    joints = SimpleNamespace(
+        hits=[SimpleNamespace(object_name=x) for x in ("ground", "link-1")]
+    )
     screen.view.look(joint=0)
     for handler in scene._click_handlers:
         screen.do(handler, joints)
@@ -221,59 +265,97 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
     searched = {name for name, kind in effect_types().items() if not kind.frozen_only}
     offered = {key.removeprefix("effect-") for key in keys if key.startswith("effect-")}
     assert offered == searched
-    methods = {name for name, kind in estimator_types().items() if not kind.needs_black_box}
+    methods = {
+        name for name, kind in estimator_types().items() if not kind.needs_black_box
+    }
     assert {key[7:] for key in keys if key.startswith("method-")} == methods
     takes = {key.removeprefix("take-") for key in keys if key.startswith("take-")}
-    files = {home.FILE for home in formats().values() if not home.ABOUT.startswith("payload")}
-    files |= {"model.json", "report.html", "findings.json", *(f"run-{k}.csv" for k in (1, 2, 3))}
+    files = {
+        home.FILE for home in formats().values() if not home.ABOUT.startswith("payload")
+    }
+    files |= {
+        "model.json",
+        "report.html",
+        "findings.json",
+        *(f"run-{k}.csv" for k in (1, 2, 3)),
+    }
     assert takes == files
     assert " ".join(session.commands()) in story.said["compared"]["use"]
     called = recorded(screen, monkeypatch)
     fields = {
-        "hide-effect": "joint_spring", "hide-joint": "2", "hide-level": "weak", "hide-seed": "9",
-        "folds": True, "method-ols": False, "drive": "pd", "add-text": "payload",
-    }  # fmt: skip
+        "hide-effect": "joint_spring",
+        "hide-joint": "2",
+        "hide-level": "weak",
+        "hide-seed": "9",
+        "folds": True,
+        "method-ols": False,
+        "drive": "pd",
+        "add-text": "payload",
+    }
     for key, value in fields.items():
         screen.set(key, value)
-    screen.click("simulate", "identify", "compare", "diagnose", "add-by-hand", "forward")
+    screen.click(
+        "simulate", "identify", "compare", "diagnose", "add-by-hand", "forward"
+    )
     screen.click("take-robot.xml")
     asked = {"methods": ["lmi-sdp", "penalty"], "folds": True}
     assert called == [
-        ("simulate", "joint_spring", [2], "weak", 9, {}), ("identify", {}),
-        ("ask", "Comparing methods", "methods", asked), ("diagnose", {}), ("add", ["payload"], {}),
+        ("simulate", "joint_spring", [2], "weak", 9, {}),
+        ("identify", {}),
+        ("ask", "Comparing methods", "methods", asked),
+        ("diagnose", {}),
+        ("add", ["payload"], {}),
         ("ask", "Running the model forward", "forward", {"drive": "pd"}),
         ("take", "robot.xml", view.download, {"flange": ""}, {}),
-    ]  # fmt: skip
+    ]
     called.clear()
     screen.set("hide-effect", "global_delay")
     screen.click("simulate")
     screen.set("gravity", "0,0,9.81")
-    assert called == [("simulate", "global_delay", [], "weak", 9, {}), ("mount", "0,0,9.81", {})]
+    assert called == [
+        ("simulate", "global_delay", [], "weak", 9, {}),
+        ("mount", "0,0,9.81", {}),
+    ]
     for key, value, name, kept in (
-        ("frozen", True, "frozen", True), ("frozen", False, "frozen", False),
-        ("method", "penalty", "method", "penalty"), ("seed", "-3", "seed", 0), ("seed", "x", "seed", 0),
-        ("option-window", " 0:8 ", "options", {"window": "0:8"}), ("option-window", " ", "options", {}),
+        ("frozen", True, "frozen", True),
+        ("frozen", False, "frozen", False),
+        ("method", "penalty", "method", "penalty"),
+        ("seed", "-3", "seed", 0),
+        ("seed", "x", "seed", 0),
+        ("option-window", " 0:8 ", "options", {"window": "0:8"}),
+        ("option-window", " ", "options", {}),
         ("option-motor_side", True, "reading", {"motor_side": "yes"}),
         ("option-motor_side", False, "reading", {}),
         ("effects-text", "rigid_body, viscous_friction:2,", "effects", [*"rv"]),
         ("effect-rotor_inertia", True, "effects", [*"rrv"]),
         ("effect-coulomb_friction", True, "effects", [*"rcrv"]),
         ("effect-viscous_friction", False, "effects", [*"rcr"]),
-    ):  # fmt: skip
+    ):
         screen.set(key, value)
         now = getattr(session, name)
         assert ([text[0] for text in now] if name == "effects" else now) == kept, key
-    boxes = [e.props for e in screen.under() if e.props.get("data-key", "").startswith("effect-")]
-    assert {b["data-key"][7:] for b in boxes if b.get("checked")} == set(session.effects)
+    boxes = [
+        e.props
+        for e in screen.under()
+        if e.props.get("data-key", "").startswith("effect-")
+    ]
+    assert {b["data-key"][7:] for b in boxes if b.get("checked")} == set(
+        session.effects
+    )
 
 
 def test_findings_of_every_kind_are_told(story, monkeypatch):
-    """Rivals and the run that would tell, weak ones, curves, what the check finds; a payload's files."""
+    """Rivals and the run that would tell, weak ones, curves, what the check finds; a
+    payload's files."""
     screen, session = story.screen, story.session
     steps, runs = list(session.history), list(session.runs)
     found = steps[0].findings
     (one,) = found.effects
-    weak = {"indistinguishable_from": ("torque_ripple",), "confidence": "weak", "remarks": ("small",)}
+    weak = {
+        "indistinguishable_from": ("torque_ripple",),
+        "confidence": "weak",
+        "remarks": ("small",),
+    }
     rival = replace(one, text="presliding_hysteresis:1@d=0.1", **weak)
     sure = replace(one, effect="joint_spring", text="joint_spring:2", joints=(2,))
     x = np.linspace(-1.0, 1.0, 9)
@@ -282,9 +364,17 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     own = {"retuned": (width := Retune(other, "confident", 0.2, 0.1, "another width"),)}
     own |= {"curves": (curve,), "noise_source": "residual"}
     every = replace(found, effects=(sure, one, rival), **own)
-    session.history[:] = [replace(steps[0], findings=every, curve_texts=["measured_curve:2"])]
-    problem = {"kind": "gravity", "what": "it is turned", "remedy": "turn it", "severity": "warning",
-               "can_fix": True, "gravity": [0.0, 0.0, 9.81]}  # fmt: skip
+    session.history[:] = [
+        replace(steps[0], findings=every, curve_texts=["measured_curve:2"])
+    ]
+    problem = {
+        "kind": "gravity",
+        "what": "it is turned",
+        "remedy": "turn it",
+        "severity": "warning",
+        "can_fix": True,
+        "gravity": [0.0, 0.0, 9.81],
+    }
     session.runs = [{**runs[0], "findings": [problem]}, *runs[1:]]
     screen.do(session.changed)
     assert not changed("screens_of_findings", screen.drawn())
@@ -293,13 +383,23 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     called, first = recorded(screen, monkeypatch), session.runs[0]["file"]
     styles = [screen.at(key).classes for key in ("add-0", "add-1")]
     assert ["primary" in style for style in styles] == [True, False]
-    screen.click("add-2", "add-curve-0", "add-constant-0", "add-all", f"apply-{first}", f"mend-{first}")
+    screen.click(
+        "add-2",
+        "add-curve-0",
+        "add-constant-0",
+        "add-all",
+        f"apply-{first}",
+        f"mend-{first}",
+    )
     screen.set("use-1", "test")
     assert called == [
-        ("add", [rival.text], {}), ("add", ["measured_curve:2"], {}),
-        ("add", [width.text], {}), ("add", [width.text, "joint_spring:2", one.text], {}),
-        ("mount", "0,0,9.81", {}), ("mend", first, {}),
-    ]  # fmt: skip
+        ("add", [rival.text], {}),
+        ("add", ["measured_curve:2"], {}),
+        ("add", [width.text], {}),
+        ("add", [width.text, "joint_spring:2", one.text], {}),
+        ("mount", "0,0,9.81", {}),
+        ("mend", first, {}),
+    ]
     assert session.runs[1]["use"] == "test"
     assert session.history == []
 
@@ -317,12 +417,15 @@ def test_the_folder_is_offered_and_kept_as_it_is(tmp_path: Path):
     before = {p: p.lstat().st_mtime_ns for p in folder.iterdir()}
     sessions = Sessions(Here())
     screen = Screen(sessions.new(), folder)
-    robots = {key.removeprefix("robot-") for key in screen.keys if key.startswith("robot-")}
+    robots = {
+        key.removeprefix("robot-") for key in screen.keys if key.startswith("robot-")
+    }
     built_in = {path.parent.name for path in problems_folder().glob("*/problem.toml")}
     assert robots == {*built_in, "arm.urdf", "problem"}
-    assert [p.name for p in Screen(sessions.new(), folder / "problem").view.folder_problems()] == [
-        "problem"
-    ]
+    assert [
+        p.name
+        for p in Screen(sessions.new(), folder / "problem").view.folder_problems()
+    ] == ["problem"]
     screen.click("robot-two_link")
     assert [key for key in screen.keys if key.startswith("folder-")] == ["folder-0"]
     screen.set("folder-0", True)

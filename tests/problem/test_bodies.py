@@ -1,4 +1,5 @@
-"""Bodies of links: what they hold, where they come from, and files that make it hard to tell."""
+"""Bodies of links: what they hold, where they come from, and files that make it hard to
+tell."""
 
 from pathlib import Path
 
@@ -19,31 +20,42 @@ from sdp_vs_penalty.robot.geometry import Geometry
 
 
 def fits(problem: Problem, links: np.ndarray) -> np.ndarray:
-    """(n,) tr(P Q) / m of each link: 1 for a point at the body's centre, below 0 for no fit."""
+    """(n,) tr(P Q) / m of each link: 1 for a point at the body's centre, below 0 for no
+    fit."""
     quadrics = np.array([body.quadric for body in problem.link_bodies])
-    return np.einsum("kab,kab->k", quadrics, inertia.pseudo_inertia(links)) / links[:, 0]
+    return (
+        np.einsum("kab,kab->k", quadrics, inertia.pseudo_inertia(links)) / links[:, 0]
+    )
 
 
 @given(seeds)
 def test_a_body_holds_its_points_and_little_else(seed):
-    """Of a box the least ellipsoid is known: half axes sqrt(3) times its own; in any pose."""
+    """Of a box the least ellipsoid is known: half axes sqrt(3) times its own; in any
+    pose."""
     rng = np.random.default_rng(seed)
     half = rng.uniform(0.02, 0.5, 3)
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    corners = (
+        np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    )
     turn, shift = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)
     inner = rng.uniform(-1.0, 1.0, (200, 3)) * half
     body = around(np.concatenate([corners, inner]) @ turn.T + shift, "geometry")
     ends = np.column_stack([corners @ turn.T + shift, np.ones(8)])
     assert np.all(np.einsum("ki,ij,kj->k", ends, body.quadric, ends) >= -1e-9)
-    np.testing.assert_allclose(np.sort(body.half_axes), np.sort(np.sqrt(3.0) * half), rtol=0.03)
+    np.testing.assert_allclose(
+        np.sort(body.half_axes), np.sort(np.sqrt(3.0) * half), rtol=0.03
+    )
     back = Body.from_dict(body.to_dict())
     np.testing.assert_array_equal(back.quadric, body.quadric)
 
 
 def test_a_body_is_as_large_as_what_it_is_known_from_says():
-    """Of one link: a metre where nothing is known, twice the ellipsoid of the inertial, 1.2 times the
-    least ellipsoid of a box and a layer of 3 cm, a decimetre about an exact centre of mass."""
-    robot = Robot("pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),))
+    """Of one link: a metre where nothing is known, twice the ellipsoid of the inertial,
+    1.2 times the least ellipsoid of a box and a layer of 3 cm, a decimetre about an
+    exact centre of mass."""
+    robot = Robot(
+        "pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),)
+    )
     nothing, nowhere = np.zeros((1, 10)), np.tile([-np.inf, np.inf], (1, 3, 1))
     half, centre = np.array([0.4, 0.3, 0.2]), np.array([0.5, 0.0, 0.0])
     lifted = np.append(centre, 1.0)
@@ -54,30 +66,47 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says():
     for expected, source, *given_ones in (
         (np.ones(3), "kinematics", nowhere, nothing),
         (2.0 * half, "inertial", nowhere, inertial),
-        (1.2 * np.sqrt(3.0) * half + 0.03, "geometry", nowhere, nothing, [Geometry(box, 0.192)]),
+        (
+            1.2 * np.sqrt(3.0) * half + 0.03,
+            "geometry",
+            nowhere,
+            nothing,
+            [Geometry(box, 0.192)],
+        ),
         (np.full(3, 0.1), "bounds", exact, nothing),
     ):
         (body,) = link_bodies(robot, *given_ones)
         assert body.source == source
-        np.testing.assert_allclose(np.sort(body.half_axes), np.sort(expected), rtol=1e-6)
+        np.testing.assert_allclose(
+            np.sort(body.half_axes), np.sort(expected), rtol=1e-6
+        )
 
 
 def test_the_body_of_a_cylinder_is_not_for_rounding_to_choose():
-    """Its two equal moments have no axes of their own, but where rounding sets them apart."""
-    robot = Robot("pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),))
-    lifted, nowhere = np.array([0.4, 0.1, 0.0, 1.0]), np.tile([-np.inf, np.inf], (1, 3, 1))
+    """Its two equal moments have no axes of their own, but where rounding sets them
+    apart."""
+    robot = Robot(
+        "pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),)
+    )
+    lifted, nowhere = (
+        np.array([0.4, 0.1, 0.0, 1.0]),
+        np.tile([-np.inf, np.inf], (1, 3, 1)),
+    )
     second = np.pad(np.diag([0.02, 4e-4, 4e-4]), (0, 1)) + np.outer(lifted, lifted)
     quadrics = []
     for share in (-1e-12, 0.0, 1e-12):
         second[1, 2] = second[2, 1] = 4e-4 * share
         (body,) = link_bodies(robot, nowhere, inertia.from_pseudo_inertia(second)[None])
         quadrics.append(body.quadric)
-    np.testing.assert_allclose(quadrics, quadrics[1:2] * 3, atol=1e-6 * np.abs(quadrics).max())
+    np.testing.assert_allclose(
+        quadrics, quadrics[1:2] * 3, atol=1e-6 * np.abs(quadrics).max()
+    )
 
 
 @given(seeds)
 def test_truthful_arms_fit_whatever_their_file_says(seed):
-    """Solid links of half a metre; the file knows nothing, or inertials that are a third wrong."""
+    """Solid links of half a metre; the file knows nothing, or inertials that are a
+    third wrong."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, int(rng.integers(1, 6)))
     truth = np.array([link_parameters(rng, 0.5) for _ in robot.joints])
@@ -88,7 +117,9 @@ def test_truthful_arms_fit_whatever_their_file_says(seed):
     nowhere = np.tile([-np.inf, np.inf], (robot.n, 3, 1))
     for said in (wrong, np.zeros_like(truth)):
         for indices, body in zip(truth, link_bodies(robot, nowhere, said), strict=True):
-            row = build.density_in_ellipsoid("body", "link", np.arange(10), body.quadric)
+            row = build.density_in_ellipsoid(
+                "body", "link", np.arange(10), body.quadric
+            )
             assert row.margin(indices) > 0.0
 
 
@@ -116,25 +147,28 @@ def test_a_files_own_inertials_fit_and_travel(seed, tmp_path):
 def arm(folder: Path, shape: str, inertial: str = "", fixed: str = "") -> Problem:
     """One moving link with a shape, another fixed to it 0.3 m out."""
     (folder / "arm.urdf").write_text(
-        '<robot name="arm"><link name="base"/>'
-        f'<link name="rod">{inertial}<collision><geometry>{shape}</geometry></collision></link>'
-        f'<link name="tool">{fixed}</link>'
-        '<joint name="a" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>'
-        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
-        '<joint name="b" type="fixed"><parent link="rod"/><child link="tool"/><origin xyz="0.3 0 0"/>'
-        "</joint></robot>"
+        '<robot name="arm"><link name="base"/><link'
+        f' name="rod">{inertial}<collision><geometry>{shape}</geometry></collision></link><link'
+        f' name="tool">{fixed}</link><joint name="a" type="revolute"><parent'
+        ' link="base"/><child link="rod"/><axis xyz="0 1 0"/><limit lower="-1"'
+        ' upper="1" velocity="1" effort="1"/></joint><joint name="b"'
+        ' type="fixed"><parent link="rod"/><child link="tool"/><origin xyz="0.3 0'
+        ' 0"/></joint></robot>'
     )
     return load_problem(folder / "arm.urdf")
 
 
 def test_the_nominal_link_fills_its_geometry(tmp_path):
-    """Without inertials, with the stated density; other units and files: tests/robot/test_shapes.py."""
+    """Without inertials, with the stated density; other units and files:
+    tests/robot/test_shapes.py."""
     size = np.array([0.08, 0.1, 0.4])
     problem = arm(tmp_path, '<box size="0.4 0.1 0.08"/>')
     (body,) = problem.link_bodies
     assert (body.source, problem.nominal_from) == ("geometry", ("geometry",))
     assert body.volume == pytest.approx(size.prod())
-    np.testing.assert_allclose(np.sort(body.half_axes), 1.2 * np.sqrt(0.75) * size + 0.03, rtol=0.03)
+    np.testing.assert_allclose(
+        np.sort(body.half_axes), 1.2 * np.sqrt(0.75) * size + 0.03, rtol=0.03
+    )
     assert problem.nominal_links[0, 0] == pytest.approx(1500.0 * size.prod())
     # Second moments between those of a ball and a box, of the bare ellipsoid around it.
     second = np.linalg.eigvalsh(inertia.second_moment(problem.nominal_links[0]))
@@ -165,8 +199,8 @@ def test_geometry_that_says_nothing_is_left_out(shape, fixed, source, tmp_path):
     """The body is then the inertial's, and what is fixed to a link is part of its body."""
     (tmp_path / "noise.stl").write_bytes(np.random.default_rng(0).bytes(400))
     inertial = (
-        '<inertial><origin xyz="0.2 0 0"/><mass value="2"/>'
-        '<inertia ixx="0.004" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial>'
+        '<inertial><origin xyz="0.2 0 0"/><mass value="2"/><inertia ixx="0.004" ixy="0"'
+        ' ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial>'
     )
     problem = arm(tmp_path, shape, inertial, fixed)
     (body,) = problem.link_bodies

@@ -1,4 +1,5 @@
-"""Problems: nominal robots that are plausible whatever the robot, and defaults that shut nothing out."""
+"""Problems: nominal robots that are plausible whatever the robot, and defaults that
+shut nothing out."""
 
 import tomllib
 from dataclasses import replace
@@ -6,12 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from random_robots import bare, link_parameters, open_problem, seeds, task_of, tree, with_box
+from random_robots import (
+    bare,
+    link_parameters,
+    open_problem,
+    seeds,
+    task_of,
+    tree,
+    with_box,
+)
 from recorded import refusal
 
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.estimators import interior_point
-from sdp_vs_penalty.problem import open_box, plausible_links, published_links, with_bounds
+from sdp_vs_penalty.problem import (
+    open_box,
+    plausible_links,
+    published_links,
+    with_bounds,
+)
 from sdp_vs_penalty.problem.load import EXAMPLE, check_fields, load_problem
 from sdp_vs_penalty.problem.problem import CentreOfMassCone
 from sdp_vs_penalty.problem.published import published_cell, published_values
@@ -29,7 +43,9 @@ def test_given_inertials_are_kept_where_they_are_consistent(seed):
     bad = rng.random(robot.n) < 0.5
     spoiled = given.copy()
     for link in np.flatnonzero(bad):
-        spoiled[link] = rng.choice([0, 1, 2]) * 0.0 if rng.random() < 0.5 else -given[link]
+        spoiled[link] = (
+            rng.choice([0, 1, 2]) * 0.0 if rng.random() < 0.5 else -given[link]
+        )
     found, _ = plausible_links(robot, spoiled)
     np.testing.assert_array_equal(found[~bad], given[~bad])
     assert np.all(inertia.consistency_margin(found) > 0.0)
@@ -38,13 +54,17 @@ def test_given_inertials_are_kept_where_they_are_consistent(seed):
 
 @given(seeds)
 def test_of_kinematics_alone_a_nominal_robot_is_plausible_and_has_room_inside(seed):
-    """From tiny ones to excavators, whose joints are six metres apart, and joints in one place."""
+    """From tiny ones to excavators, whose joints are six metres apart, and joints in
+    one place."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, int(rng.integers(1, 6)))
     scale = np.diag([*[rng.choice([0.0, 3e-3, 1.0, 20.0])] * 3, 1.0])
     rigid = np.diag([1.0, 1.0, 1.0, 0.0])
     joints = (
-        replace(j, placement=j.placement @ rigid + (scale @ j.placement) @ (np.eye(4) - rigid))
+        replace(
+            j,
+            placement=j.placement @ rigid + (scale @ j.placement) @ (np.eye(4) - rigid),
+        )
         for j in robot.joints
     )
     problem = bare(replace(robot, joints=tuple(joints)))
@@ -63,7 +83,9 @@ def test_nominal_robots_of_built_in_problems_come_from_their_bounds(name, reques
     """Never from the published estimates: those are what the tables compare with."""
     problem: Problem = request.getfixturevalue(name)
     model = problem.model()
-    demands = problem.constraints(model).with_families(lambda family: family not in ("sign", "range"))
+    demands = problem.constraints(model).with_families(
+        lambda family: family not in ("sign", "range")
+    )
     assert demands.margin(problem.nominal(model)) > 0.0
     for column in ("p_hat", "delta", "p_real"):
         published = published_values(problem, column)
@@ -72,21 +94,30 @@ def test_nominal_robots_of_built_in_problems_come_from_their_bounds(name, reques
 
 
 def test_turned_gravity_finds_its_own_base_parameters(panda):
-    """Mounted on a wall, joint 1 carries weight: more parameters make torque than the 43 named."""
-    upright, wall = panda.with_gravity((0.0, 0.0, -9.8)), panda.with_gravity((-9.81, 0.0, 0.0))
+    """Mounted on a wall, joint 1 carries weight: more parameters make torque than the
+    43 named."""
+    upright, wall = (
+        panda.with_gravity((0.0, 0.0, -9.8)),
+        panda.with_gravity((-9.81, 0.0, 0.0)),
+    )
     assert upright.independent == panda.independent
-    assert len(base_parameters(upright.model("rigid_body"), upright.independent)[0]) == 43
+    assert (
+        len(base_parameters(upright.model("rigid_body"), upright.independent)[0]) == 43
+    )
     assert len(base_parameters(wall.model("rigid_body"), wall.independent)[0]) == 45
 
 
 def test_bounds_by_a_word(two_link):
-    """In place of the problem's; the rest stays, and a nominal link outside comes to their middle."""
+    """In place of the problem's; the rest stays, and a nominal link outside comes to
+    their middle."""
     mass = two_link.nominal_links[1, 0]
     made = with_bounds(two_link, f"m2={2 * mass}:{3 * mass},c1x=-0.2:,total=:9")
     assert made.box[1, 0].tolist() == [2 * mass, 3 * mass]
     assert made.box[0, 1].tolist() == [-0.2, np.inf]
     assert made.total_mass == (0.0, 9.0)
-    assert made.nominal_links[1] == pytest.approx(np.sqrt(6.0) * two_link.nominal_links[1])
+    assert made.nominal_links[1] == pytest.approx(
+        np.sqrt(6.0) * two_link.nominal_links[1]
+    )
     nearest = with_bounds(two_link, f"m2=0:{mass / 2}")  # zero has no geometric mean
     assert nearest.nominal_links[1] == pytest.approx(0.5 * two_link.nominal_links[1])
     assert np.array_equal(made.nominal_links[0], two_link.nominal_links[0])
@@ -110,10 +141,14 @@ def test_the_example_of_all_fields_is_one():
     ("made", "shown", "differ"),
     [(True, True, set()), (True, False, {17}), (False, False, {17, 21, 25, 39})],
 )
-def test_with_the_corrections_every_printed_digit_of_table_three_follows(made, shown, differ, panda):
+def test_with_the_corrections_every_printed_digit_of_table_three_follows(
+    made, shown, differ, panda
+):
     """And as printed the known rows do not; two are printed empty (erratum 8)."""
     found, empty = set(), set()
-    for row, value in zip(panda.published["table_III"], pi_p_hat(panda, made), strict=False):
+    for row, value in zip(
+        panda.published["table_III"], pi_p_hat(panda, made), strict=False
+    ):
         text = published_cell(panda, "table_III", row, "pi_p_hat", shown)
         (found if text else empty).add(int(row["row"]))
         if text and f"{value:.4f}".replace("-0.0000", "0.0000") == f"{float(text):.4f}":
@@ -122,14 +157,17 @@ def test_with_the_corrections_every_printed_digit_of_table_three_follows(made, s
 
 
 def test_an_unknown_column_is_refused(panda):
-    refusal(lambda: published_links(panda, "p_star"), "no published parameters 'p_star'")
+    refusal(
+        lambda: published_links(panda, "p_star"), "no published parameters 'p_star'"
+    )
 
 
 @pytest.mark.parametrize("length", [0.6, 6.0])
 @pytest.mark.parametrize("efforts", [(200.0, 40.0), (np.inf, np.inf), (500.0, 500.0)])
 def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
-    """4 kg/m, a quarter as thick as long; actuators of 0.08 kg (torque / N m)^(3/4), by torque limits,
-    or, where these are missing or placeholders, thrice what holds 10 kg/m, up to 1000 N m.
+    """4 kg/m, a quarter as thick as long; actuators of 0.08 kg (torque / N m)^(3/4), by
+    torque limits, or, where these are missing or placeholders, thrice what holds 10
+    kg/m, up to 1000 N m.
     """
     here, apart, out = np.eye(4), np.eye(4), np.array([0.0, 1.0, 0.0])
     apart[0, 3] = length
@@ -147,14 +185,17 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
     for mass, x in ((tube, 0.5 * length), (own, 0.0), (next_, length)):
         at = np.array([x, 0.0, 0.0, 1.0])
         expected += mass * np.outer(at, at)
-    np.testing.assert_allclose(inertia.pseudo_inertia(first), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        inertia.pseudo_inertia(first), expected, rtol=1e-12, atol=1e-12
+    )
     # What it ends in is not known: all of it at its joint.
     assert last[0] == pytest.approx(tube + next_)
     np.testing.assert_allclose(last[1:4], 0.0, atol=1e-12)
 
 
 def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
-    """1 m, 1.5 times the reach, the stroke, twice a given mass's root mean square; 100 kg or thrice."""
+    """1 m, 1.5 times the reach, the stroke, twice a given mass's root mean square; 100
+    kg or thrice."""
     here, up = np.eye(4), np.array([0.0, 0.0, 1.0])
     arm = Joint("j", "revolute", -1, here, up, here)
     far = np.eye(4)
@@ -163,13 +204,25 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
     mean = np.sqrt(0.8**2 + 0.5 * 3 * 0.5 / 50.0)
     for joints, links, mass, radius in (
         ((arm,), [[0.0] * 10], 100.0, 1.0),
-        ((arm, replace(arm, name="k", parent=0, placement=far)), [[0.0] * 10] * 2, 100.0, 3.0),
-        ((replace(arm, kind="prismatic", lower=-1.0, upper=3.0),), [[0.0] * 10], 100.0, 4.0),
+        (
+            (arm, replace(arm, name="k", parent=0, placement=far)),
+            [[0.0] * 10] * 2,
+            100.0,
+            3.0,
+        ),
+        (
+            (replace(arm, kind="prismatic", lower=-1.0, upper=3.0),),
+            [[0.0] * 10],
+            100.0,
+            4.0,
+        ),
         ((arm,), [ball], 150.0, 2.0 * mean),
     ):
         robot = Robot("one", joints)
         problem = open_problem(robot, np.array(links))
-        np.testing.assert_allclose(problem.link_defaults, [[mass, radius]] * robot.n, rtol=1e-12)
+        np.testing.assert_allclose(
+            problem.link_defaults, [[mass, radius]] * robot.n, rtol=1e-12
+        )
         assert not problem.guessed_links.any()  # nothing says so
     problem = open_problem(Robot("one", (arm,)), np.zeros((1, 10)))
     # Where a centre of mass may be, the link reaches.
@@ -177,22 +230,30 @@ def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
 
 
 def test_bounds_alone_draw_ellipsoids_that_fill_them(tmp_path):
-    """Of at least 6 cm; masses share the middle of the total by surface, up to nine tenths of theirs."""
+    """Of at least 6 cm; masses share the middle of the total by surface, up to nine
+    tenths of theirs."""
     (tmp_path / "problem.toml").write_text(
-        'title = "t"\n[kinematics]\nconvention = "modified"\na = [0.0, 0.5]\nd = [0.0, 0.0]\n'
-        'alpha_over_pi = [0.0, 0.0]\n[bounds]\ntables = ["bounds.csv"]\ntotal_mass = [4.0, 8.0]\n'
+        'title = "t"\n[kinematics]\nconvention = "modified"\na = [0.0, 0.5]\nd = [0.0,'
+        " 0.0]\nalpha_over_pi = [0.0, 0.0]\n[bounds]\ntables ="
+        ' ["bounds.csv"]\ntotal_mass = [4.0, 8.0]\n'
     )
     rows = "c1x,-0.3,0.1\nc1y,-0.1,0.1\nc1z,-0.02,0.02\nm2,0,1\nc2x,0,0.6\nc2y,-0.01,0.01\nc2z,0,0.1\n"
     (tmp_path / "bounds.csv").write_text(f"parameter,lower,upper\n{rows}")
     problem = load_problem(tmp_path)
     size = np.array([[0.2, 0.1, 0.06], [0.3, 0.06, 0.06]])
-    surface = size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0]
+    surface = (
+        size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0]
+    )
     mass = np.array([6.0 * surface[0] / surface.sum(), 0.9])
     found = inertia.barycentric_from_standard(problem.nominal_links)
     np.testing.assert_allclose(found[:, 0], mass)
-    np.testing.assert_allclose(found[:, 1:4], [[-0.1, 0.0, 0.0], [0.3, 0.0, 0.05]], atol=1e-12)
+    np.testing.assert_allclose(
+        found[:, 1:4], [[-0.1, 0.0, 0.0], [0.3, 0.0, 0.05]], atol=1e-12
+    )
     second = mass[:, None] * size**2 / 5.0
-    np.testing.assert_allclose(found[:, [4, 6, 9]], second.sum(axis=1, keepdims=True) - second)
+    np.testing.assert_allclose(
+        found[:, [4, 6, 9]], second.sum(axis=1, keepdims=True) - second
+    )
     assert problem.nominal_from == ("bounds", "bounds")
 
 
@@ -202,30 +263,43 @@ def test_the_exciting_trajectory_is_that_of_table_two(panda):
     names = [f"{letter}_{k}" for letter in "ab" for k in range(1, 6)] + ["q_0"]
     printed = {row["coefficient"]: row for row in panda.published["table_II"]}
     assert set(names) == set(printed)
-    for name, values in zip(names, np.column_stack([found.a, found.b, found.q_0]).T, strict=True):
-        assert values.tolist() == [float(printed[name][f"joint_{j}"]) for j in range(1, 8)]
+    for name, values in zip(
+        names, np.column_stack([found.a, found.b, found.q_0]).T, strict=True
+    ):
+        assert values.tolist() == [
+            float(printed[name][f"joint_{j}"]) for j in range(1, 8)
+        ]
     motion = tomllib.loads((panda.folder / "simulation.toml").read_text())["trajectory"]
     assert found.frequency / np.pi == pytest.approx(motion["frequency_over_pi"])
     assert (found.blend, found.duration) == (motion["blend"], motion["duration"])
 
 
 def test_bounds_on_central_inertia_are_sent_as_their_convex_consequence(panda):
-    """J_aa <= upper + m (c_b^2 + c_c^2), at the farthest centre of mass that the bounds allow."""
+    """J_aa <= upper + m (c_b^2 + c_c^2), at the farthest centre of mass that the bounds
+    allow."""
     theta = np.random.default_rng(0).normal(size=70)
     demands = panda.constraints(panda.model("rigid_body")).convex
     sent = np.array([c.value(theta) for c in demands if c.family == "trace"])
     far = np.abs(panda.box[:, 1:4]).max(axis=2) ** 2
     mass, moments = theta.reshape(7, 10)[:, :1], theta.reshape(7, 10)[:, [4, 6, 9]]
     others = np.roll(far, 1, axis=1) + np.roll(far, 2, axis=1)
-    np.testing.assert_allclose(sent, panda.box[:, [4, 6, 9], 1] + mass * others - moments)
+    np.testing.assert_allclose(
+        sent, panda.box[:, [4, 6, 9], 1] + mass * others - moments
+    )
 
 
-@pytest.mark.parametrize(("length", "thin", "kept"), [(0.1, 5e-3, True), (3.0, 1e-3, False)])
+@pytest.mark.parametrize(
+    ("length", "thin", "kept"), [(0.1, 5e-3, True), (3.0, 1e-3, False)]
+)
 def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
-    """A rod of 5 mm is a short link's, one of 1 mm is no link of three metres; its weight stays."""
+    """A rod of 5 mm is a short link's, one of 1 mm is no link of three metres; its
+    weight stays."""
     here, apart, out = np.eye(4), np.eye(4), np.array([0.0, 1.0, 0.0])
     apart[0, 3] = length
-    joints = tuple(Joint(f"j{k}", "revolute", k - 1, p, out, here) for k, p in enumerate((here, apart)))
+    joints = tuple(
+        Joint(f"j{k}", "revolute", k - 1, p, out, here)
+        for k, p in enumerate((here, apart))
+    )
     moments = [2.0 * thin**2, 0, 2.0 * thin**2, 0, 0, 2.0 * thin**2]
     theirs = inertia.standard_from_barycentric([[1.5, 0, 0, 0, *moments]] * 2)
     found, sources = plausible_links(Robot("two", joints), theirs)
@@ -234,35 +308,58 @@ def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
     np.testing.assert_allclose(found[:, 0], 1.5)
 
 
-@pytest.mark.parametrize(("ends", "across"), [((-np.inf, 0.5), np.inf), ((-0.2, 0.5), 0.25)])
+@pytest.mark.parametrize(
+    ("ends", "across"), [((-np.inf, 0.5), np.inf), ((-0.2, 0.5), 0.25)]
+)
 def test_a_cone_bounds_a_centre_of_mass_where_it_ends(ends, across):
     """|c across z| <= 0.1 + 0.3 c_z: as wide as at its wide end, or without bound."""
     joint = Joint("j", "revolute", -1, np.eye(4), np.array([0.0, 0.0, 1.0]), np.eye(4))
     problem = open_problem(Robot("one", (joint,)), np.zeros((1, 10)))
-    made = replace(with_box(problem, 0, 3, *ends), cones=(CentreOfMassCone(1, "z", 0.1, 0.3),))
+    made = replace(
+        with_box(problem, 0, 3, *ends), cones=(CentreOfMassCone(1, "z", 0.1, 0.3),)
+    )
     np.testing.assert_allclose(made.centre_boxes[0, :2], [[-across, across]] * 2)
 
 
 def test_what_a_problem_leaves_out_is_open(tmp_path):
     """A folder of no more than a DH table."""
     (tmp_path / "problem.toml").write_text(
-        'title = "t"\n[kinematics]\nconvention = "standard"\na = [0.0, 0.5]\nd = [0.2, 0.0]\n'
-        "alpha_over_pi = [0.5, 0.0]\n"
+        'title = "t"\n[kinematics]\nconvention = "standard"\na = [0.0, 0.5]\nd = [0.2,'
+        " 0.0]\nalpha_over_pi = [0.5, 0.0]\n"
     )
-    problem, plain = load_problem(tmp_path), replace(load_problem("two_link"), effects=None)
+    problem, plain = (
+        load_problem(tmp_path),
+        replace(load_problem("two_link"), effects=None),
+    )
     assert np.array_equal(problem.box, open_box(2))
-    assert (problem.total_mass, problem.cones, problem.independent) == ((0.0, np.inf), (), None)
-    assert (problem.torque_side, problem.robot.gravity) == ("unknown", (0.0, 0.0, -9.81))
+    assert (problem.total_mass, problem.cones, problem.independent) == (
+        (0.0, np.inf),
+        (),
+        None,
+    )
+    assert (problem.torque_side, problem.robot.gravity) == (
+        "unknown",
+        (0.0, 0.0, -9.81),
+    )
     assert problem.preprocessing == type(problem.preprocessing)()
-    assert [j.lower for j in problem.robot.joints] + [j.effort for j in problem.robot.joints] == [
-        -np.inf, -np.inf, np.inf, np.inf,
-    ]  # fmt: skip
+    assert [j.lower for j in problem.robot.joints] + [
+        j.effort for j in problem.robot.joints
+    ] == [
+        -np.inf,
+        -np.inf,
+        np.inf,
+        np.inf,
+    ]
     assert problem.nominal_from == ("kinematics",) * 2
     assert problem.guessed_links.all()
-    families = {c.family for c in problem.constraints(problem.model("rigid_body")).convex}
+    families = {
+        c.family for c in problem.constraints(problem.model("rigid_body")).convex
+    }
     assert families == {"pseudo-inertia", "mass", "bounding ellipsoid"}
     for side, rotors in (("unknown", True), ("motor", True), ("link", False)):
         made = replace(plain, torque_side=side)
         assert ("rotor_inertia" in made.default_effects) is rotors
-    one = bare(Robot("one", problem.robot.joints[:1]))  # cannot be told from what it moves
+    one = bare(
+        Robot("one", problem.robot.joints[:1])
+    )  # cannot be told from what it moves
     assert "rotor_inertia" not in replace(one, torque_side="unknown").default_effects

@@ -1,4 +1,5 @@
-"""Compression: exact, additive, in the order of time; base parameters; memory; black boxes."""
+"""Compression: exact, additive, in the order of time; base parameters; memory; black
+boxes."""
 
 from functools import partial
 
@@ -26,7 +27,9 @@ FILTERS = Preprocessing(5.0, 8.0)
 
 @given(seeds)
 def test_factors_answer_what_all_rows_would(seed):
-    model, _, run = driven(seed, 12.0, 4e-3, "rigid_body,viscous_friction,torque_offset", 0.1)
+    model, _, run = driven(
+        seed, 12.0, 4e-3, "rigid_body,viscous_friction,torque_offset", 0.1
+    )
     regression = compress(FilteredRuns.of(run, FILTERS), model)
     rows = FilteredRun(run, FILTERS).all_rows(model)
     wide, torque = [c.wide(len(model.parameters)) for c in rows.columns], rows.torque
@@ -34,11 +37,15 @@ def test_factors_answer_what_all_rows_would(seed):
     weights = rng.uniform(0.1, 3.0, model.robot.n)
     data = regression.least_squares(weights)
     stacked = np.vstack([w * y for w, y in zip(weights, wide, strict=True)])
-    measured = np.concatenate([w * tau for w, tau in zip(weights, torque.T, strict=True)])
+    measured = np.concatenate(
+        [w * tau for w, tau in zip(weights, torque.T, strict=True)]
+    )
     theta = rng.normal(size=len(model.parameters))
     residual = stacked @ theta - measured
     assert data.loss(theta) == pytest.approx(residual @ residual, rel=1e-10)
-    np.testing.assert_allclose(data.gradient(theta), 2.0 * stacked.T @ residual, rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(
+        data.gradient(theta), 2.0 * stacked.T @ residual, rtol=1e-7, atol=1e-6
+    )
     assert data.rows == stacked.shape[0]
     assert data.tau_squared == pytest.approx(measured @ measured)
     np.testing.assert_allclose(
@@ -48,19 +55,25 @@ def test_factors_answer_what_all_rows_would(seed):
     )
     assert regression.joint_rows().tolist() == [len(torque)] * model.robot.n
     seen = np.linalg.norm(stacked, axis=0)
-    np.testing.assert_allclose(data.column_norms, np.where(seen > 1e-10 * seen.max(), seen, 0.0))
+    np.testing.assert_allclose(
+        data.column_norms, np.where(seen > 1e-10 * seen.max(), seen, 0.0)
+    )
 
 
 @given(seeds)
 def test_merging_blocks_equals_one_pass(seed):
-    model, _, run = driven(seed, 12.0, 4e-3, "rigid_body,viscous_friction,torque_offset", 0.1)
+    model, _, run = driven(
+        seed, 12.0, 4e-3, "rigid_body,viscous_friction,torque_offset", 0.1
+    )
     whole = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=1)
     many = compress(FilteredRuns.of(run, FILTERS), model, blocks_per_run=20)
     # Of 20 blocks of 0.6 s the first and the last lie in what the filters need.
     assert (len(whole.blocks), len(many.blocks)) == (1, 18)
     assert whole.blocks == ((0, run.t[0], run.t[-1]),)
     edges = np.linspace(run.t[0], run.t[-1], 21)
-    np.testing.assert_allclose([span for _, *span in many.blocks], np.c_[edges[1:-2], edges[2:-1]])
+    np.testing.assert_allclose(
+        [span for _, *span in many.blocks], np.c_[edges[1:-2], edges[2:-1]]
+    )
     a, b = whole.least_squares(), many.least_squares()
     for theta in np.random.default_rng(seed).normal(size=(3, len(model.parameters))):
         assert a.loss(theta) == pytest.approx(b.loss(theta), rel=1e-10)
@@ -69,7 +82,8 @@ def test_merging_blocks_equals_one_pass(seed):
 
 
 def test_columns_kept_from_one_model_are_those_that_the_next_would_make():
-    """Signs of another width, other joints, other constants, an effect with a memory, and back again."""
+    """Signs of another width, other joints, other constants, an effect with a memory,
+    and back again."""
     model, _, run = driven(0, 12.0, 4e-3, "rigid_body", 0.1)
     kept = FilteredRun(run, FILTERS)
     for text in (
@@ -79,20 +93,26 @@ def test_columns_kept_from_one_model_are_those_that_the_next_would_make():
         "rigid_body,coulomb_friction@v_s=0.01,stribeck_friction",
     ):
         other = Model(model.robot, parse_effects(text, model.robot))
-        pair = (filtered.all_rows(other).columns for filtered in (kept, FilteredRun(run, FILTERS)))
+        pair = (
+            filtered.all_rows(other).columns
+            for filtered in (kept, FilteredRun(run, FILTERS))
+        )
         for old, new in zip(*pair, strict=True):
             np.testing.assert_allclose(old.columns, new.columns, rtol=1e-9, atol=1e-12)
 
 
 @given(seeds)
 def test_base_parameters_make_the_same_torque(seed):
-    """pi = B theta determines every torque: Y theta = Y B^+ B theta; and nothing less does."""
+    """pi = B theta determines every torque: Y theta = Y B^+ B theta; and nothing less
+    does."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, int(rng.integers(1, 6)))
     model = Model(robot, parse_effects("rigid_body", robot))
     matrix, kept = base_parameters(model)
     np.testing.assert_allclose(matrix[:, kept], np.eye(len(kept)), atol=1e-9)
-    regressor = robot.regressor(*rng.normal(size=(3, 60, robot.n))).reshape(-1, 10 * robot.n)
+    regressor = robot.regressor(*rng.normal(size=(3, 60, robot.n))).reshape(
+        -1, 10 * robot.n
+    )
     np.testing.assert_allclose(
         regressor, regressor[:, kept] @ matrix, atol=1e-8 * np.abs(regressor).max()
     )
@@ -100,13 +120,15 @@ def test_base_parameters_make_the_same_torque(seed):
     assert np.linalg.matrix_rank(scaled, tol=1e-8) == len(kept)
 
 
-#: Of links, rotors, viscous friction and offsets: how many parameters make torques of their own.
+#: Of links, rotors, viscous friction and offsets: how many parameters make torques of
+#: their own.
 SEEN = {"scara": 8 + 3 + 4 + 3, "panda": 43 + 5 + 7 + 7}
 
 
 @pytest.mark.parametrize("which", SEEN)
 def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
-    """As many as random motion can tell apart: beside an upright slide's weight, its offset is none."""
+    """As many as random motion can tell apart: beside an upright slide's weight, its
+    offset is none."""
     problem = load_problem(scara(tmp_path) if which == "scara" else which)
     model = problem.model("rigid_body,rotor_inertia,viscous_friction,torque_offset")
     rates = np.random.default_rng(1).normal(size=(2, 200, problem.robot.n))
@@ -116,19 +138,26 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     rank = np.linalg.matrix_rank(columns[:, seen > 1e-9] / seen[seen > 1e-9], tol=1e-8)
     assert len(base.rows) == rank == SEEN[which]
     # The torque follows from them: their leading columns make every other one.
-    np.testing.assert_allclose(columns[:, base.leading] @ base.rows, columns, atol=1e-8 * seen.max())
+    np.testing.assert_allclose(
+        columns[:, base.leading] @ base.rows, columns, atol=1e-8 * seen.max()
+    )
 
 
 def test_independent_parameters_must_be_independent(panda):
     model = panda.model(["rigid_body"])
     names = list(panda.independent or ())
-    refusal(lambda: base_parameters(model, [*names[:-1], "mx7"]), "not the robot's 43 independent")
+    refusal(
+        lambda: base_parameters(model, [*names[:-1], "mx7"]),
+        "not the robot's 43 independent",
+    )
     refusal(lambda: base_parameters(model, [*names[:-1], "bogus"]), "bogus")
 
 
 def answers(problem: Problem, count: int, seed: int = 0) -> BlackBox:
     links = experiment(problem).links
-    return BlackBox.of_links(problem.robot, links, problem.robot.random_configurations(count, seed))
+    return BlackBox.of_links(
+        problem.robot, links, problem.robot.random_configurations(count, seed)
+    )
 
 
 @settings(max_examples=10, derandomize=False)
@@ -149,22 +178,39 @@ def test_the_rows_are_gravity_and_the_upper_triangle(panda):
     data = compress_black_box(box, model).least_squares()
     assert data.rows == 3 * (7 + 28)
     upper = np.triu_indices(7)
-    expected = np.sum(box.gravity**2) + sum(np.sum(m[upper] ** 2) for m in box.mass_matrix)
+    expected = np.sum(box.gravity**2) + sum(
+        np.sum(m[upper] ** 2) for m in box.mass_matrix
+    )
     assert data.tau_squared == pytest.approx(expected)
     assert data.loss(experiment(panda).links.ravel()) < 1e-16 * expected
-    # A wrong entry of M shows in the loss with its own size, whichever side of the factors it is on.
+    # A wrong entry of M shows in the loss with its own size, whichever side of the
+    # factors it is on.
     wrong = box.mass_matrix.copy()
     wrong[1, 2, 5] = wrong[1, 5, 2] = wrong[1, 2, 5] + 0.1
-    loss = compress_black_box(BlackBox(box.q, box.gravity, wrong), model).least_squares()
+    loss = compress_black_box(
+        BlackBox(box.q, box.gravity, wrong), model
+    ).least_squares()
     assert loss.loss(experiment(panda).links.ravel()) == pytest.approx(0.01)
 
 
 def test_what_a_black_box_does_not_say_is_refused(panda, two_link):
     method = "reverse-engineering"
-    more = partial(identify, panda, answers(panda, 20), method, effects="rigid_body,viscous_friction")
+    more = partial(
+        identify,
+        panda,
+        answers(panda, 20),
+        method,
+        effects="rigid_body,viscous_friction",
+    )
     refusal(more, "rigid_body")
-    refusal(lambda: identify(two_link, experiment(two_link).training_run(), method), "mass_matrix")
-    refusal(lambda: identify(two_link, answers(two_link, 5), "output-error"), "measured runs")
+    refusal(
+        lambda: identify(two_link, experiment(two_link).training_run(), method),
+        "mass_matrix",
+    )
+    refusal(
+        lambda: identify(two_link, answers(two_link, 5), "output-error"),
+        "measured runs",
+    )
 
 
 @pytest.mark.parametrize(
@@ -180,7 +226,11 @@ def test_what_a_black_box_does_not_say_is_refused(panda, two_link):
 )
 def test_bad_files_are_named(tmp_path, change, message):
     file = tmp_path / "box.npz"
-    arrays = {"q": np.zeros((5, 7)), "gravity": np.zeros((5, 7)), "mass_matrix": np.zeros((5, 7, 7))}
+    arrays = {
+        "q": np.zeros((5, 7)),
+        "gravity": np.zeros((5, 7)),
+        "mass_matrix": np.zeros((5, 7, 7)),
+    }
     np.savez(file, **{k: v for k, v in (arrays | change).items() if v is not None})
     refusal(lambda: load_answers(file), message)
 
@@ -198,12 +248,19 @@ def test_another_robots_file_and_several_files_are_refused(panda, tmp_path):
 def test_a_block_that_several_runs_show_comes_once():
     rng = np.random.default_rng(0)
     parts, own = [rng.normal(size=(r, 3)) for r in (2, 3, 1)], np.arange(2)
-    factors = [Factor(0, block, own, x, len(x)) for block, x in zip((0, 1, 0), parts, strict=True)]
+    factors = [
+        Factor(0, block, own, x, len(x))
+        for block, x in zip((0, 1, 0), parts, strict=True)
+    ]
     blocks = ((0, 0.0, 1.0), (0, 1.0, 2.0))
-    ((joint, indices, found, rows),) = Regression((), 1, blocks, tuple(factors)).by_joint()
+    ((joint, indices, found, rows),) = Regression(
+        (), 1, blocks, tuple(factors)
+    ).by_joint()
     assert (joint, indices.tolist(), found.tolist()) == (0, [0, 1], [0, 1])
     both = parts[0].T @ parts[0] + parts[2].T @ parts[2]
-    np.testing.assert_allclose(rows.swapaxes(1, 2) @ rows, [both, parts[1].T @ parts[1]])
+    np.testing.assert_allclose(
+        rows.swapaxes(1, 2) @ rows, [both, parts[1].T @ parts[1]]
+    )
 
 
 def test_as_many_rows_as_parameters_leave_nothing():

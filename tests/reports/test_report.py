@@ -1,4 +1,5 @@
-"""The report is one file that asks for nothing, says what it must, and draws in a real browser."""
+"""The report is one file that asks for nothing, says what it must, and draws in a real
+browser."""
 
 import base64
 import gzip
@@ -27,9 +28,19 @@ from sdp_vs_penalty.simulation import experiment
 pytest.importorskip("plotly")
 
 SECTIONS = (
-    "verdict", "torques", "failures", "findings", "history", "forward", "parameters", "arm", "friction",
-    "certificate", "data", "provenance",
-)  # fmt: skip
+    "verdict",
+    "torques",
+    "failures",
+    "findings",
+    "history",
+    "forward",
+    "parameters",
+    "arm",
+    "friction",
+    "certificate",
+    "data",
+    "provenance",
+)
 
 
 def make_report(*given: Any, **options: Any) -> str:
@@ -45,7 +56,11 @@ def made(two_link: Problem) -> tuple[dict[str, Estimate], Measurements, str]:
         "bare": identify(two_link, run, "ols", effects="rigid_body"),
         "<script>alert(1)</script>": identify(two_link, run, "lmi-sdp"),
     }
-    return models, run, make_report(models, run, commands=["sdp-vs-penalty report <b>x</b>"])
+    return (
+        models,
+        run,
+        make_report(models, run, commands=["sdp-vs-penalty report <b>x</b>"]),
+    )
 
 
 def test_one_file_with_every_section_and_no_request(made):
@@ -68,9 +83,12 @@ def test_one_file_with_every_section_and_no_request(made):
 
 
 def sections(html: str) -> dict[str, Any]:
-    """Of each section but the last, of versions and dates, its words and numbers, and its figures."""
+    """Of each section but the last, of versions and dates, its words and numbers, and
+    its figures."""
     out = {}
-    for section in re.findall(r"<section.*?</section>", html, flags=re.DOTALL)[: len(SECTIONS) - 1]:
+    for section in re.findall(r"<section.*?</section>", html, flags=re.DOTALL)[
+        : len(SECTIONS) - 1
+    ]:
         packed = re.findall(r'<script type="application/gzip">(.*?)</script>', section)
         drawn = [json.loads(gzip.decompress(base64.b64decode(text))) for text in packed]
         text = re.sub(r"<script.*?</script>", " ", section, flags=re.DOTALL)
@@ -81,19 +99,31 @@ def sections(html: str) -> dict[str, Any]:
 
 
 def test_figures_are_what_they_were(made, two_link):
-    """Of two models; of a search that found curves; of models that lack links or friction."""
+    """Of two models; of a search that found curves; of models that lack links or
+    friction."""
     models, run, html = made
     x = np.linspace(-1.0, 1.0, 9)
-    one = Curve(1, ("q1",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, "1 q1^2 N m", 0.2, 0.1)
+    one = Curve(
+        1, ("q1",), x, x**2, x**2 - 0.1, x**2 + 0.1, 0.9, "1 q1^2 N m", 0.2, 0.1
+    )
     pairs = np.column_stack([np.repeat(x[:3], 3), np.tile(x[:3], 3)])
     two = replace(one, of=("q1", "dq1"), x=pairs, formula=None)
     names = ("noise_floor", "unexplained", "held_out_rmse", "held_out_rmse_before")
-    told = {name: [] for name in ("effects", "invisible", "events")} | dict.fromkeys(names, [0.1] * 2)
-    told |= {"verdict": "unknown_effect", "noise_source": "repetition", "held_out_source": "folds"}
+    told = {name: [] for name in ("effects", "invisible", "events")} | dict.fromkeys(
+        names, [0.1] * 2
+    )
+    told |= {
+        "verdict": "unknown_effect",
+        "noise_source": "repetition",
+        "held_out_source": "folds",
+    }
     told |= {"band_hz": 9.0, "frozen": False, "remarks": ["Look here first."]}
     curves = Diagnosis.from_dict({**told, "curves": [one.to_dict(), two.to_dict()]})
     brief = small_run(two_link)
-    found = {"two": sections(html), "curves": sections(make_report(models, run, findings=curves))}
+    found = {
+        "two": sections(html),
+        "curves": sections(make_report(models, run, findings=curves)),
+    }
     found["curves"] = {k: found["curves"][k] for k in ("verdict", "findings")}
     for effects in ("viscous_friction", "rigid_body"):
         lacking = identify(two_link, brief, effects=effects)
@@ -110,7 +140,9 @@ def test_the_verb_and_short_runs(two_link, tmp_path):
     run = experiment(two_link).training_run(0)
     save(run.window(2.0, 3.8), tmp_path / "short.csv")
     identify(two_link, run, "ols").save(tmp_path / "model.json")
-    model, data, out = (tmp_path / name for name in ("model.json", "short.csv", "short.html"))
+    model, data, out = (
+        tmp_path / name for name in ("model.json", "short.csv", "short.html")
+    )
     assert run_cli("report", model, "--data", data, "--out", out) == 0
     assert "from the runs that it was identified" in out.read_text()
 
@@ -123,24 +155,37 @@ def test_it_draws_in_chromium(made, tmp_path):
     path.write_text(made[2])
     script = re.findall(r'id="plotly">(.*?)</script>', made[2])[0]
     read = gzip.decompress(base64.b64decode(script))
-    assert b"root.moduleName = factory" not in read  # the function that a browser would read twice
+    assert (
+        b"root.moduleName = factory" not in read
+    )  # the function that a browser would read twice
     faults: list[str] = []
     with browsing() as browser:
         page = browser.new_page(viewport={"width": 1000, "height": 1200})
         page.on("pageerror", lambda error: faults.append(str(error)))
-        page.on("console", lambda said: faults.append(said.text) if said.type == "error" else None)
+        page.on(
+            "console",
+            lambda said: faults.append(said.text) if said.type == "error" else None,
+        )
         page.goto(path.as_uri())
-        page.wait_for_function("document.querySelectorAll('#torques .js-line').length >= 8")
+        page.wait_for_function(
+            "document.querySelectorAll('#torques .js-line').length >= 8"
+        )
         assert page.locator("#provenance").count() == 1
         assert page.locator("#friction .js-plotly-plot").count() == 0
-        first, second = (f"document.querySelectorAll('#torques .plot')[{k}]" for k in (0, 1))
-        page.evaluate(f"Plotly.relayout({first}, {{'xaxis.range[0]': 3, 'xaxis.range[1]': 5}})")
+        first, second = (
+            f"document.querySelectorAll('#torques .plot')[{k}]" for k in (0, 1)
+        )
+        page.evaluate(
+            f"Plotly.relayout({first}, {{'xaxis.range[0]': 3, 'xaxis.range[1]': 5}})"
+        )
         page.wait_for_function(f"{second}.layout.xaxis.range?.[1] === 5")
         page.locator("#torques .legendtoggle").nth(1).click()
         page.wait_for_function(f"{second}.data[1].visible === 'legendonly'")
         page.evaluate("document.querySelector('#friction').scrollIntoView()")
         page.wait_for_selector("#friction .js-plotly-plot")
-        page.wait_for_function("document.querySelectorAll('#friction .js-line').length >= 2 * 2")
+        page.wait_for_function(
+            "document.querySelectorAll('#friction .js-line').length >= 2 * 2"
+        )
     assert faults == []
 
 
@@ -149,10 +194,20 @@ UNITS = ["N*m", "N*m"]
 
 def test_bars_are_errors_over_noise_cut_at_the_floor():
     drawn = bars([0.1, 1.25], [0.11, 0.46], [0.1, 0.1], UNITS)
-    assert re.findall(r"<td class=\"number\">(.*?)</td>", drawn) == ["1 → 1.1", "12.5 → 4.6"]
-    assert re.findall(r'class="change (\w+)">(.*?)<', drawn) == [("worse", "+10 %"), ("better", "-63 %")]
-    (floor,) = {float(x) for x in re.findall(r'class="noise" style="--wide:([\d.]+)', drawn)}
-    widest = max(float(x) for x in re.findall(r'class="before"[^>]*--wide:([\d.]+)', drawn))
+    assert re.findall(r"<td class=\"number\">(.*?)</td>", drawn) == [
+        "1 → 1.1",
+        "12.5 → 4.6",
+    ]
+    assert re.findall(r'class="change (\w+)">(.*?)<', drawn) == [
+        ("worse", "+10 %"),
+        ("better", "-63 %"),
+    ]
+    (floor,) = {
+        float(x) for x in re.findall(r'class="noise" style="--wide:([\d.]+)', drawn)
+    }
+    widest = max(
+        float(x) for x in re.findall(r'class="before"[^>]*--wide:([\d.]+)', drawn)
+    )
     assert floor / widest == pytest.approx(1.0 / 12.5, rel=0.01)
     alone = bars([0.1, 1.25], None, None, UNITS)
     assert "noise floor unknown" in alone

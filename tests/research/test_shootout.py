@@ -59,18 +59,27 @@ def best(two_link: Instance) -> Answer:
 
 
 def test_instances_are_what_they_were():
-    """Their hashes are of problems to six digits: of the 2R and of arms of two links every one."""
+    """Their hashes are of problems to six digits: of the 2R and of arms of two links
+    every one."""
     said, own = [], catalogue()
     for e in everything():
         if e.name.startswith(("two_link", "chain of 2 ")):
-            where = "library"[: 7 * bool(e.sentence)], "catalogue"[: 9 * (e.name in own)]
-            said.append(f"{e.folder}: {e.make().hash} {where} {e.quick} {e.measured}; {e.sentence}")
+            where = (
+                "library"[: 7 * bool(e.sentence)],
+                "catalogue"[: 9 * (e.name in own)],
+            )
+            said.append(
+                f"{e.folder}: {e.make().hash} {where} {e.quick} {e.measured};"
+                f" {e.sentence}"
+            )
     as_kept("instances.txt", "\n".join(said) + "\n")
     assert len({line.split()[1] for line in said}) == len(said)
 
 
 def test_a_short_part_is_of_so_many_seconds_of_rows_however_far_the_filters_reach():
-    one, three = (instance(f"panda simulated {s} s one-step plain").data.rows for s in (1, 3))
+    one, three = (
+        instance(f"panda simulated {s} s one-step plain").data.rows for s in (1, 3)
+    )
     assert 3 * one == pytest.approx(three, rel=0.03)
 
 
@@ -83,8 +92,14 @@ def test_infeasible_instances_are_proved_infeasible(name):
     nothing = np.zeros(len(made.task.bound))
     says = Answer(nothing, "infeasible", "")
     assert judge(made, known, says, 1e-6).kind == "right"
-    assert judge(made, known, replace(says, claims="optimal"), 1e-6).kind == "silently_wrong"
-    assert judge(made, known, replace(says, claims="unbounded"), 1e-6).kind == "silently_wrong"
+    assert (
+        judge(made, known, replace(says, claims="optimal"), 1e-6).kind
+        == "silently_wrong"
+    )
+    assert (
+        judge(made, known, replace(says, claims="unbounded"), 1e-6).kind
+        == "silently_wrong"
+    )
 
 
 def test_planted_wrong_answers_are_found(two_link, proved, best):
@@ -105,8 +120,14 @@ def test_planted_wrong_answers_are_found(two_link, proved, best):
     assert judge(two_link, proved, suboptimal, 1e-8).violation == 0.0
     assert judge(two_link, proved, suboptimal, 1e-8).objective_error > 1e-7
     # The same points are no lie where the solver admits them, or was asked for less.
-    assert judge(two_link, proved, replace(suboptimal, claims="inaccurate"), 1e-8).kind == "inaccurate"
-    assert judge(two_link, proved, replace(suboptimal, claims="failed"), 1e-8).kind == "failed"
+    assert (
+        judge(two_link, proved, replace(suboptimal, claims="inaccurate"), 1e-8).kind
+        == "inaccurate"
+    )
+    assert (
+        judge(two_link, proved, replace(suboptimal, claims="failed"), 1e-8).kind
+        == "failed"
+    )
     assert judge(two_link, proved, suboptimal, 0.5).kind == "right"
     wide = judge(two_link, replace(proved, lower=0.0), optimal, 1e-8)
     assert wide.kind == "inaccurate"
@@ -118,16 +139,26 @@ def test_a_chart_of_links_begins_inside_and_knows_its_slope():
     made = instance("two_link simulated one-step cones")
     inside, rng = made.interior, np.random.default_rng(0)
     chart = Chart(made.sent, inside)
-    np.testing.assert_allclose(chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12)
-    x, gradient = chart.start + 0.3 * rng.normal(size=len(inside)), rng.normal(size=len(inside))
+    np.testing.assert_allclose(
+        chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12
+    )
+    x, gradient = (
+        chart.start + 0.3 * rng.normal(size=len(inside)),
+        rng.normal(size=len(inside)),
+    )
     steps = 1e-6 * np.eye(len(x))
-    moved = [(chart.theta(x + s)[0] - chart.theta(x - s)[0]) @ gradient / 2e-6 for s in steps]
-    np.testing.assert_allclose(chart.slope(chart.theta(x)[1], gradient), moved, rtol=1e-6, atol=1e-8)
+    moved = [
+        (chart.theta(x + s)[0] - chart.theta(x - s)[0]) @ gradient / 2e-6 for s in steps
+    ]
+    np.testing.assert_allclose(
+        chart.slope(chart.theta(x)[1], gradient), moved, rtol=1e-6, atol=1e-8
+    )
 
 
 @pytest.mark.parametrize("name", list(CONTESTANTS))
 @pytest.mark.parametrize(
-    "problem", [SMALL[0], *(pytest.param(name, marks=pytest.mark.long) for name in SMALL[1:])]
+    "problem",
+    [SMALL[0], *(pytest.param(name, marks=pytest.mark.long) for name in SMALL[1:])],
 )
 def test_every_contestant_on_every_small_instance(name, problem):
     contestant = CONTESTANTS[name]
@@ -141,14 +172,24 @@ def test_every_contestant_on_every_small_instance(name, problem):
     verdict = judge(made, reference(made), answer, 1e-6)
     assert verdict.kind in CLASSES
     assert answer.status
-    # Whatever is claimed, our bounds hold: no multipliers prove more than the proved optimum.
+    # Whatever is claimed, our bounds hold: no multipliers prove more than the proved
+    # optimum.
     assert verdict.own_gap >= -1e-12
     # A chart has minima of its own: on the chain it ends in one, .15 above the optimum.
-    assert not name.startswith("log-cholesky") or problem.startswith("chain") or verdict.kind == "right"
+    assert (
+        not name.startswith("log-cholesky")
+        or problem.startswith("chain")
+        or verdict.kind == "right"
+    )
     if name in ("lmi-sdp", "clarabel", "penalty", "csdp", "sdpa"):
-        # Where the optimum is 0 no multipliers lie inside of the cones; whether SDPA then ends early,
-        # and says so, depends on the processor's BLAS (with two of seven kernels of OpenBLAS).
-        admits = name == "sdpa" and reference(made).upper < 1e-20 and answer.claims == "inaccurate"
+        # Where the optimum is 0 no multipliers lie inside of the cones; whether SDPA
+        # then ends early, and says so, depends on the processor's BLAS (with two of
+        # seven kernels of OpenBLAS).
+        admits = (
+            name == "sdpa"
+            and reference(made).upper < 1e-20
+            and answer.claims == "inaccurate"
+        )
         assert verdict.kind == "right" or admits
 
 
@@ -167,20 +208,31 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
         x, P = solution.x, sdp.conic.P  # the upper triangle
         square = x @ (P @ x) - 0.5 * x @ (P.diagonal() * x)
         optimum = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
-        assert optimum == pytest.approx(posed.objective.value(sdp.theta(solution)), rel=1e-5)
+        assert optimum == pytest.approx(
+            posed.objective.value(sdp.theta(solution)), rel=1e-5
+        )
     single = replace(two_link, formulation="gram in float32")
-    difference = abs(single.sdp.conic.P - replace(two_link, formulation="gram").sdp.conic.P).max()
+    difference = abs(
+        single.sdp.conic.P - replace(two_link, formulation="gram").sdp.conic.P
+    ).max()
     assert difference > 0.0
 
 
 def test_violations_are_in_units_of_their_own_cones():
-    """Rows: the largest term that they can hold; a cone: its largest row; a matrix: its diagonal."""
+    """Rows: the largest term that they can hold; a cone: its largest row; a matrix: its
+    diagonal."""
     x, inside, bound = np.array([3.0, 0.0]), np.zeros(2), np.array([10.0, 10.0])
-    rows = Constraint("a", "", "nonnegative", [0], np.array([1.0, 40.0]), np.array([[-1.0, -20.0]]))
-    assert relative_violation([rows], x, inside, bound) == pytest.approx(2.0 / 10.0)  # and 20 of 200
+    rows = Constraint(
+        "a", "", "nonnegative", [0], np.array([1.0, 40.0]), np.array([[-1.0, -20.0]])
+    )
+    assert relative_violation([rows], x, inside, bound) == pytest.approx(
+        2.0 / 10.0
+    )  # and 20 of 200
     cone = Constraint("a", "", "soc", [0], np.array([1.0, 0.0]), np.array([[0.0, 2.0]]))
     assert relative_violation([cone], x, inside, bound) == pytest.approx(5.0 / 20.0)
-    matrix = Constraint("a", "", "psd", [0], np.diag([4.0, 9.0]), np.diag([-2.0, 0.0])[None])
+    matrix = Constraint(
+        "a", "", "psd", [0], np.diag([4.0, 9.0]), np.diag([-2.0, 0.0])[None]
+    )
     assert relative_violation([matrix], x, inside, bound) == pytest.approx(2.0 / 4.0)
     assert relative_violation([rows, cone, matrix], np.zeros(2), inside, bound) == 0.0
 
@@ -196,8 +248,18 @@ def _spin() -> bytes:
         (lambda: b"x" * 200_000, 20.0, "ended", "^x{200000}$"),
         (lambda: time.sleep(30), 0.3, "timeout", ""),
         (_spin, 0.5, "timeout", "processor|stopped"),
-        (lambda: os.kill(os.getpid(), signal.SIGKILL), 20.0, "crash", "^ended by signal 9$"),
-        (lambda: bytes(np.ones(int(1e10))), 20.0, "crash", "^asked for more than 1 GB$"),
+        (
+            lambda: os.kill(os.getpid(), signal.SIGKILL),
+            20.0,
+            "crash",
+            "^ended by signal 9$",
+        ),
+        (
+            lambda: bytes(np.ones(int(1e10))),
+            20.0,
+            "crash",
+            "^asked for more than 1 GB$",
+        ),
         (lambda: int("odd"), 20.0, "failed", "^ValueError: invalid literal"),
     ],
     ids=["ends", "sleeps", "spins", "dies", "eats", "raises"],
@@ -210,7 +272,8 @@ def test_a_run_ends_in_its_own_process(work, limit, kind, said):
 
 
 def test_seconds_are_processor_time(two_link, proved, best):
-    """Of two contestants that take half a second, one sleeps and the other's program computes."""
+    """Of two contestants that take half a second, one sleeps and the other's program
+    computes."""
     busy = "import time\nwhile time.process_time() < 0.5: pass"
 
     def seconds(wait: Callable[[], object]) -> float:
@@ -219,35 +282,60 @@ def test_seconds_are_processor_time(two_link, proved, best):
             return best
 
         task = runner.Assignment("", "", 20.0, 1.0, reference=proved)
-        row = runner.run_one(task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6)
+        row = runner.run_one(
+            task, replace(CONTESTANTS["lmi-sdp"], solve=solve), two_link, 1e-6
+        )
         assert row["class"] == "right"
         return row["seconds"]
 
     assert seconds(lambda: time.sleep(0.5)) < 0.1
-    assert 0.5 <= seconds(lambda: subprocess.run([sys.executable, "-c", busy], check=True)) < 2.0
+    assert (
+        0.5
+        <= seconds(lambda: subprocess.run([sys.executable, "-c", busy], check=True))
+        < 2.0
+    )
 
 
 def _run(problem: str, solver: str, **changes: object) -> dict[str, object]:
     row: dict[str, object] = {
-        "problem": problem, "group": "panda", "solver": solver, "settings": "1e-06", "accuracy": 1e-6,
-        "claimed": "optimal", "class": "right", "objective_error": 1e-6, "violation": 0.0,
-        "lower": 1.0, "upper": 1.0, "attempts": 1, "seconds": 0.1, "hash": "h", "own_gap": np.inf,
-        "version": "1", "machine": "m",
-    }  # fmt: skip
+        "problem": problem,
+        "group": "panda",
+        "solver": solver,
+        "settings": "1e-06",
+        "accuracy": 1e-6,
+        "claimed": "optimal",
+        "class": "right",
+        "objective_error": 1e-6,
+        "violation": 0.0,
+        "lower": 1.0,
+        "upper": 1.0,
+        "attempts": 1,
+        "seconds": 0.1,
+        "hash": "h",
+        "own_gap": np.inf,
+        "version": "1",
+        "machine": "m",
+    }
     return row | changes
 
 
 def test_summary_of_known_runs(tmp_path):
     liar = {"class": "silently_wrong", "seconds": 0.01}
-    rows = pandas.DataFrame([
-        _run("a", "good"), _run("b", "good", seconds=0.4),
-        _run("a", "fast", seconds=0.05),
-        _run("b", "fast", **{"class": "failed", "claimed": "failed", "seconds": 0.01}),
-        _run("a", "liar", **liar, objective_error=0.3), _run("b", "liar", **liar, objective_error=0.2),
-        _run("a", "slow", seconds=0.9),
-        _run("chain of 14 links", "other", group="chains"),
-        _run("ill-conditioned a", "other", group="ill-conditioned"),
-    ])  # fmt: skip
+    rows = pandas.DataFrame(
+        [
+            _run("a", "good"),
+            _run("b", "good", seconds=0.4),
+            _run("a", "fast", seconds=0.05),
+            _run(
+                "b", "fast", **{"class": "failed", "claimed": "failed", "seconds": 0.01}
+            ),
+            _run("a", "liar", **liar, objective_error=0.3),
+            _run("b", "liar", **liar, objective_error=0.2),
+            _run("a", "slow", seconds=0.9),
+            _run("chain of 14 links", "other", group="chains"),
+            _run("ill-conditioned a", "other", group="ill-conditioned"),
+        ]
+    )
     assert summary.answer(rows[-2:]) == ""
     table = summary.summary_table(rows, 10.0).set_index("solver")
     expected = np.exp(np.mean(np.log([0.11, 0.41]))) - 0.01
@@ -267,9 +355,12 @@ def test_summary_of_known_runs(tmp_path):
 
 def setup(out: Path, **changes: object) -> runner.Shootout:
     chosen: dict[str, object] = {
-        "solvers": ["clarabel", "lmi-sdp"], "problems": [SMALL[0]], "accuracies": (1e-4, 1e-6),
-        "jobs": 1, "memory": 0.9,
-    }  # fmt: skip
+        "solvers": ["clarabel", "lmi-sdp"],
+        "problems": [SMALL[0]],
+        "accuracies": (1e-4, 1e-6),
+        "jobs": 1,
+        "memory": 0.9,
+    }
     return runner.Shootout(out, **{**chosen, **changes})
 
 
@@ -278,8 +369,10 @@ def test_runs_resume(tmp_path):
     first = runner.run(setup(out))
     runs = first.results.runs
     assert set(zip(runs["solver"], runs["settings"], strict=True)) == {
-        ("clarabel", "1e-04"), ("clarabel", "1e-06"), ("lmi-sdp", "default"),
-    }  # fmt: skip
+        ("clarabel", "1e-04"),
+        ("clarabel", "1e-06"),
+        ("lmi-sdp", "default"),
+    }
     assert set(runs["class"]) == {"right"}
     with (out / "runs.csv").open(newline="") as file:
         assert [r["class"] for r in csv.DictReader(file)] == ["right"] * 3
@@ -289,9 +382,13 @@ def test_runs_resume(tmp_path):
     (out / "runs.csv").write_text("".join(lines[:-1]))
     resumed = runner.run(setup(out))  # what is missing, and nothing else
     assert resumed.results.runs[runner.KEY].equals(first.results.runs[runner.KEY])
-    assert set(lines[:-1]) <= set((out / "runs.csv").read_text().splitlines(keepends=True))
+    assert set(lines[:-1]) <= set(
+        (out / "runs.csv").read_text().splitlines(keepends=True)
+    )
     digest = first.results.runs["hash"][0]
-    (out / "runs.csv").write_text(before.replace(digest, "0" * 16))  # of an instance that was another
+    (out / "runs.csv").write_text(
+        before.replace(digest, "0" * 16)
+    )  # of an instance that was another
     again = runner.run(setup(out, accuracies=(1e-5,)))
     assert any("changed" in note for note in again.notes)
     assert set(again.results.runs["hash"]) == {digest}
@@ -313,12 +410,16 @@ def test_folders_that_hold_something_else_are_refused(tmp_path):
 def test_the_time_limit_ends_one_cell_and_tighter_ones_are_not_tried(tmp_path):
     outcome = runner.run(setup(tmp_path / "s", solvers=["penalty"], time_limit=1e-3))
     runs = outcome.results.runs.set_index("settings")
-    kinds = dict(zip(runs.index, zip(runs["class"], runs["remark"], strict=True), strict=True))
+    kinds = dict(
+        zip(runs.index, zip(runs["class"], runs["remark"], strict=True), strict=True)
+    )
     assert kinds["1e-04"][0] == kinds["1e-06"][0] == "timeout"
     assert "not run" in kinds["1e-06"][1]
 
 
-def test_a_proof_that_hangs_is_ended_and_its_problem_runs_without_an_interval(tmp_path, monkeypatch):
+def test_a_proof_that_hangs_is_ended_and_its_problem_runs_without_an_interval(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(runner, "reference", lambda made: time.sleep(60.0))
     begin = time.monotonic()
     outcome = runner.run(setup(tmp_path / "s", solvers=["clarabel"], proof_limit=0.2))
@@ -340,4 +441,6 @@ def test_right_is_what_was_asked_for_and_inaccurate_half_of_the_digits(asked):
         2.0 * asked**0.5: "silently_wrong",
     }
     for x, kind in (kinds | {np.nan: "silently_wrong"}).items():
-        assert [classified(known, "optimal", *e, asked)[0] for e in ((x, 0.0), (0.0, x))] == [kind] * 2
+        assert [
+            classified(known, "optimal", *e, asked)[0] for e in ((x, 0.0), (0.0, x))
+        ] == [kind] * 2

@@ -1,4 +1,5 @@
-"""Tables and figures of small studies: as they were, as printed, and against what they are made from."""
+"""Tables and figures of small studies: as they were, as printed, and against what they
+are made from."""
 
 import csv
 import io
@@ -37,13 +38,18 @@ from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.solvers.extremes import Slice
 
-#: Tables of a small study of each problem, and what it compares: whose optimum is one point.
+#: Tables of a small study of each problem, and what it compares: whose optimum is one
+#: point.
 SMALL = {
     "panda": ("I", "II", "III", "IV", "V", "VIII", "IX", "errata"),
     "two_link": ("III", "IV", "VI", "VII", "VIII", "IX", "methods", "wrenches", "data"),
     "measured": ("III", "IV", "VIII"),
 }
-METHODS = {"ols": "ols", "lmi_sdp": "lmi-sdp", "lmi_sdp_joint": "lmi-sdp-plain, joint prior"}
+METHODS = {
+    "ols": "ols",
+    "lmi_sdp": "lmi-sdp",
+    "lmi_sdp_joint": "lmi-sdp-plain, joint prior",
+}
 
 
 class SimulatedStudy(Study):
@@ -61,19 +67,30 @@ class MeasuredStudy(Study):
 @pytest.fixture(scope="module")
 def studies() -> Iterator[dict[str, Study]]:
     pytest.importorskip("matplotlib")
-    small = {"duration": 0.2, "instants": 3, "retrievals": 2, "replicates": 1, "iterations": 1}
+    small = {
+        "duration": 0.2,
+        "instants": 3,
+        "retrievals": 2,
+        "replicates": 1,
+        "iterations": 1,
+    }
     with pytest.MonkeyPatch.context() as patch:
         effort = replace(study.BUDGETS["quick"], evaluations=200, **small)
         patch.setitem(study.BUDGETS, "quick", effort)
         patch.setattr("sdp_vs_penalty.estimators.PenaltyPaper.runs", 2)
         patch.setattr(study, "METHODS", METHODS)
-        made: dict[str, Study] = {n: SimulatedStudy(load_problem(n)) for n in ("panda", "two_link")}
+        made: dict[str, Study] = {
+            n: SimulatedStudy(load_problem(n)) for n in ("panda", "two_link")
+        }
         yield made | {"measured": MeasuredStudy(load_problem("two_link"))}
 
 
 @pytest.fixture(scope="module")
-def made(studies: dict[str, Study], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Table]:
-    """A table of a small study, made when it is asked for first, whatever real runs are at hand."""
+def made(
+    studies: dict[str, Study], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Table]:
+    """A table of a small study, made when it is asked for first, whatever real runs are
+    at hand."""
     empty = str(tmp_path_factory.mktemp("empty"))
 
     @cache
@@ -92,11 +109,15 @@ def without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDP_VS_PENALTY_DATA", str(tmp_path / "empty"))
 
 
-@pytest.mark.parametrize(("problem", "name"), [(p, name) for p in SMALL for name in SMALL[p]])
+@pytest.mark.parametrize(
+    ("problem", "name"), [(p, name) for p in SMALL for name in SMALL[p]]
+)
 def test_a_table_is_as_it_was(problem, name, made):
     table = made(problem, name)
     free = (
-        r"seconds|inverse|smallest|violat" if name == "methods" else r"^$|inverse|lmi_sdp_joint|in_box"
+        r"seconds|inverse|smallest|violat"
+        if name == "methods"
+        else r"^$|inverse|lmi_sdp_joint|in_box"
     )
     frame = table.frame.loc[:, ~table.frame.columns.str.contains(free)]
     if name in ("methods", "data"):  # a search by chance; a flat set of optima
@@ -106,7 +127,8 @@ def test_a_table_is_as_it_was(problem, name, made):
 
 
 def test_engines_follow_a_recorded_run(studies):
-    """What is left of the torque is the run's noise, and what links and friction fitted to it miss."""
+    """What is left of the torque is the run's noise, and what links and friction fitted
+    to it miss."""
     for run in table_v.measured_runs(studies["measured"]).values():
         if not isinstance(run, str):
             assert np.all(run.error.std(axis=0) < 0.15)
@@ -116,24 +138,37 @@ def test_engines_follow_a_recorded_run(studies):
 
 def test_halves_are_before_the_cut_and_after_it():
     first, second = study.halves(repeating_run(load_problem("two_link"), 0, 0.2))
-    assert (first.t[0], first.t[-1], second.t[0]) == pytest.approx((0.0, 14.0, 14.2), abs=0.011)
+    assert (first.t[0], first.t[-1], second.t[0]) == pytest.approx(
+        (0.0, 14.0, 14.2), abs=0.011
+    )
 
 
 def shown(figure: Any) -> Iterator[str]:
-    """What a figure shows, in words and numbers: titles, labels, limits, lines with their extremes."""
+    """What a figure shows, in words and numbers: titles, labels, limits, lines with
+    their extremes."""
     yield figure.get_suptitle()
     for axis in figure.axes:
-        yield f"{axis.get_title()}; {axis.get_xlabel()}; {axis.get_ylabel()}; {axis.get_yscale()}"
+        yield (
+            f"{axis.get_title()}; {axis.get_xlabel()}; {axis.get_ylabel()};"
+            f" {axis.get_yscale()}"
+        )
         yield " ".join(f"{x:.4g}" for x in (*axis.get_xlim(), *axis.get_ylim()))
         for line in axis.get_lines():
             x, y = (np.asarray(values, float) for values in line.get_data()[:2])
             assert np.all(np.isfinite(y))
             free = line.get_label() == "unfeasible"  # any of a flat set
             ends = () if free else (x.min(), x.max(), y.min(), y.max(), y[len(y) // 3])
-            look = f"{line.get_label()} {line.get_color()} {line.get_linestyle()} {len(x)}:"
-            yield " ".join([re.sub(r"^_child\d+", "_", look), *(f"{v:.4g}" for v in ends)])
+            look = (
+                f"{line.get_label()} {line.get_color()} {line.get_linestyle()}"
+                f" {len(x)}:"
+            )
+            yield " ".join(
+                [re.sub(r"^_child\d+", "_", look), *(f"{v:.4g}" for v in ends)]
+            )
         for kind in axis.collections:
-            points = np.concatenate([path.vertices for path in kind.get_paths()] or [np.zeros((1, 2))])
+            points = np.concatenate(
+                [path.vertices for path in kind.get_paths()] or [np.zeros((1, 2))]
+            )
             yield f"{type(kind).__name__} {points.min():.4g} {points.max():.4g}"
 
 
@@ -165,26 +200,42 @@ def test_tables_come_out_as_committed(whole, problem, name, folder):
 
 
 def test_all_three_forms_hold_the_same_cells(made):
-    for table in (made(problem, name) for problem, names in SMALL.items() for name in names):
+    for table in (
+        made(problem, name) for problem, names in SMALL.items() for name in names
+    ):
         cells = table.cells().to_numpy().tolist()
         read = list(csv.reader(io.StringIO(table.csv())))
-        for row, exact, shown in zip(table.frame.to_numpy(), read[1:], cells, strict=True):
+        for row, exact, shown in zip(
+            table.frame.to_numpy(), read[1:], cells, strict=True
+        ):
             for cell, kept, rounded in zip(row, exact, shown, strict=True):
                 if isinstance(cell, float) and np.isfinite(cell):
                     assert float(kept) == cell  # all digits: to compute with
                 else:
                     assert kept == rounded
-        body = [line for line in table.markdown().splitlines() if line.startswith("| ")][2:]
-        plain = [[c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body]
+        body = [
+            line for line in table.markdown().splitlines() if line.startswith("| ")
+        ][2:]
+        plain = [
+            [c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body
+        ]
         assert plain == [[c.replace("|", "\\|") for c in row] for row in cells]
-        lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][1:]
-        assert [line.count(" & ") for line in lines] == [len(table.frame.columns) - 1] * len(cells)
+        lines = [line for line in table.latex().splitlines() if line.endswith(r" \\")][
+            1:
+        ]
+        assert [line.count(" & ") for line in lines] == [
+            len(table.frame.columns) - 1
+        ] * len(cells)
 
 
 def test_files_of_the_names_asked_for_are_written(tmp_path, without_data, studies):
     out = tmp_path / "new"
     ((_, paths),) = make_tables(["viii"], problem="two_link", out=out)
-    assert [p.name for p in paths] == ["table_VIII.csv", "table_VIII.md", "table_VIII.tex"]
+    assert [p.name for p in paths] == [
+        "table_VIII.csv",
+        "table_VIII.md",
+        "table_VIII.tex",
+    ]
     assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in paths)
 
 
@@ -217,7 +268,8 @@ def test_measured_tables_are_not_replaced_by_others(tmp_path, without_data):
 
 
 def test_the_cart_of_the_benchmark_sticks_and_slides():
-    """Below Coulomb friction it stays; above, it slides at (F - F_c - offset) / F_v, and stops again."""
+    """Below Coulomb friction it stays; above, it slides at (F - F_c - offset) / F_v,
+    and stops again."""
     constants = (100.0, 200.0, 20.0, -3.0, 0.0)
     t = np.arange(0.0, 12.0, 1e-3)
     force = np.where(t < 2.0, 16.0, np.where(t < 8.0, 57.0, 0.0))[:, None]
@@ -245,7 +297,9 @@ def links_slice(problem: Problem, links: np.ndarray) -> Slice:
     return Slice(problem.constraints(model), base, links.ravel(), bound)
 
 
-@pytest.mark.parametrize(("name", "column"), [("two_link", "p_real"), ("panda", "p_hat")])
+@pytest.mark.parametrize(
+    ("name", "column"), [("two_link", "p_real"), ("panda", "p_hat")]
+)
 def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     problem = load_problem(name)
     robot, links = problem.robot, published_links(problem, column)
@@ -262,7 +316,10 @@ def test_wrenches_are_those_of_recursive_newton_euler(name, column):
 def test_interval_contains_the_truth_and_is_certified(two_link):
     real = published_links(two_link, "p_real")
     Y = wrenches.wrench_regressor(two_link.robot, *states(two_link.robot, 3))
-    intervals, true = wrenches.wrench_intervals(links_slice(two_link, real), Y), Y @ real.ravel()
+    intervals, true = (
+        wrenches.wrench_intervals(links_slice(two_link, real), Y),
+        Y @ real.ravel(),
+    )
     assert np.all(intervals.lower_bound <= true)
     assert np.all(true <= intervals.upper_bound)
     assert np.all(intervals.lower_bound <= intervals.lower)
@@ -272,7 +329,9 @@ def test_interval_contains_the_truth_and_is_certified(two_link):
 
 def test_a_slice_without_interior_is_refused(two_link):
     impossible = published_links(two_link, "p_real")
-    impossible[1, 9] = -5.0  # Izz2 is identifiable: no feasible parameters have these torques
+    impossible[
+        1, 9
+    ] = -5.0  # Izz2 is identifiable: no feasible parameters have these torques
     with pytest.raises(InputError, match="strictly inside all constraints"):
         links_slice(two_link, impossible)
 

@@ -1,4 +1,5 @@
-"""The parameter order and constraint arrays against what they stand for: point masses, geometry."""
+"""The parameter order and constraint arrays against what they stand for: point masses,
+geometry."""
 
 import numpy as np
 import pytest
@@ -33,14 +34,17 @@ def test_minimum_thickness_holds_exactly_if_the_link_is_that_thick(seed, radius)
 
 @given(seeds)
 def test_ellipsoid_is_the_mean_over_the_mass(seed):
-    """tr(P Q) is the integral of 1 - (x - c)^T D (x - c), written here as a sum over points."""
+    """tr(P Q) is the integral of 1 - (x - c)^T D (x - c), written here as a sum over
+    points."""
     rng = np.random.default_rng(seed)
     masses, x = rng.uniform(0.1, 1.0, 20), rng.normal(size=(20, 3))
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     body = Body(0.3 * rng.normal(size=3), rng.uniform(0.5, 3.0, 3), axes, "geometry")
     homogeneous = np.column_stack([x, np.ones(20)])
     theta = inertia.from_pseudo_inertia((homogeneous.T * masses) @ homogeneous)
-    constraint = build.density_in_ellipsoid("body", "link 1", np.arange(10), body.quadric)
+    constraint = build.density_in_ellipsoid(
+        "body", "link 1", np.arange(10), body.quadric
+    )
     inside = 1.0 - np.sum(((x - body.centre) @ body.axes / body.half_axes) ** 2, axis=1)
     expected = masses @ inside
     assert constraint.value(theta)[0] == pytest.approx(expected, rel=1e-9, abs=1e-9)
@@ -64,16 +68,26 @@ def test_projection_is_the_nearest_point_of_the_cone(cone, seed):
 @pytest.mark.parametrize("cone", CONES)
 @given(seed=seeds)
 def test_rows_have_the_gradient_and_hessian_of_half_the_projections_square(cone, seed):
-    """Of f(x) = 1/2 sum |P(M + A x)|^2, whose gradient is sum A^T P(M + A x); by central differences."""
+    """Of f(x) = 1/2 sum |P(M + A x)|^2, whose gradient is sum A^T P(M + A x); by
+    central differences."""
     rng = np.random.default_rng(seed)
     values = np.stack([random_value(rng, cone) for _ in range(3)])
-    A = np.stack([np.stack([random_value(rng, cone) for _ in range(2)], axis=-1) for _ in range(3)])
+    A = np.stack(
+        [
+            np.stack([random_value(rng, cone) for _ in range(2)], axis=-1)
+            for _ in range(3)
+        ]
+    )
 
     def gradient(x: np.ndarray) -> np.ndarray:
-        return np.tensordot(A, project(cone, values + A @ x), [range(values.ndim), range(values.ndim)])
+        return np.tensordot(
+            A, project(cone, values + A @ x), [range(values.ndim), range(values.ndim)]
+        )
 
     h = 1e-6
-    numeric = np.stack([(gradient(h * e) - gradient(-h * e)) / (2.0 * h) for e in np.eye(2)])
+    numeric = np.stack(
+        [(gradient(h * e) - gradient(-h * e)) / (2.0 * h) for e in np.eye(2)]
+    )
     r, J = projected_rows(cone, values, A.reshape(3, -1, 2))
     np.testing.assert_allclose(J.T @ J, numeric, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(J.T @ r, gradient(np.zeros(2)), atol=1e-12)
@@ -96,7 +110,9 @@ def test_worst_violation_of_each_family_in_its_own_units():
         "mass": 2.0,
         "barycentric inertia": pytest.approx(0.1),
     }
-    assert demands.nonconvex[0].margin(np.zeros(10)) == 0.0  # without a mass there is none
+    assert (
+        demands.nonconvex[0].margin(np.zeros(10)) == 0.0
+    )  # without a mass there is none
     assert demands.margin(theta) == -2.0
     assert demands.with_families(lambda f: f != "mass").margin(theta) == 0.0
     assert set(demands.with_families(lambda f: f == "mass").worst(theta)) == {"mass"}
@@ -104,20 +120,27 @@ def test_worst_violation_of_each_family_in_its_own_units():
 
 def test_entries_are_the_constraints_and_the_size_of_what_is_summed(two_link):
     every = two_link.constraints(two_link.model())
-    theta = np.random.default_rng(1).normal(size=1 + max(int(np.max(c.indices)) for c in every.convex))
+    theta = np.random.default_rng(1).normal(
+        size=1 + max(int(np.max(c.indices)) for c in every.convex)
+    )
     found, size = (every.entries.split(x) for x in every.entries.at(theta))
     for group, values, sizes in zip(every.groups, found, size, strict=True):
         for place, value, most in zip(group.places, values, sizes, strict=True):
             c = every.convex[place]
             terms = np.tensordot(np.diag(theta[c.indices]), c.coefficients, axes=1)
-            np.testing.assert_allclose(value, c.constant + terms.sum(axis=0), atol=1e-12)
-            np.testing.assert_allclose(most, np.abs(c.constant) + np.abs(terms).sum(axis=0))
+            np.testing.assert_allclose(
+                value, c.constant + terms.sum(axis=0), atol=1e-12
+            )
+            np.testing.assert_allclose(
+                most, np.abs(c.constant) + np.abs(terms).sum(axis=0)
+            )
 
 
 @given(seeds)
 def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
     """Fig. 8: link 1 a cylinder of 0.15 m around y; link 2 one of 0.08 m around x whose last
-    0.2 m taper to 0.02 m at the frame's origin; the paper's alpha_2 is written as an if-else."""
+    0.2 m taper to 0.02 m at the frame's origin; the paper's alpha_2 is written as an if-else.
+    """
     rng = np.random.default_rng(seed)
     cones = two_link.constraints(two_link.model(["rigid_body"])).with_families(
         lambda family: family == "centre of mass cone"
@@ -125,7 +148,9 @@ def test_cones_of_the_two_link_robot_are_its_shapes(two_link, seed):
     assert [c.name for c in cones.convex] == ["link 1", "link 2", "link 2"]
     theta = np.zeros(20)
     theta[[0, 10]] = 1.3
-    c1 = np.array([rng.uniform(-0.2, 0.2), rng.uniform(-1.5, 0.0), rng.uniform(-0.2, 0.2)])
+    c1 = np.array(
+        [rng.uniform(-0.2, 0.2), rng.uniform(-1.5, 0.0), rng.uniform(-0.2, 0.2)]
+    )
     x = rng.uniform(-0.8, 0.0)
     c2 = np.array([x, *rng.uniform(-0.1, 0.1, 2)])
     radius = 0.08 if x <= -0.2 else 0.02 + (0.08 - 0.02) * (-x) / 0.2
@@ -141,7 +166,9 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
     from sdp_vs_penalty.robot import Robot
 
     rng = np.random.default_rng(seed)
-    robot = Robot.from_dh("r", [0.0, 0.4, 0.3], [0.0, 1.2, 0.0], [0.2, 0.0, 0.1], "modified")
+    robot = Robot.from_dh(
+        "r", [0.0, 0.4, 0.3], [0.0, 1.2, 0.0], [0.2, 0.0, 0.1], "modified"
+    )
     box = np.full((3, 10, 2), (-np.inf, np.inf))
     box[:, 0] = 0.0, 10.0 ** rng.uniform(-1, 2)
     # Any subset of the other bounds may be known.
@@ -158,7 +185,9 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
         assert np.all(np.abs(theta) <= bound * (1 + 1e-5) + 1e-6)
 
 
-def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> np.ndarray:
+def extreme_point(
+    demands: ConstraintSet, rng: np.random.Generator, p: int
+) -> np.ndarray:
     """The feasible point farthest in a random direction among the parameters' axes."""
     from sdp_vs_penalty.solvers import solver
     from sdp_vs_penalty.solvers.identification import conic_problem, scaled
@@ -175,7 +204,8 @@ def extreme_point(demands: ConstraintSet, rng: np.random.Generator, p: int) -> n
 
 @pytest.mark.parametrize("length", [1.0, 1e-3, 1e3])
 def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length):
-    """A link in kilometres: its moments are 1e-9 of its mass, and rounding of the mass is larger."""
+    """A link in kilometres: its moments are 1e-9 of its mass, and rounding of the mass
+    is larger."""
     rng = np.random.default_rng(0)
     t = np.diag([length, length, length, 1.0])
     for smallest in (1e-9, -1e-9):
@@ -191,12 +221,16 @@ def test_the_sign_of_an_eigenvalue_does_not_depend_on_units(length):
 
 def cloud(rng: np.random.Generator, count: int = 30) -> tuple[np.ndarray, np.ndarray]:
     """Point masses (k,) and positions (k, 3)."""
-    return rng.uniform(0.01, 1.0, count), rng.normal(size=(count, 3)) + rng.normal(size=3)
+    return rng.uniform(0.01, 1.0, count), rng.normal(size=(count, 3)) + rng.normal(
+        size=3
+    )
 
 
 def parameters_of(masses: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The ten parameters straight from their definition as integrals over the mass."""
-    tensor = np.einsum("k,kij->ij", masses, [(p @ p) * np.eye(3) - np.outer(p, p) for p in x])
+    tensor = np.einsum(
+        "k,kij->ij", masses, [(p @ p) * np.eye(3) - np.outer(p, p) for p in x]
+    )
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
     return np.array([masses.sum(), *(masses @ x), xx, xy, yy, xz, yz, zz])
 
@@ -207,8 +241,12 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass(seed):
     homogeneous = np.column_stack([x, np.ones(len(x))])
     second = np.einsum("k,ki,kj->ij", masses, homogeneous, homogeneous)
     theta = parameters_of(masses, x)
-    np.testing.assert_allclose(inertia.pseudo_inertia(theta), second, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(inertia.from_pseudo_inertia(second), theta, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        inertia.pseudo_inertia(theta), second, rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        inertia.from_pseudo_inertia(second), theta, rtol=1e-12, atol=1e-12
+    )
 
 
 @given(seeds)
@@ -219,7 +257,9 @@ def test_barycentric_and_standard_invert_each_other(seed):
     barycentric = inertia.barycentric_from_standard(theta)
     centre = masses @ x / masses.sum()
     np.testing.assert_allclose(barycentric[1:4], centre, rtol=1e-12)
-    np.testing.assert_allclose(barycentric[4:], parameters_of(masses, x - centre)[4:], atol=1e-10)
+    np.testing.assert_allclose(
+        barycentric[4:], parameters_of(masses, x - centre)[4:], atol=1e-10
+    )
     stack = np.stack([theta, 2.0 * theta]).reshape(2, 1, 10)
     back = inertia.standard_from_barycentric(inertia.barycentric_from_standard(stack))
     np.testing.assert_allclose(back, stack, rtol=1e-9)
@@ -232,7 +272,9 @@ def test_transform_moves_the_mass(seed):
     placement = pose(rng, 2.0)
     moved = x @ placement[:3, :3].T + placement[:3, 3]
     theta, expected = parameters_of(masses, x), parameters_of(masses, moved)
-    np.testing.assert_allclose(inertia.transform(placement) @ theta, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        inertia.transform(placement) @ theta, expected, rtol=1e-9, atol=1e-9
+    )
 
 
 @given(seeds)
@@ -251,14 +293,24 @@ def test_consistent_means_positive_mass_definite_inertia_and_triangle(seed):
 
 
 def test_thickness_of_known_bodies():
-    ball = inertia.standard_from_barycentric([3.0, 1, 2, 3, *(3.0 * 0.4 * np.array([1, 0, 1, 0, 0, 1]))])
+    ball = inertia.standard_from_barycentric(
+        [3.0, 1, 2, 3, *(3.0 * 0.4 * np.array([1, 0, 1, 0, 0, 1]))]
+    )
     assert inertia.thickness(ball) == pytest.approx(1.0 / np.sqrt(5.0))  # R = 1 m
-    rod = inertia.standard_from_barycentric([2.0, 0, 0, 0, *np.array([1, 0, 1, 0, 0, 0]) / 6.0])
+    rod = inertia.standard_from_barycentric(
+        [2.0, 0, 0, 0, *np.array([1, 0, 1, 0, 0, 0]) / 6.0]
+    )
     assert inertia.thickness(rod) == pytest.approx(0.0, abs=1e-9)
     # No mass distribution has Ixx + Iyy < Izz.
-    assert inertia.thickness(inertia.standard_from_barycentric([1, 0, 0, 0, 1, 0, 1, 0, 0, 3])) < 0.0
+    assert (
+        inertia.thickness(
+            inertia.standard_from_barycentric([1, 0, 0, 0, 1, 0, 1, 0, 0, 3])
+        )
+        < 0.0
+    )
     assert inertia.thickness(np.zeros(10)) == 0.0
     assert inertia.thickness(np.stack([ball, rod])).shape == (2,)
-    # Without a mass there is no centre, and (by filterwarnings of pyproject.toml) no warning.
+    # Without a mass there is no centre, and (by filterwarnings of pyproject.toml) no
+    # warning.
     nothing = inertia.barycentric_from_standard(np.zeros(10))
     np.testing.assert_array_equal(nothing, [0.0, *[np.nan] * 9])

@@ -1,4 +1,5 @@
-"""Joints that follow others (q_tree = B q + b, held against MuJoCo's constraints), and transmissions."""
+"""Joints that follow others (q_tree = B q + b, held against MuJoCo's constraints), and
+transmissions."""
 
 import json
 import shutil
@@ -20,8 +21,9 @@ from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
 from sdp_vs_penalty.robot import Robot, load_urdf, parse_transmission, random_trajectory
 from sdp_vs_penalty.robot.joint import SIDES, Transmission
 
-#: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics the first: one
-#: follower is a follower's, one slides where its leader turns, one link says that it has no mass.
+#: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics
+#: the first: one follower is a follower's, one slides where its leader turns, one link
+#: says that it has no mass.
 LIFT = Path(__file__).with_name("lift.urdf")
 
 
@@ -41,7 +43,9 @@ def test_what_moves_and_what_has_parameters(urdf):
     assert robot.links == len(nominal) == 6  # of seven links: one has no mass
     q = np.array([[0.1, 0.5, 0.8]])
     (tree,) = robot.tree_state(q)  # depth first: the bar comes last
-    np.testing.assert_allclose(tree[0], [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5], atol=1e-15)
+    np.testing.assert_allclose(
+        tree[0], [0.1, 0.5, -0.2, 0.8, 0.05, 0.05, 0.5], atol=1e-15
+    )
     restored = Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
     links = some_links(robot)
     torques = (r.inverse_dynamics(links, *states(r, 20)) for r in (robot, restored))
@@ -51,7 +55,9 @@ def test_what_moves_and_what_has_parameters(urdf):
 def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
     mujoco = pytest.importorskip("mujoco")
     robot, _ = load_urdf(urdf)
-    heavy = replace(robot, mechanism=replace(robot.mechanism, massless=()))  # MuJoCo wants a mass
+    heavy = replace(
+        robot, mechanism=replace(robot.mechanism, massless=())
+    )  # MuJoCo wants a mass
     links = some_links(heavy)
     zero = np.zeros(heavy.n)
     model = mujoco.MjModel.from_xml_string(
@@ -61,10 +67,14 @@ def test_inverse_dynamics_are_those_of_mujoco_under_equality_constraints(urdf):
     data = mujoco.MjData(model)
     assert model.neq == 4
     ours = heavy.inverse_dynamics(links, *states(heavy, 20))
-    for row, expected in zip(np.stack(heavy.tree_state(*states(heavy, 20)), axis=1), ours, strict=True):
+    for row, expected in zip(
+        np.stack(heavy.tree_state(*states(heavy, 20)), axis=1), ours, strict=True
+    ):
         data.qpos, data.qvel, data.qacc = row
         mujoco.mj_inverse(model, data)
-        assert np.abs(data.efc_pos).max() < 1e-12  # the constraints hold where we say the tree is
+        assert (
+            np.abs(data.efc_pos).max() < 1e-12
+        )  # the constraints hold where we say the tree is
         found = heavy.mechanism.matrix.T @ (data.qfrc_inverse + data.qfrc_constraint)
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
@@ -76,27 +86,34 @@ def test_a_robot_with_followers_is_identified_and_written_back(urdf):
     t = np.arange(0.0, 20.0, 0.01)
     q, dq, ddq = random_trajectory(robot, 5, 20.0, frequency=0.6).states(t)
     tau = robot.inverse_dynamics(links, q, dq, ddq) + 2.0 * dq
-    estimate = identify(problem, Measurements(t, q, tau), effects="rigid_body,viscous_friction")
+    estimate = identify(
+        problem, Measurements(t, q, tau), effects="rigid_body,viscous_friction"
+    )
     torque = estimate.model.torque(estimate.theta, Motion(t, q, dq, ddq))
     assert np.linalg.norm(torque - tau) < 0.01 * np.linalg.norm(tau)
     assert len(estimate.theta) == links.size + robot.n
     assert estimate.certificate.worst == 0.0
     content = Content.of(estimate)
-    for name, text in (("new", make_urdf(robot, content)), ("own", edit_urdf(urdf, robot, content))):
+    for name, text in (
+        ("new", make_urdf(robot, content)),
+        ("own", edit_urdf(urdf, robot, content)),
+    ):
         path = urdf.with_name(f"{name}.urdf")
         path.write_bytes(text)
         again, written = load_urdf(path)
         assert (again.n, again.links) == (robot.n, robot.links)
         found = again.inverse_dynamics(written, q, dq, ddq)
-        np.testing.assert_allclose(found, robot.inverse_dynamics(estimate.links, q, dq, ddq), atol=1e-8)
+        np.testing.assert_allclose(
+            found, robot.inverse_dynamics(estimate.links, q, dq, ddq), atol=1e-8
+        )
 
 
 def test_a_problem_says_what_follows_by_formulas(tmp_path):
     (tmp_path / "problem.toml").write_text(
         'title = "bars"\n[kinematics]\nconvention = "modified"\na = [0, 0.3, 0.2]\n'
-        'alpha_over_pi = [0.5, 0, 0]\nd = [0, 0, 0]\n[mechanism]\n'
+        "alpha_over_pi = [0.5, 0, 0]\nd = [0, 0, 0]\n[mechanism]\n"
         'joints = ["q1", "-q1 + q2 + 0.1", "q2"]\nmassless = [2]\n'
-    )  # fmt: skip
+    )
     robot = load_problem(tmp_path).robot
     assert (robot.n, robot.links) == (2, 2)
     np.testing.assert_allclose(robot.tree_state([[0.2, 0.5]])[0], [[0.2, 0.4, 0.5]])
@@ -111,10 +128,16 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it():
     names = [joint.name for joint in robot.tree]
     for q in robot.random_configurations(20, seed=0):
         (poses,) = robot.poses(robot.tree_state(q)[0])
-        pitch, insertion = poses[names.index("pitch_joint")], poses[names.index("insertion_joint")]
+        pitch, insertion = (
+            poses[names.index("pitch_joint")],
+            poses[names.index("insertion_joint")],
+        )
         centre = insertion[:3, 3] - (q[2] - 0.4318) * insertion[:3, 2]
-        np.testing.assert_allclose(centre, [0.0, 0.516, 0.0], atol=1e-9)  # on the yaw axis, fixed
-        # The bars stay parallel: bottom and pitch differ by a turn that the pose does not change.
+        np.testing.assert_allclose(
+            centre, [0.0, 0.516, 0.0], atol=1e-9
+        )  # on the yaw axis, fixed
+        # The bars stay parallel: bottom and pitch differ by a turn that the pose does
+        # not change.
         relative = pitch[:3, :3].T @ poses[names.index("bottom_joint")][:3, :3]
         np.testing.assert_allclose(relative, np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
 
@@ -155,7 +178,9 @@ def test_joints_come_back_from_channels_of_either_side(seed):
     for value, expected in ((found.q, q), (found.dq, dq), (found.tau, tau)):
         np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
     power = np.sum(motors * (dq @ transmission.matrix.T), axis=1)
-    np.testing.assert_allclose(np.sum(found.tau * found.dq, axis=1), power, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        np.sum(found.tau * found.dq, axis=1), power, rtol=1e-9, atol=1e-9
+    )
     restored = Transmission.from_dict(json.loads(json.dumps(transmission.to_dict())))
     assert np.array_equal(restored.joint_torques(logged.tau), found.tau)
 
@@ -167,7 +192,8 @@ def test_a_transmission_that_cannot_be_is_refused(motors):
 
 
 def test_the_tx40_converts_as_its_authors_do():
-    """The authors' rule, written out: q = q_m / N, then q6 -= q5; tau = tau_m N, then tau5 += tau6."""
+    """The authors' rule, written out: q = q_m / N, then q6 -= q5; tau = tau_m N, then
+    tau5 += tau6."""
     robot = load_problem("tx40").robot
     rng = np.random.default_rng(0)
     q_m, tau_m = rng.normal(size=(2, 30, 6))
@@ -191,5 +217,9 @@ def test_a_log_of_motors_is_recognised_by_the_robots_transmission():
     turned = q @ robot.transmission.matrix.T + robot.transmission.offset
     check_plausible(robot, Measurements(t, q, tau))
     logged, unknown = Measurements(t, turned, tau), replace(robot, transmission=None)
-    refusal(lambda: check_plausible(robot, logged), "those of the motors", "convert --motor-side")
+    refusal(
+        lambda: check_plausible(robot, logged),
+        "those of the motors",
+        "convert --motor-side",
+    )
     refusal(lambda: check_plausible(unknown, logged), "far outside", "convert --motors")

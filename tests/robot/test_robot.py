@@ -1,4 +1,5 @@
-"""Rigid-body dynamics that agree with each other and with their slopes; the exciting trajectory."""
+"""Rigid-body dynamics that agree with each other and with their slopes; the exciting
+trajectory."""
 
 from dataclasses import replace
 from itertools import product
@@ -17,8 +18,8 @@ from sdp_vs_penalty.simulation import experiment
 
 
 def random_case(seed: int, samples: int = 3) -> tuple[Robot, np.ndarray, np.ndarray]:
-    """A robot, consistent parameters (10 links,), and states (3, samples, n); of seed 0 joints that
-    follow others."""
+    """A robot, consistent parameters (10 links,), and states (3, samples, n); of seed 0
+    joints that follow others."""
     rng = np.random.default_rng(seed)
     robot = tree(rng, int(rng.integers(1, 6)), link_frames=bool(rng.integers(2)))
     robot = robot if seed else load_urdf(Path(__file__).with_name("lift.urdf"))[0]
@@ -29,53 +30,77 @@ def random_case(seed: int, samples: int = 3) -> tuple[Robot, np.ndarray, np.ndar
 @given(seeds)
 @example(0)
 def test_the_regressor_makes_the_inverse_dynamics(seed):
-    """Which MuJoCo's are, too: of trees in test_mechanism.py, of arms in tests/exporters."""
+    """Which MuJoCo's are, too: of trees in test_mechanism.py, of arms in
+    tests/exporters."""
     robot, theta, (q, dq, ddq) = random_case(seed)
     by_rnea = robot.inverse_dynamics(theta, q, dq, ddq)
     size = np.abs(by_rnea).max() + 1e-3
-    np.testing.assert_allclose(robot.regressor(q, dq, ddq) @ theta, by_rnea, atol=1e-11 * size)
+    np.testing.assert_allclose(
+        robot.regressor(q, dq, ddq) @ theta, by_rnea, atol=1e-11 * size
+    )
 
 
 @given(seeds)
 @example(0)
 def test_masses_of_least_squares_may_be_negative(seed):
-    """Pinocchio divides by what a joint carries, but all of this is linear in the parameters."""
+    """Pinocchio divides by what a joint carries, but all of this is linear in the
+    parameters."""
     robot, theta, (q, dq, ddq) = random_case(seed)
     consistent = robot.mass_matrices(theta, q)
     exact = 0.0 if seed else 1e-15  # with followers, products on either side
-    np.testing.assert_allclose(consistent, np.swapaxes(consistent, 1, 2), rtol=exact, atol=exact)
+    np.testing.assert_allclose(
+        consistent, np.swapaxes(consistent, 1, 2), rtol=exact, atol=exact
+    )
     assert np.all(np.linalg.eigvalsh(consistent) > 0.0)
     k = np.arange(len(theta))
-    for some in (k >= len(theta) - 10, k % 10 == 0):  # all other links weigh nothing, then no link does
-        parts = robot.mass_matrices(theta * ~some, q) + robot.mass_matrices(theta * some, q)
-        np.testing.assert_allclose(parts, consistent, atol=1e-9 * np.abs(consistent).max())
+    for some in (
+        k >= len(theta) - 10,
+        k % 10 == 0,
+    ):  # all other links weigh nothing, then no link does
+        parts = robot.mass_matrices(theta * ~some, q) + robot.mass_matrices(
+            theta * some, q
+        )
+        np.testing.assert_allclose(
+            parts, consistent, atol=1e-9 * np.abs(consistent).max()
+        )
     wild = np.random.default_rng(seed).normal(size=np.shape(theta))
     matrices = robot.mass_matrices(wild, q)
     by_q, by_dq, by_ddq = robot.inverse_dynamics_derivatives(wild, q, dq, ddq)
     rest = robot.inverse_dynamics(wild, q, dq, 0.0 * ddq)
     by_rnea = robot.inverse_dynamics(wild, q, dq, ddq) - rest
     scale = np.abs(by_rnea).max() + 1.0
-    np.testing.assert_allclose(np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        np.einsum("kij,kj->ki", matrices, ddq), by_rnea, atol=1e-9 * scale
+    )
     np.testing.assert_allclose(by_ddq, matrices, atol=1e-9 * scale)
     states = np.stack([q, dq, ddq])
-    for by, (k, j) in zip((by_q, by_q, by_dq, by_dq), ((0, 0), (0, -1), (1, 0), (1, -1)), strict=True):
+    for by, (k, j) in zip(
+        (by_q, by_q, by_dq, by_dq), ((0, 0), (0, -1), (1, 0), (1, -1)), strict=True
+    ):
         step = np.zeros_like(states)
         step[k, :, j] = 1e-6
-        after, before = (robot.inverse_dynamics(wild, *(states + s * step)) for s in (1.0, -1.0))
+        after, before = (
+            robot.inverse_dynamics(wild, *(states + s * step)) for s in (1.0, -1.0)
+        )
         slope = (after - before) / 2e-6
-        np.testing.assert_allclose(by[:, :, j], slope, atol=1e-5 * (np.abs(slope).max() + scale))
+        np.testing.assert_allclose(
+            by[:, :, j], slope, atol=1e-5 * (np.abs(slope).max() + scale)
+        )
 
 
 def test_dh_tables_place_frames_as_craig_and_the_standard_do():
     a, alpha, d = 0.3, 0.7, 0.2
     c, s = np.cos(alpha), np.sin(alpha)
     (craig,), (far,) = (
-        Robot.from_dh("r", [a], [alpha], [d], k).joints for k in ("modified", "standard")
+        Robot.from_dh("r", [a], [alpha], [d], k).joints
+        for k in ("modified", "standard")
     )
     np.testing.assert_allclose(craig.placement[:3, 3], [a, -s * d, c * d])
     np.testing.assert_allclose(far.link_frame[:3, 3], [a, 0.0, d])
     for turned in (craig.placement, far.link_frame):
-        np.testing.assert_allclose(turned[:3, :3], [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+        np.testing.assert_allclose(
+            turned[:3, :3], [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]
+        )
     np.testing.assert_array_equal([craig.link_frame, far.placement], [np.eye(4)] * 2)
 
 
@@ -99,32 +124,44 @@ def test_it_starts_and_ends_at_rest_and_stays_there(panda):
     assert np.all(dq == 0.0)
     assert np.all(ddq == 0.0)
     series, rate, _ = paper.states([paper.blend])  # where the blend ends
-    np.testing.assert_allclose(q[:2], np.tile(series - 0.5 * paper.blend * rate, (2, 1)), atol=1e-15)
+    np.testing.assert_allclose(
+        q[:2], np.tile(series - 0.5 * paper.blend * rate, (2, 1)), atol=1e-15
+    )
     np.testing.assert_array_equal(q[2], q[3])
 
 
 def test_random_trajectories_stay_inside_range_and_velocity_limits(panda):
     lower, upper, velocity = joint_limits(panda.robot)
     for seed in range(20):
-        q, dq, _ = random_trajectory(panda.robot, seed).states(np.linspace(0.0, 10.0, 4001))
+        q, dq, _ = random_trajectory(panda.robot, seed).states(
+            np.linspace(0.0, 10.0, 4001)
+        )
         assert np.all((q >= lower) & (q <= upper))
         assert np.all(np.abs(dq) <= velocity)
         filled = np.maximum(
-            np.ptp(q, axis=0) / (upper - lower) / 0.8, np.abs(dq).max(axis=0) / velocity / 0.6
+            np.ptp(q, axis=0) / (upper - lower) / 0.8,
+            np.abs(dq).max(axis=0) / velocity / 0.6,
         )
         np.testing.assert_allclose(filled, 1.0, rtol=1e-3)
     assert random_trajectory(panda.robot, 0).duration == 10.0
-    first, again = (random_trajectory(panda.robot, 3).states([4.0])[0] for _ in range(2))
+    first, again = (
+        random_trajectory(panda.robot, 3).states([4.0])[0] for _ in range(2)
+    )
     np.testing.assert_array_equal(first, again)
     assert not np.allclose(first, random_trajectory(panda.robot, 4).states([4.0])[0])
 
 
-@pytest.mark.parametrize("parents", [*product((-1,), (-1, 0), (-1, 0, 1), (-1, 0, 1, 2))])
+@pytest.mark.parametrize(
+    "parents", [*product((-1,), (-1, 0), (-1, 0, 1), (-1, 0, 1, 2))]
+)
 def test_joints_come_depth_first(two_link, parents):
-    """Which they do where all that stands between a joint and its parent is below the parent."""
+    """Which they do where all that stands between a joint and its parent is below the
+    parent."""
     joint = two_link.robot.joints[0]
     joints = tuple(replace(joint, name=f"{k}", parent=p) for k, p in enumerate(parents))
-    if all(between >= p for k, p in enumerate(parents) for between in parents[p + 1 : k]):
+    if all(
+        between >= p for k, p in enumerate(parents) for between in parents[p + 1 : k]
+    ):
         assert Robot("r", joints).n == 4
     else:
         refusal(lambda: Robot("r", joints), "order the joints depth first")

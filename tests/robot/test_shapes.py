@@ -1,4 +1,5 @@
-"""Shapes of links, motions from point to point, and cones' depths: against their closed forms."""
+"""Shapes of links, motions from point to point, and cones' depths: against their closed
+forms."""
 
 from pathlib import Path
 
@@ -10,7 +11,14 @@ from random_robots import link_parameters, seeds
 from recorded import refusal
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.robot import cone_margin, constraint, geometry, joint, load_urdf, trajectory
+from sdp_vs_penalty.robot import (
+    cone_margin,
+    constraint,
+    geometry,
+    joint,
+    load_urdf,
+    trajectory,
+)
 from sdp_vs_penalty.robot.body import directions
 
 ARM = """<robot name="r"><link name="base"/><link name="a">{shapes}</link>
@@ -18,7 +26,9 @@ ARM = """<robot name="r"><link name="base"/><link name="a">{shapes}</link>
 <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>{more}</robot>"""
 
 
-def robot_file(folder: Path, *shapes: str, tag: str = "collision", more: str = "") -> Path:
+def robot_file(
+    folder: Path, *shapes: str, tag: str = "collision", more: str = ""
+) -> Path:
     text = "".join(f"<{tag}>{shape}</{tag}>" for shape in shapes)
     (folder / "r.urdf").write_text(ARM.format(shapes=text, more=more))
     return folder / "r.urdf"
@@ -29,24 +39,29 @@ SHAPES = {
     "box": ('<box size="0.2 0.4 0.6"/>', 0.048, lambda d: np.abs(d) @ [0.1, 0.2, 0.3]),
     "sphere": ('<sphere radius="0.3"/>', 0.036 * np.pi, lambda d: np.full(len(d), 0.3)),
     "cylinder": (
-        '<cylinder radius="0.2" length="0.6"/>', 0.024 * np.pi,
+        '<cylinder radius="0.2" length="0.6"/>',
+        0.024 * np.pi,
         lambda d: 0.2 * np.hypot(d[:, 0], d[:, 1]) + 0.3 * np.abs(d[:, 2]),
     ),
     "capsule": (
-        '<capsule radius="0.2" length="0.6"/>', 0.024 * np.pi,
+        '<capsule radius="0.2" length="0.6"/>',
+        0.024 * np.pi,
         lambda d: 0.2 + 0.3 * np.abs(d[:, 2]),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("tag", ["collision", "visual"])
 def test_a_shape_lies_in_the_hull_of_its_points(name, tag, tmp_path):
-    """Which is at most as large as a box around it; where the shape is in its link, twice."""
+    """Which is at most as large as a box around it; where the shape is in its link,
+    twice."""
     shape, volume, reach = SHAPES[name]
     pose = '<origin xyz="0.5 0 1" rpy="0 1.5707963267948966 0"/>'  # its axes z, y, -x
     body = f"<geometry>{shape}</geometry>"
-    (found,) = geometry.link_geometry(robot_file(tmp_path, body, f"{pose}{body}", tag=tag))
+    (found,) = geometry.link_geometry(
+        robot_file(tmp_path, body, f"{pose}{body}", tag=tag)
+    )
     assert found.volume == pytest.approx(2.0 * volume)
     d, half = directions(200), len(found.points) // 2
     own, turned = found.points[:half], found.points[half:] - [0.5, 0.0, 1.0]
@@ -58,9 +73,15 @@ def test_a_shape_lies_in_the_hull_of_its_points(name, tag, tmp_path):
 
 def test_a_mesh_is_found_beside_the_file_and_where_ros_has_it(tmp_path, monkeypatch):
     """A tetrahedron of one sixth; without a file, or a surface, there is no geometry."""
-    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
+    corners = "".join(
+        f"v {x} {y} {z}\n" for x, y, z in [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    )
     text = corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-    for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"), ("", "")):
+    for variable, inside in (
+        ("ROS_PACKAGE_PATH", ""),
+        ("AMENT_PREFIX_PATH", "share"),
+        ("", ""),
+    ):
         home = tmp_path / (variable or "beside")
         mesh = home / inside / "arm" / "meshes" / "link.obj"
         mesh.parent.mkdir(parents=True)
@@ -69,7 +90,10 @@ def test_a_mesh_is_found_beside_the_file_and_where_ros_has_it(tmp_path, monkeypa
             monkeypatch.setenv(variable, f"/nowhere:{home}")
         at = home / "urdf" if not variable else tmp_path
         at.mkdir(exist_ok=True)
-        shape = '<geometry><mesh filename="package://arm/meshes/link.obj" scale="1 2 3"/></geometry>'
+        shape = (
+            '<geometry><mesh filename="package://arm/meshes/link.obj" scale="1 2'
+            ' 3"/></geometry>'
+        )
         (found,) = geometry.link_geometry(robot_file(at, shape))
         np.testing.assert_allclose(found.points.max(axis=0), [1.0, 2.0, 3.0])
         assert found.volume == pytest.approx(1.0)
@@ -82,27 +106,40 @@ def test_a_mesh_is_found_beside_the_file_and_where_ros_has_it(tmp_path, monkeypa
 @given(seeds)
 def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
     rng = np.random.default_rng(seed)
-    points, limits = rng.normal(size=(4, 3)), rng.uniform(0.5, 3.0, (3, 3)) ** [[1], [2], [3]]
-    limits[np.arange(3) != seed % 3] *= 100.0  # of velocity, acceleration and jerk one binds
+    points, limits = (
+        rng.normal(size=(4, 3)),
+        rng.uniform(0.5, 3.0, (3, 3)) ** [[1], [2], [3]],
+    )
+    limits[np.arange(3) != seed % 3] *= (
+        100.0  # of velocity, acceleration and jerk one binds
+    )
     moves = trajectory.shortest_moves(points, *limits)
     path = trajectory.PointTrajectory(points, moves, np.array([0.5, 0.0, 0.2, 1.0]))
     assert path.duration == pytest.approx(1.7 + moves.sum())
     starts = np.cumsum([0.5, moves[0], moves[1] + 0.2])
-    for at, point in zip([0.0, *(starts + moves), path.duration], points[[0, 1, 2, 3, 3]], strict=True):
+    for at, point in zip(
+        [0.0, *(starts + moves), path.duration], points[[0, 1, 2, 3, 3]], strict=True
+    ):
         q, dq, ddq = path.states([at])
         np.testing.assert_allclose(q[0], point, atol=1e-9)
         assert max(np.abs(dq).max(), np.abs(ddq).max()) < 1e-9
     t, h = np.linspace(0.0, path.duration, 4001), 1e-4
-    (q, dq, ddq), (before, low, _), (after, high, _) = (path.states(t + x) for x in (0.0, -h, h))
+    (q, dq, ddq), (before, low, _), (after, high, _) = (
+        path.states(t + x) for x in (0.0, -h, h)
+    )
     np.testing.assert_allclose(dq, (after - before) / (2.0 * h), atol=1e-4)
     np.testing.assert_allclose(ddq, (high - low) / (2.0 * h), atol=1e-2)
     jerk = np.abs(np.diff(ddq, axis=0)) / t[1]
     for k, (start, time) in enumerate(zip(starts, moves, strict=True)):
         inside = (t >= start) & (t <= start + time)
         rows = np.abs(dq[inside]), np.abs(ddq[inside]), jerk[inside[1:] & inside[:-1]]
-        filled = max((x.max(axis=0) / limit).max() for x, limit in zip(rows, limits, strict=True))
+        filled = max(
+            (x.max(axis=0) / limit).max() for x, limit in zip(rows, limits, strict=True)
+        )
         assert filled == pytest.approx(1.0, abs=0.02), k
-    assert trajectory.shortest_moves(points[:1].repeat(2, axis=0), *limits).tolist() == [0.01]
+    assert trajectory.shortest_moves(
+        points[:1].repeat(2, axis=0), *limits
+    ).tolist() == [0.01]
 
 
 @given(seeds, st.sampled_from(["psd", "soc", "nonnegative"]))
@@ -126,7 +163,9 @@ def test_the_depth_in_a_cone_has_its_margins_sign_in_any_unit(seed, cone):
 
 
 def transmission(kind: str, joints: str, motors: str) -> str:
-    return f'<transmission name="t"><type>a/{kind}</type>{joints}{motors}</transmission>'
+    return (
+        f'<transmission name="t"><type>a/{kind}</type>{joints}{motors}</transmission>'
+    )
 
 
 @pytest.mark.parametrize(
@@ -137,25 +176,33 @@ def transmission(kind: str, joints: str, motors: str) -> str:
         ("FourBarLinkageTransmission", [[6.0, 0.0], [5.0, 15.0]]),
     ],
 )
-def test_the_motors_of_a_transmission_turn_as_ros_control_says(kind, expected, tmp_path):
+def test_the_motors_of_a_transmission_turn_as_ros_control_says(
+    kind, expected, tmp_path
+):
     """Joint reductions 2 and 3, motor reductions 3 and 5."""
     second = (
-        '<link name="b"/><joint name="k" type="revolute"><parent link="a"/><child link="b"/>'
-        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        '<link name="b"/><joint name="k" type="revolute"><parent link="a"/><child'
+        ' link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1"'
+        ' effort="1"/></joint>'
     )
     parts = [
         "".join(
-            f'<{tag} name="{name}"><mechanicalReduction>{x}</mechanicalReduction></{tag}>'
+            f"<{tag}"
+            f' name="{name}"><mechanicalReduction>{x}</mechanicalReduction></{tag}>'
             for name, x in pairs
         )
-        for tag, pairs in (("joint", [("j", 2), ("k", 3)]), ("actuator", [("m", 3), ("n", 5)]))
+        for tag, pairs in (
+            ("joint", [("j", 2), ("k", 3)]),
+            ("actuator", [("m", 3), ("n", 5)]),
+        )
     ]
     path = robot_file(tmp_path, more=second + transmission(kind, *parts))
     np.testing.assert_array_equal(load_urdf(path)[0].transmission.matrix, expected)
     path.write_text(path.read_text().replace(">5<", ">0<"))
     refusal(lambda: load_urdf(path), "a number other than 0")
     fixed = robot_file(
-        tmp_path, more=second + transmission(kind, parts[0].replace('"k"', '"x"'), parts[1])
+        tmp_path,
+        more=second + transmission(kind, parts[0].replace('"k"', '"x"'), parts[1]),
     )
     assert load_urdf(fixed)[0].transmission is None
 
@@ -175,7 +222,8 @@ def test_formulas_of_joints_are_sums():
 
 @pytest.mark.parametrize("name", ["two_link", "panda", "dvrk_psm"])
 def test_work_done_by_gravity_is_the_fall_of_the_links(name):
-    """Poses against torques: tau dq is the change of the links' potential energy, m g . c."""
+    """Poses against torques: tau dq is the change of the links' potential energy, m g .
+    c."""
     robot, rng = load_problem(name).robot, np.random.default_rng(0)
     theta = np.concatenate([link_parameters(rng, 0.4) for _ in range(robot.links)])
     q, h = rng.normal(size=(20, robot.n)), 1e-6
@@ -185,9 +233,15 @@ def test_work_done_by_gravity_is_the_fall_of_the_links(name):
         out = np.zeros(len(q))
         for k, link in zip(robot.link_joints, links, strict=True):
             frame = poses[:, k] @ robot.tree[k].link_frame
-            out -= (frame[:, :3, :3] @ link[1:4] + link[0] * frame[:, :3, 3]) @ robot.gravity
+            out -= (
+                frame[:, :3, :3] @ link[1:4] + link[0] * frame[:, :3, 3]
+            ) @ robot.gravity
         return out
 
-    slope = [(energy(q + h * e) - energy(q - h * e)) / (2.0 * h) for e in np.eye(robot.n)]
+    slope = [
+        (energy(q + h * e) - energy(q - h * e)) / (2.0 * h) for e in np.eye(robot.n)
+    ]
     rest = robot.inverse_dynamics(theta, q, 0.0 * q, 0.0 * q)
-    np.testing.assert_allclose(rest, np.transpose(slope), atol=1e-6 * np.abs(rest).max() + 1e-8)
+    np.testing.assert_allclose(
+        rest, np.transpose(slope), atol=1e-6 * np.abs(rest).max() + 1e-8
+    )

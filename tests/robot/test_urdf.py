@@ -1,4 +1,5 @@
-"""URDF files: the same robot as Pinocchio's own parser builds, and refusals in one sentence."""
+"""URDF files: the same robot as Pinocchio's own parser builds, and refusals in one
+sentence."""
 
 import re
 from pathlib import Path
@@ -10,8 +11,9 @@ from recorded import refusal, refusals, same_refusal
 
 from sdp_vs_penalty.robot import load_urdf
 
-#: A gantry arm: a prismatic base axis, a continuous shoulder, an elbow, a tool behind two fixed joints,
-#: a camera arm as a branch, a fixed pedestal; link "upper" and the camera mount have no inertial.
+#: A gantry arm: a prismatic base axis, a continuous shoulder, an elbow, a tool behind
+#: two fixed joints, a camera arm as a branch, a fixed pedestal; link "upper" and the
+#: camera mount have no inertial.
 GANTRY = Path(__file__).with_name("gantry.urdf")
 ARM = GANTRY.read_text()
 
@@ -20,9 +22,19 @@ def test_joints_come_in_the_order_of_the_file_with_their_limits():
     robot, _ = load_urdf(GANTRY)
     rail, shoulder, elbow, pan = robot.joints
     assert [j.name for j in robot.joints] == ["rail", "shoulder", "elbow", "a_pan"]
-    assert [j.kind for j in robot.joints] == ["prismatic", "revolute", "revolute", "revolute"]
+    assert [j.kind for j in robot.joints] == [
+        "prismatic",
+        "revolute",
+        "revolute",
+        "revolute",
+    ]
     assert [j.parent for j in robot.joints] == [-1, 0, 1, 0]
-    assert (rail.lower, rail.upper, rail.effort, rail.velocity) == (-0.5, 0.8, 300.0, 1.5)
+    assert (rail.lower, rail.upper, rail.effort, rail.velocity) == (
+        -0.5,
+        0.8,
+        300.0,
+        1.5,
+    )
     assert (shoulder.lower, shoulder.upper, shoulder.effort) == (-np.inf, np.inf, 80.0)
     assert np.linalg.norm(elbow.axis) == pytest.approx(1.0)
     assert (pan.lower, pan.upper) == (-1.0, 1.0)
@@ -33,14 +45,18 @@ def test_torques_equal_those_of_pinocchios_own_parser():
     robot, theta = load_urdf(GANTRY)
     states = np.random.default_rng(2).normal(size=(3, 20, robot.n))
     expected = urdfdom_torque(GANTRY, robot, *states)
-    np.testing.assert_allclose(robot.inverse_dynamics(theta, *states), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        robot.inverse_dynamics(theta, *states), expected, rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("case", refusals("urdf"))
 def test_a_bad_urdf_is_refused(case, tmp_path, monkeypatch):
     """Of the gantry, and of a lift whose joints follow others."""
     old, new, _ = refusals("urdf")[case]
-    sound = next(text for text in (ARM, GANTRY.with_name("lift.urdf").read_text()) if old in text)
+    sound = next(
+        text for text in (ARM, GANTRY.with_name("lift.urdf").read_text()) if old in text
+    )
     monkeypatch.chdir(tmp_path)
     Path("bad.urdf").write_text(sound.replace(old, new, 1))
     assert same_refusal("urdf", case, refusal(lambda: load_urdf("bad.urdf")))
@@ -62,11 +78,13 @@ def test_what_is_no_robot_is_refused(text, words, tmp_path):
 def test_entities_and_missing_files_do_no_harm(tmp_path):
     secret = tmp_path / "secret.txt"
     secret.write_text(
-        "<link name='b'/><joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint>"
+        "<link name='b'/><joint name='j' type='continuous'><parent link='a'/><child"
+        " link='b'/></joint>"
     )
     path = tmp_path / "x.urdf"
     path.write_text(
-        f'<!DOCTYPE robot [<!ENTITY e SYSTEM "{secret}">]><robot name="r"><link name="a"/>&e;</robot>'
+        f'<!DOCTYPE robot [<!ENTITY e SYSTEM "{secret}">]><robot name="r"><link'
+        ' name="a"/>&e;</robot>'
     )
     refusal(lambda: load_urdf(path), "no moving joint")
     refusal(lambda: load_urdf(tmp_path / "absent.urdf"), "cannot be read")

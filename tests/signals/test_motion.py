@@ -1,4 +1,5 @@
-"""What has been trained on: its record, and splits by phase with no motion on both sides."""
+"""What has been trained on: its record, and splits by phase with no motion on both
+sides."""
 
 import json
 
@@ -26,10 +27,14 @@ def share(train: Measurements, judged: Measurements) -> float:
 
 
 def test_what_has_been_trained_on_is_not_new():
-    """Off the samples, at another rate, a period later; with a stand before it, of which only the
-    sudden start is new."""
+    """Off the samples, at another rate, a period later; with a stand before it, of
+    which only the sudden start is new."""
     once = run_of(10, 11.0)
-    for same in (once, run_of(11, 9.0, 0.3137), run_of(12, 9.0, 9.63 + 0.3137, dt=3.1e-3)):
+    for same in (
+        once,
+        run_of(11, 9.0, 0.3137),
+        run_of(12, 9.0, 9.63 + 0.3137, dt=3.1e-3),
+    ):
         assert share(once, same) == 0.0
     assert share(once, run_of(13, 8.0, 1.0, still=4.0)) < 0.05
     assert share(run_of(14, 9.0, 1.0, still=4.0), run_of(15, 7.0, 1.1)) < 0.05
@@ -51,8 +56,11 @@ def test_other_motion_is_new():
 
 
 def test_the_record_is_bounded(monkeypatch):
-    """Periods add nothing; much motion is kept more coarsely, and stays known, or not at all."""
-    one, ten = (record_motion(FilteredRuns.of(run_of(10, s), SETTINGS)) for s in (11.0, 96.0))
+    """Periods add nothing; much motion is kept more coarsely, and stays known, or not
+    at all."""
+    one, ten = (
+        record_motion(FilteredRuns.of(run_of(10, s), SETTINGS)) for s in (11.0, 96.0)
+    )
     points = [sum(map(len, record.lines)) for record in (one, ten)]
     assert points[1] < 1.5 * points[0]
     rng = np.random.default_rng(3)
@@ -69,7 +77,9 @@ def test_the_record_is_bounded(monkeypatch):
 
 
 @pytest.mark.parametrize(("seconds", "still"), [(27.0, 0.0), (27.0, 3.0), (8.0, 0.0)])
-def test_every_instant_is_tested_once_with_all_its_periods_and_the_guard_is_kept(seconds, still):
+def test_every_instant_is_tested_once_with_all_its_periods_and_the_guard_is_kept(
+    seconds, still
+):
     run = run_of(10, seconds, still=still)
     split = phases.phase_folds(run, SETTINGS, 5)
     (clock,) = split.clocks
@@ -78,23 +88,32 @@ def test_every_instant_is_tested_once_with_all_its_periods_and_the_guard_is_kept
     t = run.t[run.t > still + 0.1]
     at, cell, stretch = clock.at(t), split.cell(0, t), clock.length / 5
     for k in range(5):
-        tested, trained = (np.isin(cell, x) for x in (split.tested(k), split.training(k)))
+        tested, trained = (
+            np.isin(cell, x) for x in (split.tested(k), split.training(k))
+        )
         assert np.array_equal(tested, split.fold(0, t) == k)
         assert np.all((at[tested] >= k * stretch) & (at[tested] <= (k + 1) * stretch))
         ahead = at[trained] - (k + 1) * stretch, k * stretch - at[trained]
         round_ = np.min([x % clock.length for x in ahead], axis=0)
         away = round_ if clock.periodic else np.max(ahead, axis=0)
         assert np.all(away >= split.guard - 1e-9)
-        kept = clock.length - stretch - (2 if clock.periodic or 0 < k < 4 else 1) * split.guard
+        kept = (
+            clock.length
+            - stretch
+            - (2 if clock.periodic or 0 < k < 4 else 1) * split.guard
+        )
         assert np.mean(trained) == pytest.approx(kept / clock.length, abs=0.1)
 
 
 def test_runs_of_one_motion_share_its_clock():
-    """Whether it repeats itself in them or not, wherever each begins; other runs have their own."""
+    """Whether it repeats itself in them or not, wherever each begins; other runs have
+    their own."""
     runs = [run_of(10, 8.0), run_of(20, 8.0), run_of(11, 7.0, 1.3)]
     clocks = phases.motion_clocks(phases.tracks_of(concatenate(runs)))
     assert [c.motion for c in clocks] == [0, 1, 0]
-    assert clocks[2].at(runs[2].t[100]) == pytest.approx(clocks[0].at(runs[2].t[100] + 1.3), abs=2e-3)
+    assert clocks[2].at(runs[2].t[100]) == pytest.approx(
+        clocks[0].at(runs[2].t[100] + 1.3), abs=2e-3
+    )
     periodic = [run_of(10, 22.0), run_of(11, 22.0, 6.0)]
     clocks = phases.motion_clocks(phases.tracks_of(concatenate(periodic)))
     assert [c.motion for c in clocks] == [0, 0]
@@ -110,21 +129,31 @@ def test_ramps_and_stands_hide_no_period():
 
 
 def test_a_run_is_split_by_phase():
-    """Two parts of one period, and of all its repetitions; none where it repeats too fast."""
+    """Two parts of one period, and of all its repetitions; none where it repeats too
+    fast."""
     run = run_of(10, 27.0)
     (clock,) = phases.motion_clocks(phases.tracks_of(run))
     windows = phases.phase_windows(clock, 27.0, 0.7, 0.5, 1.5)
     train, test = (
-        np.concatenate([clock.at(np.linspace(a, b, 100)) for a, b in side]) for side in windows
+        np.concatenate([clock.at(np.linspace(a, b, 100)) for a, b in side])
+        for side in windows
     )
     assert len(windows[0]) == 3
     assert train.max() < test.min() - 0.4
     assert test.max() < clock.length - 0.4
     assert phases.phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None
     once = phases.MotionClock(0, 0.0, 20.0, False)
-    assert phases.phase_windows(once, 20.0, 0.7, 0.5, 1.5) == ([(0.0, 14.0)], [(14.5, 20.0)])
-    assert phases.phase_windows(once, 20.0, 0.7, 5.0, 1.5) == ([(0.0, 8.5)], [(13.5, 20.0)])
-    assert phases.phase_windows(once, 20.0, 0.7, 5.5, 1.5) is None  # less than two fifths to train on
+    assert phases.phase_windows(once, 20.0, 0.7, 0.5, 1.5) == (
+        [(0.0, 14.0)],
+        [(14.5, 20.0)],
+    )
+    assert phases.phase_windows(once, 20.0, 0.7, 5.0, 1.5) == (
+        [(0.0, 8.5)],
+        [(13.5, 20.0)],
+    )
+    assert (
+        phases.phase_windows(once, 20.0, 0.7, 5.5, 1.5) is None
+    )  # less than two fifths to train on
 
 
 def test_a_long_recording_is_seen_in_windows_spread_over_it():
@@ -134,16 +163,26 @@ def test_a_long_recording_is_seen_in_windows_spread_over_it():
         t = np.arange(0.0, seconds + 0.05, 0.1)
         return Measurements(t, t[:, None], t[:, None], names=(name,))
 
-    short, long = concatenate([ramp("a", 120.0), ramp("b", 130.0)]), ramp("long", 1000.0)
+    short, long = (
+        concatenate([ramp("a", 120.0), ramp("b", 130.0)]),
+        ramp("long", 1000.0),
+    )
     assert window_subsample(short, SETTINGS) is short
     assert subsample_sentence(short, short, "noise of") is None
     part = window_subsample(long, SETTINGS)
     ends = [(run.t[0], run.t[-1]) for run in part.runs()]
-    np.testing.assert_allclose(ends, 62.5 * np.array([[0, 1], [5, 6], [10, 11], [15, 16]]), atol=0.11)
+    np.testing.assert_allclose(
+        ends, 62.5 * np.array([[0, 1], [5, 6], [10, 11], [15, 16]]), atol=0.11
+    )
     assert part.names[1] == "long, 312.5 s to 375 s"
     said = subsample_sentence(part, long, "noise of")
-    assert said == "Long recording: noise of 250 s of its 1000 s, 4 windows spread over it."
-    many = window_subsample(concatenate([ramp(str(k), 10.0) for k in range(100)]), SETTINGS)
+    assert (
+        said
+        == "Long recording: noise of 250 s of its 1000 s, 4 windows spread over it."
+    )
+    many = window_subsample(
+        concatenate([ramp(str(k), 10.0) for k in range(100)]), SETTINGS
+    )
     assert len(many.names) == 25
     assert many.names[0].startswith("0, 0 s to 10 s")
     assert many.names[-1].startswith("99, ")
@@ -172,24 +211,33 @@ SLOW = np.arange(0.0, 300.0, 0.1)
 #: name : (instants, positions, period or None)
 MOTIONS = {
     "one does not, however small its motion": (
-        T, np.column_stack([FIVE[:, :2], 0.01 * np.sin(1.1 * T) * T / 20.0]), None,
+        T,
+        np.column_stack([FIVE[:, :2], 0.01 * np.sin(1.1 * T) * T / 20.0]),
+        None,
     ),
     "one only flickers": (T, np.column_stack([FIVE[:, :2], 1e-6 * NOISE]), 5.0),
     "standing still": (T, np.zeros((len(T), 2)), None),
-    "too short": (T[T < 2.5], periodic(np.random.default_rng(0), T[T < 2.5], 1.0), None),
+    "too short": (
+        T[T < 2.5],
+        periodic(np.random.default_rng(0), T[T < 2.5], 1.0),
+        None,
+    ),
     # Neighbouring samples are alike; only a valley of the difference is a repeat.
     "slow": (SLOW, np.sin(2.0 * np.pi * SLOW / 400.0)[:, None], None),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_what_has_a_period(name):
     t, q, period = MOTIONS[name]
-    assert repeat_period(t, q) == (None if period is None else pytest.approx(period, abs=2e-3))
+    assert repeat_period(t, q) == (
+        None if period is None else pytest.approx(period, abs=2e-3)
+    )
 
 
 def positions(held: float, resolution: float) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 1) of a joint that swings to and fro and is held so long [s] at each end; and when it is."""
+    """(N, 1) of a joint that swings to and fro and is held so long [s] at each end; and
+    when it is."""
     turns, into = np.divmod(np.arange(0.0, 20.0, 1.0 / 250.0), 1.0 + held)
     q = 0.3 * np.cos(np.pi * (turns + np.minimum(into, 1.0)))
     return (resolution * np.round(q / resolution))[:, None], into > 1.0
@@ -215,8 +263,11 @@ def test_noise_on_positions_is_told_from_motion():
 
 
 @pytest.mark.parametrize("law", ["dahl", "anything"])
-def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_one_row(law):
-    """A joint creeps while friction yields, or is held by a torque that no position shows."""
+def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_one_row(
+    law,
+):
+    """A joint creeps while friction yields, or is held by a torque that no position
+    shows."""
     rng = np.random.default_rng(4)
     t = np.arange(4000) / 100.0
     rests = np.sin(0.4 * np.pi * t) > 0.6

@@ -1,4 +1,5 @@
-"""The noise floor: that of the true noise, whatever the model gets wrong and wherever samples fall."""
+"""The noise floor: that of the true noise, whatever the model gets wrong and wherever
+samples fall."""
 
 from dataclasses import replace
 
@@ -21,12 +22,15 @@ SETTINGS = Preprocessing(5.0, CUTOFF)
 def run_of(
     seed: int, period: float, seconds: float, ar: float = 0.0, first: float = 0.0
 ) -> Measurements:
-    """A motion from its instant ``first`` on: its torque is error of the model, and AR(1) noise."""
+    """A motion from its instant ``first`` on: its torque is error of the model, and
+    AR(1) noise."""
     t = np.arange(0.0, seconds, DT)
     q = periodic(np.random.default_rng(7), t + first, period, JOINTS)
     white = np.random.default_rng(seed).normal(size=(len(t) + 4000, JOINTS))
     noise = signal.lfilter([1.0], [1.0, -ar], white, axis=0)[4000:]
-    return Measurements(t + 100.0 * seed, q, 20.0 * np.tanh(q) + noise, names=(f"run {seed}",))
+    return Measurements(
+        t + 100.0 * seed, q, 20.0 * np.tanh(q) + noise, names=(f"run {seed}",)
+    )
 
 
 def without_model(*runs: Measurements) -> SegmentedRuns:
@@ -45,8 +49,13 @@ def true_floor(ar: float) -> float:
     return float(np.sqrt(h @ (ar**lags / (1.0 - ar**2)) @ h))
 
 
-#: On the rows' grid (one in 60 ms), between two samples of the log, and between two rows.
-PERIODS = {"on the rows": 9.6, "off the log": 9.6 + 0.37 * DT, "off the rows": 9.63 + 0.37 * DT}
+#: On the rows' grid (one in 60 ms), between two samples of the log, and between two
+#: rows.
+PERIODS = {
+    "on the rows": 9.6,
+    "off the log": 9.6 + 0.37 * DT,
+    "off the rows": 9.63 + 0.37 * DT,
+}
 
 
 @pytest.mark.long
@@ -62,13 +71,18 @@ def test_the_floor_is_the_true_noises(period, ar):
 
 
 def test_the_floor_of_runs_that_repeat_each_other():
-    """Four runs with one motion, none of which repeats itself; each starts at another instant."""
+    """Four runs with one motion, none of which repeats itself; each starts at another
+    instant."""
     shown = []
     for seed in range(0, 16, 4):
-        rows = without_model(*(run_of(seed + k, 80.0, 30.0, 0.6, 0.317 * k) for k in range(4)))
+        rows = without_model(
+            *(run_of(seed + k, 80.0, 30.0, 0.6, 0.317 * k) for k in range(4))
+        )
         noise = noise_of(rows)
         assert noise.source == REPETITION
-        assert np.all(noise.degrees < 3.0 * len(rows.t) / 4)  # six pairs, three new differences
+        assert np.all(
+            noise.degrees < 3.0 * len(rows.t) / 4
+        )  # six pairs, three new differences
         shown.append(np.mean(noise.floor**2))
     assert np.sqrt(np.mean(shown)) / true_floor(0.6) == pytest.approx(1.0, abs=0.03)
 
@@ -85,7 +99,9 @@ def test_drift_and_events_are_no_noise():
     run = run_of(3, 10.0, 80.0)
     clean = noise_of(without_model(run)).floor
     t, rate = run.t[:, None] - run.t[0], np.gradient(run.q, run.t, axis=0)
-    disturbed = run.tau + 0.02 * t + 1e-3 * t**2 + (0.02 * t + 1e-3 * t**2) * rate  # ever faster
+    disturbed = (
+        run.tau + 0.02 * t + 1e-3 * t**2 + (0.02 * t + 1e-3 * t**2) * rate
+    )  # ever faster
     disturbed[5000:5060, 2] += 30.0
     noise = noise_of(without_model(replace(run, tau=disturbed)))
     np.testing.assert_allclose(noise.floor, clean, rtol=0.05)
@@ -120,7 +136,8 @@ def test_a_run_is_whitened_by_another_ones_noise():
 
 
 def test_a_window_has_the_floor_of_the_whole():
-    """A training window may throw the repetition away; the noise is that of all that was measured."""
+    """A training window may throw the repetition away; the noise is that of all that
+    was measured."""
     run = run_of(3, 9.63, 60.0)
     tau = run.tau.copy()
     tau[500:540, 2] += 30.0  # an event, inside the window

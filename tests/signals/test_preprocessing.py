@@ -19,7 +19,8 @@ CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 
 
 def responses(cutoff: float, dt: float, share: float) -> np.ndarray:
-    """Complex gains (3,) of value, first and second derivative at share * cutoff over the ideal ones."""
+    """Complex gains (3,) of value, first and second derivative at share * cutoff over
+    the ideal ones."""
     kernel = Kernel(cutoff, dt)
     w = 2.0 * np.pi * share * cutoff
     wave = np.exp(-1j * w * dt * np.arange(-kernel.half, kernel.half + 1))
@@ -34,7 +35,10 @@ def test_gain_is_what_the_docstring_says(cutoff, dt):
     assert responses(cutoff, dt, 0.1)[0] == pytest.approx(1.0, abs=6e-8)
     np.testing.assert_allclose(responses(cutoff, dt, 0.5), 1.0, atol=0.012)
     np.testing.assert_allclose(responses(cutoff, dt, 1.0), 0.5, atol=0.005)
-    stop = [abs(responses(cutoff, dt, x)[0]) for x in np.linspace(1.4, 0.5 / dt / cutoff, 100)]
+    stop = [
+        abs(responses(cutoff, dt, x)[0])
+        for x in np.linspace(1.4, 0.5 / dt / cutoff, 100)
+    ]
     assert max(stop) < 0.04
 
 
@@ -64,23 +68,35 @@ def test_pieces_give_exactly_the_whole(chunk, monkeypatch):
         for one, same in zip(rows.columns, again.columns, strict=True):
             np.testing.assert_array_equal(one.columns, same.columns)
     assert len(list(pickle.loads(pickle.dumps(cut)).rows(model))) == len(pieces)
-    np.testing.assert_array_equal(np.concatenate([p.motion.t for p in pieces]), whole.motion.t)
+    np.testing.assert_array_equal(
+        np.concatenate([p.motion.t for p in pieces]), whole.motion.t
+    )
     for name in ("q", "dq", "ddq"):
         joined = np.concatenate([getattr(p.motion, name) for p in pieces])
         np.testing.assert_allclose(joined, getattr(whole.motion, name), atol=1e-9)
-    np.testing.assert_allclose(np.concatenate([p.torque for p in pieces]), whole.torque, atol=1e-12)
+    np.testing.assert_allclose(
+        np.concatenate([p.torque for p in pieces]), whole.torque, atol=1e-12
+    )
     for k, columns in enumerate(whole.columns):
         joined = np.concatenate([p.columns[k].columns for p in pieces])
         np.testing.assert_allclose(joined, columns.columns, atol=1e-9)
 
 
-@pytest.mark.parametrize(("clock", "bound"), [("even", 1e-6), ("jittered", 2e-4), ("with a gap", 1e-6)])
+@pytest.mark.parametrize(
+    ("clock", "bound"), [("even", 1e-6), ("jittered", 2e-4), ("with a gap", 1e-6)]
+)
 def test_rows_obey_the_model_where_the_measurements_do(clock, bound):
-    """Between the samples of a jittering clock too; no row holds what lies on both sides of a gap."""
+    """Between the samples of a jittering clock too; no row holds what lies on both
+    sides of a gap."""
     model, theta, run = driven(seconds=20.0, dt=1e-3)
     if clock == "jittered":
-        t: NDArray[np.float64] = np.cumsum(np.random.default_rng(5).uniform(3e-4, 1.7e-3, 12_000))
-        q, tau = (np.column_stack([np.interp(t, run.t, x) for x in y.T]) for y in (run.q, run.tau))
+        t: NDArray[np.float64] = np.cumsum(
+            np.random.default_rng(5).uniform(3e-4, 1.7e-3, 12_000)
+        )
+        q, tau = (
+            np.column_stack([np.interp(t, run.t, x) for x in y.T])
+            for y in (run.q, run.tau)
+        )
         run = Measurements(t, q, tau)
     elif clock == "with a gap":
         run = run.rows((run.t < 8.0) | (run.t > 9.5))
@@ -94,11 +110,14 @@ def test_rows_obey_the_model_where_the_measurements_do(clock, bound):
 
 
 def test_idle_joints_do_not_set_the_filters():
-    """One joint moves, the others' encoders flicker: neither cut-off nor standstill is theirs."""
+    """One joint moves, the others' encoders flicker: neither cut-off nor standstill is
+    theirs."""
     rng = np.random.default_rng(3)
     t = np.arange(0.0, 40.0, 0.01)
     q = np.zeros((len(t), 3))
-    q[:, 1] = np.where(t < 30.0, np.sin(2 * np.pi * 0.3 * t), np.sin(2 * np.pi * 0.3 * 30.0))
+    q[:, 1] = np.where(
+        t < 30.0, np.sin(2 * np.pi * 0.3 * t), np.sin(2 * np.pi * 0.3 * 30.0)
+    )
     q = q + rng.choice([0.0, 1e-5], size=q.shape)
     run = Measurements(t, q, rng.normal(size=q.shape))
     settings = Preprocessing().resolve(run)
@@ -128,7 +147,8 @@ def test_default_cutoff_is_ten_times_the_highest_harmonic(base):
 
 
 def test_torque_that_was_smoothed_is_not_fitted_above_its_own_band():
-    """Friction turns round sharply, and the drive's zero-phase filter has taken that away."""
+    """Friction turns round sharply, and the drive's zero-phase filter has taken that
+    away."""
     from scipy.signal import butter, sosfiltfilt
 
     t = np.arange(0.0, 40.0, 0.004)
@@ -139,12 +159,17 @@ def test_torque_that_was_smoothed_is_not_fitted_above_its_own_band():
         + 1e-3 * np.random.default_rng(1).normal(size=q.shape)
     )
     smooth = sosfiltfilt(butter(3, 1.5, fs=250.0, output="sos"), sharp, axis=0)
-    assert Preprocessing().resolve(Measurements(t, q, sharp)).torque_cutoff == pytest.approx(
-        4.4, rel=1e-3
-    )
+    assert Preprocessing().resolve(
+        Measurements(t, q, sharp)
+    ).torque_cutoff == pytest.approx(4.4, rel=1e-3)
     found = Preprocessing().resolve(Measurements(t, q, smooth)).torque_cutoff
     assert 1.0 <= found <= 2.5
-    assert Preprocessing(torque_cutoff=4.0).resolve(Measurements(t, q, smooth)).torque_cutoff == 4.0
+    assert (
+        Preprocessing(torque_cutoff=4.0)
+        .resolve(Measurements(t, q, smooth))
+        .torque_cutoff
+        == 4.0
+    )
 
 
 def test_cutoffs_stay_below_what_the_rate_allows():
@@ -163,7 +188,9 @@ def test_what_cannot_be_filtered_is_refused():
     short = FilteredRun(run, Preprocessing(2.0, 4.0))
     refusal(lambda: short.all_rows(model), "filters need more than", "record longer")
     broken = Measurements(run.t + np.arange(len(run.t)) // 10, run.q, run.tau)
-    refusal(lambda: Preprocessing().resolve(broken), "no 16 consecutive ones without a gap")
+    refusal(
+        lambda: Preprocessing().resolve(broken), "no 16 consecutive ones without a gap"
+    )
     model, _, long = driven(seconds=8.0)
     pieces = replace(long, t=long.t + np.floor(long.t / 1.6))
     torn = FilteredRun(pieces, Preprocessing(2.0, 4.0))
@@ -171,25 +198,34 @@ def test_what_cannot_be_filtered_is_refused():
     still = Measurements(run.t, 0.0 * run.q, run.tau)
     refusal(lambda: Preprocessing().resolve(still), "does not move")
     noise = np.random.default_rng(0).normal(size=run.q.shape)
-    refusal(lambda: Preprocessing().resolve(Measurements(run.t, 1e-5 * noise, run.tau)), "does not move")
+    refusal(
+        lambda: Preprocessing().resolve(Measurements(run.t, 1e-5 * noise, run.tau)),
+        "does not move",
+    )
 
 
 @pytest.mark.parametrize("cutoffs", [(5.0, 8.0), (20.0, 8.0), (3.0, 12.0)])
 def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
     model, _, run = driven(seconds=8.0, dt=1e-3, effects="rigid_body")
     settings = Preprocessing(*cutoffs)
-    found, filters = FilteredRun(run, settings).all_rows(model), preprocessing.RunFilter(run, settings)
+    found, filters = (
+        FilteredRun(run, settings).all_rows(model),
+        preprocessing.RunFilter(run, settings),
+    )
     half = filters.state.half
     assert filters.smooth_stride > 4
     dense = preprocessing.Motion(run.t[half:-half], *filters.state.states(run.q))
     at = np.rint(found.motion.t / filters.dt).astype(int) - half
     for own, exact in zip(found.columns, model.columns(dense), strict=True):
         low = Decimator(filters.column, at) @ exact.columns
-        np.testing.assert_allclose(own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max())
+        np.testing.assert_allclose(
+            own.columns, low, rtol=0.0, atol=1e-5 * np.abs(low).max()
+        )
 
 
 def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to():
-    """It stands for 60 ms at its reversals: that is let through, and not the noise of the positions."""
+    """It stands for 60 ms at its reversals: that is let through, and not the noise of
+    the positions."""
     t, rng = np.arange(0.0, 20.0, 0.002), np.random.default_rng(1)
     q, torque = np.sin(np.pi * t), np.cos(np.pi * t) + rng.normal(0.0, 0.01, len(t))
     white, stuck = rng.normal(size=len(t)), np.clip(q, -np.cos(0.1), np.cos(0.1))

@@ -7,16 +7,27 @@ from random_robots import seeds
 from scipy import signal
 
 from sdp_vs_penalty import Measurements, signals
-from sdp_vs_penalty.signals import noise, repetition, runs, segmented, spectrum, standstill
+from sdp_vs_penalty.signals import (
+    noise,
+    repetition,
+    runs,
+    segmented,
+    spectrum,
+    standstill,
+)
 from sdp_vs_penalty.signals.encoder import read_again
 
 
-def log(t: np.ndarray, q: np.ndarray | None = None, tau: np.ndarray | None = None) -> Measurements:
+def log(
+    t: np.ndarray, q: np.ndarray | None = None, tau: np.ndarray | None = None
+) -> Measurements:
     q = np.sin(t)[:, None] if q is None else q
     return Measurements(t, q, np.cos(q) if tau is None else tau)
 
 
-@pytest.mark.parametrize(("dt", "bridged", "gap"), [(1e-3, 0.049, 0.051), (0.01, 0.19, 0.21)])
+@pytest.mark.parametrize(
+    ("dt", "bridged", "gap"), [(1e-3, 0.049, 0.051), (0.01, 0.19, 0.21)]
+)
 def test_a_gap_is_twenty_usual_steps_and_at_least_fifty_milliseconds(dt, bridged, gap):
     even = dt * np.arange(400.0)
     for step, cut in ((bridged, False), (gap, True)):
@@ -26,7 +37,9 @@ def test_a_gap_is_twenty_usual_steps_and_at_least_fifty_milliseconds(dt, bridged
         for part in found:
             assert part.dt == pytest.approx(dt)
             grid = part.resampled(part.q, 0, part.count)
-            np.testing.assert_allclose(grid[-1], np.sin(part.clock(part.count - 1)), atol=0.01)
+            np.testing.assert_allclose(
+                grid[-1], np.sin(part.clock(part.count - 1)), atol=0.01
+            )
             assert 0.0 <= part.t[-1] - part.clock(part.count - 1) < dt
     lone = log(np.append(even, [even[-1] + 9.0]))  # one sample is no stretch
     assert [len(part.t) for part in runs.stretches(lone)] == [400]
@@ -42,17 +55,24 @@ def test_stamps_in_bursts_are_resampled_at_ten_points_a_sample():
 
 
 def test_what_moves_at_all():
-    """Four times as far as from row to row, that is over 25 samples a period, or by more than 1 cm."""
+    """Four times as far as from row to row, that is over 25 samples a period, or by
+    more than 1 cm."""
     k = np.arange(5000)
     waves = [1e-4 * np.sin(2.0 * np.pi * k / period) for period in (27.0, 23.0)]
     white = np.random.default_rng(0).normal(size=(5000, 2)) * [0.0098, 0.0102]
-    assert runs.moving_joints(log(0.01 * k, np.column_stack([*waves, white]))).tolist() == [
-        True, False, False, True,
-    ]  # fmt: skip
+    assert runs.moving_joints(
+        log(0.01 * k, np.column_stack([*waves, white]))
+    ).tolist() == [
+        True,
+        False,
+        False,
+        True,
+    ]
 
 
 def test_an_instant_is_of_motion_where_half_a_second_goes_as_far_as_the_share():
-    """Of a quarter of a second to either side; a joint that only flickers does not count."""
+    """Of a quarter of a second to either side; a joint that only flickers does not
+    count."""
     t = np.arange(0.0, 30.0, 0.01)
     q = np.column_stack([np.clip(t - 10.0, 0.0, 10.0), 1e-5 * (np.arange(3000) % 2)])
     moves = t[runs.Movement(log(t, q), 0.2).moves]
@@ -64,10 +84,14 @@ def test_an_instant_is_of_motion_where_half_a_second_goes_as_far_as_the_share():
 def test_the_highest_harmonic_has_a_hundredth_of_the_largest_amplitude(share, last):
     t = np.arange(0.0, 40.0, 0.01)
     q = np.sin(2.0 * np.pi * t) + share * np.sin(6.0 * np.pi * t)
-    assert spectrum.highest_harmonic(log(t, q[:, None])) == pytest.approx(last, abs=0.03)
+    assert spectrum.highest_harmonic(log(t, q[:, None])) == pytest.approx(
+        last, abs=0.03
+    )
 
 
-def coloured(seed: int, ar: float, count: int, dt: float = 4e-3) -> tuple[Measurements, np.ndarray]:
+def coloured(
+    seed: int, ar: float, count: int, dt: float = 4e-3
+) -> tuple[Measurements, np.ndarray]:
     """Slow motion whose torque has autoregressive noise, and that noise."""
     white = np.random.default_rng(seed).normal(size=(count, 2)) * [0.3, 2.0]
     shown = signal.lfilter([1.0], [1.0, -ar], white, axis=0)
@@ -85,45 +109,76 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     law = 1.0 / (1.0 + ar**2 - 2.0 * ar * np.cos(w))
     np.testing.assert_allclose(density, np.outer([0.3**2, 4.0], law), rtol=0.08)
     assert (smoothed, uneven) == (False, False)
-    low = signal.sosfiltfilt(signal.butter(2, 4.0, fs=250.0, output="sos"), run.tau, axis=0)
+    low = signal.sosfiltfilt(
+        signal.butter(2, 4.0, fs=250.0, output="sos"), run.tau, axis=0
+    )
     louder = run.tau + 19.0 * shown * (run.t % 40.0 > 20.0)[:, None]
-    for tau, flags in ((low, (True, False)), (louder, (False, True))):  # as of a UR10, of a TX40
+    for tau, flags in (
+        (low, (True, False)),
+        (louder, (False, True)),
+    ):  # as of a UR10, of a TX40
         other = log(run.t, run.q, tau)
         assert spectrum.torque_spectrum(list(runs.stretches(other)), 8.0)[2:] == flags
-        assert noise.spectral_floor(segmented(other, signals.Preprocessing(5.0, 8.0))) is None
+        assert (
+            noise.spectral_floor(segmented(other, signals.Preprocessing(5.0, 8.0)))
+            is None
+        )
     # What fits into the motion's band, or into two windows, shows nothing.
     assert spectrum.torque_spectrum(parts, 60.0) is None
-    assert spectrum.torque_spectrum(list(runs.stretches(run.window(0.0, 0.5))), 8.0) is None
+    assert (
+        spectrum.torque_spectrum(list(runs.stretches(run.window(0.0, 0.5))), 8.0)
+        is None
+    )
     assert spectrum.torque_spectrum([], 8.0) is None
 
 
 @given(seeds)
 def test_an_autoregression_filters_row_by_row(seed):
     rng = np.random.default_rng(seed)
-    ends = np.sort(rng.choice(np.arange(1, 80), 5, replace=False))  # some too short to predict
+    ends = np.sort(
+        rng.choice(np.arange(1, 80), 5, replace=False)
+    )  # some too short to predict
     pieces = signals.coloured_noise.Pieces(p[1:] for p in np.split(np.arange(80), ends))
     x, ar = rng.normal(size=(80, 3)), rng.normal(size=4)
     expected = np.zeros_like(x)
     for piece in pieces:
         for k in range(4, len(piece)):
-            expected[piece[k]] = x[piece[k]] - sum(a * x[piece[k - 1 - m]] for m, a in enumerate(ar))
+            expected[piece[k]] = x[piece[k]] - sum(
+                a * x[piece[k - 1 - m]] for m, a in enumerate(ar)
+            )
     np.testing.assert_allclose(pieces.filter(ar, 80) @ x, expected, atol=1e-12)
-    # The noise of innovations sigma, where the motion swells them and a joint stands still.
+    # The noise of innovations sigma, where the motion swells them and a joint stands
+    # still.
     profile, held = rng.uniform(0.5, 2.0, (2, 80, 1))
     known = noise.Noise(
-        np.ones(1), ar[None], np.array([1.7]), np.ones(1), "", np.zeros((80, 1), bool), profile, held
+        np.ones(1),
+        ar[None],
+        np.array([1.7]),
+        np.ones(1),
+        "",
+        np.zeros((80, 1), bool),
+        profile,
+        held,
     )
     scale = (1.7 * profile[:, 0]) ** 2 + held[:, 0] ** 2
     for k in range(80):
-        scale[k] += sum((a * held[k - 1 - m, 0]) ** 2 for m, a in enumerate(ar) if k > m)
-    np.testing.assert_allclose(known.whiten(x, 0, pieces), expected / np.sqrt(scale)[:, None])
-    np.testing.assert_array_equal(known.whiten(x[:, 0], 0, pieces), known.whiten(x, 0, pieces)[:, 0])
+        scale[k] += sum(
+            (a * held[k - 1 - m, 0]) ** 2 for m, a in enumerate(ar) if k > m
+        )
+    np.testing.assert_allclose(
+        known.whiten(x, 0, pieces), expected / np.sqrt(scale)[:, None]
+    )
+    np.testing.assert_array_equal(
+        known.whiten(x[:, 0], 0, pieces), known.whiten(x, 0, pieces)[:, 0]
+    )
     np.testing.assert_allclose(known.worth[:, 0], (1.7 * profile[:, 0]) ** 2 / scale)
 
 
 def test_an_autoregression_is_found_and_what_is_too_short_for_one_is_white():
     truth = np.array([0.9, -0.5, 0.2, 0.1])
-    x = signal.lfilter([0.7], np.append(1.0, -truth), np.random.default_rng(2).normal(size=40_000))
+    x = signal.lfilter(
+        [0.7], np.append(1.0, -truth), np.random.default_rng(2).normal(size=40_000)
+    )
     pieces = signals.coloured_noise.Pieces(np.array_split(np.arange(len(x)), 10))
     ar, sigma, degrees = signals.coloured_noise.autoregression(x, pieces)
     np.testing.assert_allclose(ar, truth, atol=0.02)
@@ -135,7 +190,8 @@ def test_an_autoregression_is_found_and_what_is_too_short_for_one_is_white():
 
 
 def test_events_are_what_noise_does_not_reach():
-    """One in a million rows is 5 sigma off; four rows of 4, or sixteen of 2.8, are as unlikely."""
+    """One in a million rows is 5 sigma off; four rows of 4, or sixteen of 2.8, are as
+    unlikely."""
     rows = [np.arange(2000), np.arange(2001, 4000)]
     for seed in range(10):
         white = np.random.default_rng(seed).normal(size=4000)
@@ -143,14 +199,18 @@ def test_events_are_what_noise_does_not_reach():
         for length, size in ((1, 7.0), (4, 5.0), (16, 3.2)):
             odd = white.copy()
             odd[700 : 700 + length] = size
-            found = np.flatnonzero(signals.coloured_noise.local_excess(odd, rows, 6, 4000.0))
+            found = np.flatnonzero(
+                signals.coloured_noise.local_excess(odd, rows, 6, 4000.0)
+            )
             assert {*range(700, 700 + length)} <= {*found.tolist()}
             assert np.abs(found - 700).max() < 32
         slow = np.arange(4000) % 400 < 100
         assert not signals.coloured_noise.lone_windows(white, rows, slow, 16.0, 6).any()
         odd = white.copy()
         odd[1000:1008] = 40.0
-        found = np.flatnonzero(signals.coloured_noise.lone_windows(odd, rows, slow, 16.0, 6))
+        found = np.flatnonzero(
+            signals.coloured_noise.lone_windows(odd, rows, slow, 16.0, 6)
+        )
         assert {*range(1000, 1008)} <= {*found.tolist()} <= {*range(984, 1024)}
 
 
@@ -161,16 +221,26 @@ def test_noise_that_swells_with_a_rate_has_its_law():
     white = np.sqrt(variance) * rng.normal(size=20_000)
     found = signals.coloured_noise.noise_profile(white, rates, rates) ** 2
     np.testing.assert_allclose(found, variance / variance.mean(), rtol=0.3)
-    assert np.all(signals.coloured_noise.noise_profile(white[:59], rates[:59], rates) == 1.0)
-    assert signals.coloured_noise.robust_scale(white / np.sqrt(variance)) == pytest.approx(1.0, abs=0.02)
+    assert np.all(
+        signals.coloured_noise.noise_profile(white[:59], rates[:59], rates) == 1.0
+    )
+    assert signals.coloured_noise.robust_scale(
+        white / np.sqrt(variance)
+    ) == pytest.approx(1.0, abs=0.02)
 
 
 @given(seeds)
 def test_what_the_repeats_of_a_motion_share(seed):
-    """Instants with the same motion are what the differences connect: counted, and numbered, by hand."""
+    """Instants with the same motion are what the differences connect: counted, and
+    numbered, by hand."""
     rng = np.random.default_rng(seed)
     period, count = int(rng.integers(3, 9)), 40
-    both = [(k, k + n * period) for k in range(count) for n in (1, 2) if k + n * period < count]
+    both = [
+        (k, k + n * period)
+        for k in range(count)
+        for n in (1, 2)
+        if k + n * period < count
+    ]
     both = np.array([pair for pair in both if rng.random() < 0.8])
     group = np.arange(count)
     for _ in range(count):
@@ -183,13 +253,15 @@ def test_what_the_repeats_of_a_motion_share(seed):
     assert np.all(phase[first] == both[first, 0])
     marked, reach = rng.random(len(both)) < 0.4, int(rng.integers(0, 2))
     expected = [
-        bool(marked[k]) and any(
-            marked[m] and abs(phase[m] - phase[k]) <= reach
+        bool(marked[k])
+        and any(
+            marked[m]
+            and abs(phase[m] - phase[k]) <= reach
             and min(abs(a - b) for a in both[m] for b in both[k]) > 2 * reach
             for m in range(len(both))
         )
         for k in range(len(both))
-    ]  # fmt: skip
+    ]
     assert repetition.recurring(both, phase, reach, marked).tolist() == expected
 
 

@@ -1,4 +1,5 @@
-"""The challenge: cases end to end, judged by rules with known answers, resumed, reported."""
+"""The challenge: cases end to end, judged by rules with known answers, resumed,
+reported."""
 
 import ast
 import json
@@ -25,12 +26,16 @@ def test_hidden_effects_are_found_and_clean_robots_are_clean():
     assert judge.counted(hidden)
     assert judge.first_right(hidden)
     assert judge.sizes(hidden)[0][1] < 0.2
-    assert judge.outcome(run_case(Case("clean", "encoder", 1000, 16))[1]) in ("silent", "named")
+    assert judge.outcome(run_case(Case("clean", "encoder", 1000, 16))[1]) in (
+        "silent",
+        "named",
+    )
     assert judge.abstained(run_case(Case("unknown_strong", "encoder", 1000, 10))[1])
 
 
 def test_a_smoothed_channel_is_named_not_the_friction_that_it_bends():
-    """A moving average of 40 ms has the second moment of a filter and its mirror image of 8.2 ms."""
+    """A moving average of 40 ms has the second moment of a filter and its mirror image
+    of 8.2 ms."""
     (found,) = run_case(Case("clean", "smoothed", 3300, 0))[1]["found"]
     assert (found["effect"], found["shape"]["phase"]) == ("torque_filter", 2.0)
     assert found["size"] == pytest.approx(0.04 / np.sqrt(24.0), rel=0.2)
@@ -45,12 +50,23 @@ def test_a_contact_is_an_event_not_an_effect():
 
 def found(effect: str, *joints: int, **more: Any) -> dict[str, Any]:
     usual = {"size": 1.0, "std": 0.1, "shape": {}, "confidence": "confident"}
-    return usual | {"effect": effect, "joints": list(joints), "indistinguishable_from": []} | more
+    return (
+        usual
+        | {"effect": effect, "joints": list(joints), "indistinguishable_from": []}
+        | more
+    )
 
 
 def record(*findings: dict[str, Any], **more: Any) -> dict[str, Any]:
     verdict = "effect_missing" if findings else "nothing_missing"
-    usual = {"fair": [], "abstains": False, "retuned": [], "events": [], "energy": [], "deviation": []}
+    usual = {
+        "fair": [],
+        "abstains": False,
+        "retuned": [],
+        "events": [],
+        "energy": [],
+        "deviation": [],
+    }
     return usual | {"truth": [], "verdict": verdict, "found": list(findings)} | more
 
 
@@ -72,12 +88,22 @@ def test_findings_are_judged_beside_the_truth():
     assert judge.first_right(right)
     assert judge.counted(right)
     assert judge.extras(right)
-    wrist = {"effect": "transmission_friction", "joints": [5, 6], "shape": {"c5": 1.0, "c6": 2.0}}
+    wrist = {
+        "effect": "transmission_friction",
+        "joints": [5, 6],
+        "shape": {"c5": 1.0, "c6": 2.0},
+    }
     for ratio, named in ((2.0, True), (-2.0, False)):
-        claim = found("transmission_friction", 5, 6, shape={"c5": 1.0, "c6": ratio, "law": 2.0})
+        claim = found(
+            "transmission_friction", 5, 6, shape={"c5": 1.0, "c6": ratio, "law": 2.0}
+        )
         assert judge.first_right(record(claim, truth=[wrist])) == named
-    assert judge.sizes(right) == [("joint_spring", pytest.approx(0.25), pytest.approx(2.0))]
-    assert judge.first_right(record(other, spring, truth=[truth], fair=["torque_delay"]))
+    assert judge.sizes(right) == [
+        ("joint_spring", pytest.approx(0.25), pytest.approx(2.0))
+    ]
+    assert judge.first_right(
+        record(other, spring, truth=[truth], fair=["torque_delay"])
+    )
     assert not judge.first_right(record(other, spring, truth=[truth]))
     assert not judge.first_right(record(found("joint_spring", 1), truth=[truth]))
     rival = found("torque_delay", 1, indistinguishable_from=["joint_spring"])
@@ -94,11 +120,14 @@ def test_cases_of_the_challenge_come_out_as_committed(name):
     kind, nuisance, seed, index = key.split("/")
     _, again = run_case(Case(kind, nuisance, int(seed), int(index)))
     for field in ("truth", "verdict", "events", "found", "retuned", "energy", "after"):
-        assert not differences(record[field], json.loads(json.dumps(again[field])), field)
+        assert not differences(
+            record[field], json.loads(json.dumps(again[field])), field
+        )
 
 
 FOLDERS = [Path(home.__file__).parent for home in (worlds, challenged)]
-#: Of the package, what a world may know: how measurements look, where Pinocchio is, how errors are said.
+#: Of the package, what a world may know: how measurements look, where Pinocchio is, how
+#: errors are said.
 ALLOWED = {
     "sdp_vs_penalty.data.measurements",
     "sdp_vs_penalty.errors",
@@ -134,4 +163,6 @@ def test_lugre_slides_at_the_stribeck_level():
     law = FrictionLaw(0.01 * one, "lugre", 0.002 * one, 0.3 * one, 0.05 * one)
     for speed in (0.01, 0.05, -0.4):
         level = np.sign(speed) * (1.0 + 0.3 * np.exp(-((speed / 0.05) ** 2)))
-        assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(level, rel=1e-4)
+        assert law.share(t, np.full((len(t), 1), speed))[-1, 0] == pytest.approx(
+            level, rel=1e-4
+        )

@@ -1,4 +1,5 @@
-"""Physics engines against Pinocchio; an engine that is absent is skipped with the reason."""
+"""Physics engines against Pinocchio; an engine that is absent is skipped with the
+reason."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -10,13 +11,17 @@ from recorded import refusal
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.research.tables import table_v
-from sdp_vs_penalty.research.tables.table_v import inverse_dynamics_error, play, sinusoids
+from sdp_vs_penalty.research.tables.table_v import (
+    inverse_dynamics_error,
+    play,
+    sinusoids,
+)
 from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
 from sdp_vs_penalty.simulation import engine_types
 from sdp_vs_penalty.simulation.engines.engine import Engine
 
-#: Torque error over a motion relative to the largest torque: what a first-order step of 1 ms and, in
-#: Bullet, 50 rounds of sequential impulses leave.
+#: Torque error over a motion relative to the largest torque: what a first-order step of
+#: 1 ms and, in Bullet, 50 rounds of sequential impulses leave.
 TOLERANCE = {"MuJoCo": 1e-3, "DART": 1e-3, "ODE": 1e-3, "Bullet": 2e-2}
 
 
@@ -28,12 +33,18 @@ def present(name: str) -> type[Engine]:
 
 
 def true_links(problem: Problem) -> np.ndarray:
-    return problem.nominal_links if problem.name == "panda" else published_links(problem, "p_real")
+    return (
+        problem.nominal_links
+        if problem.name == "panda"
+        else published_links(problem, "p_real")
+    )
 
 
 def prismatic_arm() -> tuple[Robot, np.ndarray]:
     """A slide on a hinge, with axes and frames that are not the usual ones."""
-    tilt = np.array([[0, 0, 1, 0.1], [1, 0, 0, 0.2], [0, 1, 0, 0.3], [0, 0, 0, 1]], float)
+    tilt = np.array(
+        [[0, 0, 1, 0.1], [1, 0, 0, 0.2], [0, 1, 0, 0.3], [0, 0, 0, 1]], float
+    )
     axis = np.array([0.6, 0.0, 0.8])
     joints = (
         Joint("turn", "revolute", -1, tilt, axis, np.eye(4)),
@@ -42,14 +53,18 @@ def prismatic_arm() -> tuple[Robot, np.ndarray]:
     link = inertia.standard_from_barycentric(
         [2.0, 0.1, -0.2, 0.05, 0.03, 0.004, 0.04, -0.002, 0.001, 0.05]
     )
-    return Robot("turn and slide", joints, (1.0, -2.0, -9.0)), np.stack([link, 0.5 * link])
+    return Robot("turn and slide", joints, (1.0, -2.0, -9.0)), np.stack(
+        [link, 0.5 * link]
+    )
 
 
 @pytest.mark.parametrize("name", engine_types())
 @pytest.mark.parametrize("which", ["panda", "two_link", "slide"])
 def test_torques_and_poses_are_pinocchios(name, which, capfd):
     loaded = load_problem("two_link" if which == "slide" else which)
-    robot, links = prismatic_arm() if which == "slide" else (loaded.robot, true_links(loaded))
+    robot, links = (
+        prismatic_arm() if which == "slide" else (loaded.robot, true_links(loaded))
+    )
     kind = present(name)
     error = inverse_dynamics_error(kind, robot, links)
     assert error is None if name == "ODE" else error < 1e-9
@@ -68,7 +83,9 @@ def test_a_rejected_link_is_named(name, two_link):
     refusal(lambda: present(name)(two_link.robot, links), "link 2")
     links = true_links(two_link).copy()
     if name in ("MuJoCo", "ODE"):  # they take no rod
-        links[0] = inertia.standard_from_barycentric([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])
+        links[0] = inertia.standard_from_barycentric(
+            [1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0]
+        )
         refusal(lambda: present(name)(two_link.robot, links), "link 1")
     links[0] = 0.0
     refusal(lambda: present(name)(two_link.robot, links), "link 1 ", "has no mass")
@@ -86,7 +103,10 @@ def test_an_absent_engine_is_listed_as_absent(two_link, monkeypatch):
     monkeypatch.setattr(kind, "version", classmethod(lambda cls: None))
     study: Any = SimpleNamespace(problem=two_link, progress=lambda _: None)
     study.links = lambda *_: true_links(two_link)
-    study.simulated, study.effort = SimpleNamespace(label="simulated"), SimpleNamespace(duration=0.1)
+    study.simulated, study.effort = (
+        SimpleNamespace(label="simulated"),
+        SimpleNamespace(duration=0.1),
+    )
     status = table_v.sinusoidal_runs(study)[kind]
     assert isinstance(status, str)
     assert status.startswith("absent")

@@ -8,7 +8,14 @@ from arms import SCARA, write_urdf
 from recorded import refusal
 from scipy import signal
 
-from sdp_vs_penalty import Estimate, Measurements, Problem, compare, follow, load_problem
+from sdp_vs_penalty import (
+    Estimate,
+    Measurements,
+    Problem,
+    compare,
+    follow,
+    load_problem,
+)
 from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.robot._pinocchio import pin
@@ -23,7 +30,9 @@ def test_an_ideal_sensor_shows_the_truth(panda):
     x = experiment(panda)
     model = panda.model(["rigid_body"])
     m = simulate(
-        x.trajectory, lambda motion: model.torque(x.links.ravel(), motion), Sensor(1e3, np.zeros(7))
+        x.trajectory,
+        lambda motion: model.torque(x.links.ravel(), motion),
+        Sensor(1e3, np.zeros(7)),
     )
     q, dq, ddq = x.trajectory.states(m.t)
     np.testing.assert_array_equal(m.q, q)
@@ -67,13 +76,18 @@ def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda):
     repeated = np.mean(np.all(np.diff(m.q, axis=0) == 0.0, axis=1))
     assert 0.04 < repeated < 0.09  # 6.1 % in the real log
     for j, step in enumerate(experiment(panda).sensor.torque_step):
-        np.testing.assert_allclose(m.tau[:, j] / step, np.round(m.tau[:, j] / step), atol=1e-6)
+        np.testing.assert_allclose(
+            m.tau[:, j] / step, np.round(m.tau[:, j] / step), atol=1e-6
+        )
     assert np.diff(np.unique(np.round(m.q[:, 0], 7))).min() == pytest.approx(1e-5)
 
 
 def test_misplaced_joints_are_off_by_errors_of_the_size_told(panda):
     """About and along every axis, normal and independent of each other."""
-    model, rng = true_world(panda, experiment(panda), 0).arm.model, np.random.default_rng(0)
+    model, rng = (
+        true_world(panda, experiment(panda), 0).arm.model,
+        np.random.default_rng(0),
+    )
     metres, degrees, off = 2e-4, 0.03, []
     for _ in range(300):
         built = misplaced(model, metres, degrees, rng)
@@ -81,7 +95,9 @@ def test_misplaced_joints_are_off_by_errors_of_the_size_told(panda):
         off += [pin.log(a.inverse() * b).vector for a, b in pairs]
     expected = np.diag([metres] * 3 + [np.deg2rad(degrees)] * 3) ** 2
     scale = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(np.cov(np.transpose(off)) / np.outer(scale, scale), np.eye(6), atol=0.1)
+    np.testing.assert_allclose(
+        np.cov(np.transpose(off)) / np.outer(scale, scale), np.eye(6), atol=0.1
+    )
 
 
 def test_a_temperature_is_logged_where_friction_follows_it(two_link):
@@ -91,12 +107,18 @@ def test_a_temperature_is_logged_where_friction_follows_it(two_link):
 
 
 def test_a_torque_channel_carries_what_is_hidden_besides(two_link):
-    made = hidden_runs(two_link, [("torque_gain", [0]), ("joint_spring", [0])], seed=2, count=1)
+    made = hidden_runs(
+        two_link, [("torque_gain", [0]), ("joint_spring", [0])], seed=2, count=1
+    )
     t = np.arange(0.0, 1.0, 1e-3)
-    motion = TrueMotion(t, *(np.outer(np.sin(3.0 * t + k), [1.0, 0.5]) for k in range(3)))
+    motion = TrueMotion(
+        t, *(np.outer(np.sin(3.0 * t + k), [1.0, 0.5]) for k in range(3))
+    )
     gain, spring = torques(made.world, motion, made.hidden)
     whole = made.world.torque(motion) + spring
-    np.testing.assert_allclose(gain[:, 0], made.truth["effects"][0]["size"] * whole[:, 0])
+    np.testing.assert_allclose(
+        gain[:, 0], made.truth["effects"][0]["size"] * whole[:, 0]
+    )
     assert not gain[:, 1].any()
     np.testing.assert_array_equal(spring[:, 0], made.hidden[1].size * motion.q[:, 0])
 
@@ -121,7 +143,11 @@ def known(two_link: Problem) -> tuple[Estimate, Measurements]:
     theta = np.array([sizes.get(p.effect, 0.0) for p in model.parameters])
     theta[model.rigid_indices] = two_link.nominal_links.ravel()
     trajectory = random_trajectory(two_link.robot, 1, 6.0)
-    run = simulate(trajectory, lambda motion: model.torque(theta, motion), Sensor(250.0, np.zeros(2)))
+    run = simulate(
+        trajectory,
+        lambda motion: model.torque(theta, motion),
+        Sensor(250.0, np.zeros(2)),
+    )
     return replace(identify(two_link, run, effects=EFFECTS), theta=theta), run
 
 
@@ -144,7 +170,9 @@ def test_the_band_of_a_free_run_is_that_of_the_covariance(known):
     """Not of the factor at hand, whose signs are rounding's."""
     estimate, run = known
     u = estimate.uncertainty
-    turned = np.linalg.qr(np.random.default_rng(0).normal(size=(u.spread.shape[1],) * 2))[0]
+    turned = np.linalg.qr(
+        np.random.default_rng(0).normal(size=(u.spread.shape[1],) * 2)
+    )[0]
     same = replace(estimate, uncertainty=replace(u, spread=u.spread @ turned))
     made = [follow(e, run, steps=400, windows=9) for e in (estimate, same)]
     bands = [x.free[0].spread for x in made]
@@ -156,7 +184,8 @@ def test_the_band_of_a_free_run_is_that_of_the_covariance(known):
 
 
 def test_a_loop_adds_the_torque_that_a_model_lacks(known):
-    """Nothing to the truth; to links that weigh a tenth more than they do a tenth of what moves them.
+    """Nothing to the truth; to links that weigh a tenth more than they do a tenth of
+    what moves them.
     From where the robot begins to move."""
     estimate, moved = known
     rows = np.r_[np.zeros(250, int), 0 : len(moved.t)]
@@ -164,13 +193,18 @@ def test_a_loop_adds_the_torque_that_a_model_lacks(known):
     links, theta = estimate.model.rigid_indices, estimate.theta.copy()
     theta[links] *= 1.1
     heavy = replace(estimate, theta=theta)
-    true, more = (follow(e, run, drive="pd", steps=800, windows=1).free[0] for e in (estimate, heavy))
+    true, more = (
+        follow(e, run, drive="pd", steps=800, windows=1).free[0]
+        for e in (estimate, heavy)
+    )
     assert more.simulated.t[0] == pytest.approx(1.0, abs=0.25)
     states = random_trajectory(estimate.robot, 1, 6.0).states(more.simulated.t - 1.0)
     lacks = estimate.robot.inverse_dynamics(0.1 * estimate.theta[links], *states)
     np.testing.assert_allclose(more.loop, np.sqrt(np.mean(lacks**2, axis=0)), rtol=0.04)
     assert np.all(true.loop < 0.05 * more.loop)
-    still = follow(estimate, run.window(0.0, 0.7), steps=50, windows=3)  # in which nothing moves
+    still = follow(
+        estimate, run.window(0.0, 0.7), steps=50, windows=3
+    )  # in which nothing moves
     assert still.free[0].simulated.t[0] < 0.5
     assert np.all(still.ahead.rms < 1e-3)
 
@@ -179,6 +213,8 @@ def test_what_cannot_move_is_refused(known):
     estimate, run = known
     theta = estimate.theta.copy()
     theta[estimate.model.rigid_indices] *= -1.0
-    refusal(lambda: follow(replace(estimate, theta=theta), run), "not positive definite")
+    refusal(
+        lambda: follow(replace(estimate, theta=theta), run), "not positive definite"
+    )
     refusal(lambda: follow(estimate, run, drive="wind"), "drive")
     refusal(lambda: follow(estimate, run.window(0.0, 0.2)), "s")

@@ -1,4 +1,5 @@
-"""The certificate judges: wrong answers stand out, conflicts are named (known optima: test_verified)."""
+"""The certificate judges: wrong answers stand out, conflicts are named (known optima:
+test_verified)."""
 
 from dataclasses import replace
 
@@ -9,7 +10,12 @@ from recorded import refusal
 
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.identify import certify, consistent, on_bounds, positive_mass_matrices
+from sdp_vs_penalty.estimation.identify import (
+    certify,
+    consistent,
+    on_bounds,
+    positive_mass_matrices,
+)
 from sdp_vs_penalty.estimators import Fit, LmiSdp, Task, interior_point
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
 from sdp_vs_penalty.robot import ConstraintSet, inertia
@@ -29,13 +35,19 @@ def test_a_wrong_answer_shows_as_a_gap_and_one_outside_is_repaired_or_reported(t
     fit = LmiSdpThickness().fit(task)
     interior, dual = interior_point(task, fit.constraints), fit.multipliers
     theta, right = certify(task, fit)
-    assert right.gap == pytest.approx((right.upper - right.lower) / right.loss, rel=1e-12)
+    assert right.gap == pytest.approx(
+        (right.upper - right.lower) / right.loss, rel=1e-12
+    )
     assert (right.gap < 1e-7, right.worst) == (True, 0.0)
     assert "mass of link 2" in on_bounds(fit.constraints, theta)
-    assert inertia.thickness(theta[task.links]).min() == pytest.approx(LmiSdpThickness.thickness, 1e-3)
+    assert inertia.thickness(theta[task.links]).min() == pytest.approx(
+        LmiSdpThickness.thickness, 1e-3
+    )
     wrong = [replace(fit, theta=fit.theta + 0.05 * (interior - fit.theta))]
     noise = np.random.default_rng(0).normal(size=len(dual)) * np.abs(dual).max()
-    wrong += [replace(fit, multipliers=x) for x in (2.0 * dual, 0.0 * dual, dual + noise)]
+    wrong += [
+        replace(fit, multipliers=x) for x in (2.0 * dual, 0.0 * dual, dual + noise)
+    ]
     for one in wrong:
         assert certify(task, one)[1].gap > 1e3 * max(right.gap, 1e-9)
     outside = fit.theta + 0.2 * (fit.theta - interior)
@@ -63,13 +75,17 @@ def test_the_share_of_positive_definite_mass_matrices_is_of_m_of_q(panda):
     tilted[5, 0] = -4.0
     share = positive_mass_matrices(panda.robot, tilted, 2000)
     q = panda.robot.random_configurations(2000, 0)
-    alone = [np.linalg.eigvalsh(panda.robot.mass_matrices(tilted, x))[0, 0] > 0.0 for x in q[:300]]
+    alone = [
+        np.linalg.eigvalsh(panda.robot.mass_matrices(tilted, x))[0, 0] > 0.0
+        for x in q[:300]
+    ]
     assert 0.0 <= share < 1.0
     assert share == pytest.approx(np.mean(alone), abs=0.1)
 
 
 def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]]]:
-    """Panda problems without a feasible point: minimum thickness, and what the message must name."""
+    """Panda problems without a feasible point: minimum thickness, and what the message
+    must name."""
     heavy = replace(panda, total_mass=(71.0, 80.0))  # seven links of at most 10 kg
     heavy_links = panda
     for link in (0, 3):
@@ -80,37 +96,59 @@ def conflicts(panda: Problem) -> dict[str, tuple[Problem, float, tuple[str, ...]
         flat = with_box(flat, 3, entry, 0.0, 1e-6)
     flat = with_box(flat, 3, 0, 2.0, 3.0)
     return {
-        "too heavy": (heavy, 0.0, ("total mass (robot)", "mass (links 1, 2, 3, 4, 5, 6, 7)")),
-        # The other links weigh nothing less than nothing: that much of the pseudo-inertias is needed.
+        "too heavy": (
+            heavy,
+            0.0,
+            ("total mass (robot)", "mass (links 1, 2, 3, 4, 5, 6, 7)"),
+        ),
+        # The other links weigh nothing less than nothing: that much of the
+        # pseudo-inertias is needed.
         "too light": (
             light,
             0.0,
-            ("total mass (robot)", "mass (links 1, 4)", "pseudo-inertia (links 2, 3, 5, 6, 7)"),
+            (
+                "total mass (robot)",
+                "mass (links 1, 4)",
+                "pseudo-inertia (links 2, 3, 5, 6, 7)",
+            ),
         ),
         "too thick": (panda, 2.0, ("minimum thickness (link", "trace (link")),
         "one flat link": (
-            flat, 0.5, ("minimum thickness (link 4)", "trace (link 4)", "mass (link 4)")
+            flat,
+            0.5,
+            ("minimum thickness (link 4)", "trace (link 4)", "mass (link 4)"),
         ),
-    }  # fmt: skip
+    }
 
 
-@pytest.mark.parametrize("case", ["too heavy", "too light", "too thick", "one flat link"])
+@pytest.mark.parametrize(
+    "case", ["too heavy", "too light", "too thick", "one flat link"]
+)
 def test_demands_that_exclude_each_other_are_named(case, panda):
     problem, thickness, families = conflicts(panda)[case]
     method = LmiSdpThickness(thickness=thickness)
-    message = refusal(lambda: method.fit(task_of(problem)), "exclude each other", *families)
+    message = refusal(
+        lambda: method.fit(task_of(problem)), "exclude each other", *families
+    )
     for innocent in {"sign", "range", "centre of mass", "pseudo-inertia"}:
         assert innocent not in message or innocent in " ".join(families)
 
 
 def test_bounds_that_leave_no_room_are_not_called_a_contradiction(panda):
     known = with_box(panda, 2, 0, 3.0, 3.0)
-    refusal(lambda: LmiSdp().fit(task_of(known)), "no room", "mass (link 3)", "equal bounds", "widen")
+    refusal(
+        lambda: LmiSdp().fit(task_of(known)),
+        "no room",
+        "mass (link 3)",
+        "equal bounds",
+        "widen",
+    )
 
 
 @pytest.mark.parametrize("finds", [True, False])
 def test_the_certificate_decides_whether_a_solver_gave_up(finds, task, monkeypatch):
-    """An answer that its solver calls failed counts where its gap is proved, and only there."""
+    """An answer that its solver calls failed counts where its gap is proved, and only
+    there."""
 
     class Doubtful:
         """Clarabel, or the interior point and no multipliers; never sure of itself."""
@@ -118,7 +156,9 @@ def test_the_certificate_decides_whether_a_solver_gave_up(finds, task, monkeypat
         @staticmethod
         def solve(problem: ConicProblem, accuracy: float) -> Solution:
             found = replace(
-                solver("clarabel").solve(problem, accuracy), claims="failed", status="stalled"
+                solver("clarabel").solve(problem, accuracy),
+                claims="failed",
+                status="stalled",
             )
             return found if finds else replace(found, x=0.0 * found.x, z=0.0 * found.z)
 
@@ -132,8 +172,8 @@ def test_the_certificate_decides_whether_a_solver_gave_up(finds, task, monkeypat
 
 
 def test_a_certificate_tells_what_holds_from_what_was_not_imposed():
-    """Of a convex method, a broken bound that is not convex is no surprise; of another, or beside a
-    convex one, it is a violation like any other."""
+    """Of a convex method, a broken bound that is not convex is no surprise; of another,
+    or beside a convex one, it is a violation like any other."""
     for broken, gap, spared in (
         (["barycentric inertia"], 0.0, True),
         (["barycentric inertia"], None, False),

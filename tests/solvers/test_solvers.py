@@ -1,4 +1,5 @@
-"""Every solver on the same problems, judged by our own certificate; the rewritings and file formats."""
+"""Every solver on the same problems, judged by our own certificate; the rewritings and
+file formats."""
 
 from dataclasses import replace
 
@@ -32,17 +33,24 @@ class WithoutLicence(ThroughCvxpy):
         return {"tol_gap_rel": accuracy}
 
 
-SOLVERS = {name: kind() for name, kind in solvers.solver_types().items()} | {"CVXPY's": WithoutLicence()}
+SOLVERS = {name: kind() for name, kind in solvers.solver_types().items()} | {
+    "CVXPY's": WithoutLicence()
+}
 NAMES = list(SOLVERS)
 
 
 class Link:
-    """One link with a pseudo-inertia, a mass range and a centre of mass in a cone; noisy data."""
+    """One link with a pseudo-inertia, a mass range and a centre of mass in a cone;
+    noisy data."""
 
     def __init__(self, entropic: bool = False) -> None:
         rng = np.random.default_rng(5)
-        self.nominal = inertia.standard_from_barycentric([2.0, 0.1, 0, 0.05, 0.05, 0, 0.06, 0, 0, 0.05])
-        thin = inertia.standard_from_barycentric([2.2, 0.15, 0, 0, 1e-4, 0, 0.06, 0, 0, 0.06])
+        self.nominal = inertia.standard_from_barycentric(
+            [2.0, 0.1, 0, 0.05, 0.05, 0, 0.06, 0, 0, 0.05]
+        )
+        thin = inertia.standard_from_barycentric(
+            [2.2, 0.15, 0, 0, 1e-4, 0, 0.06, 0, 0, 0.06]
+        )
         index = np.arange(10)
         radius = np.zeros((4, 3))
         radius[0, 0], radius[2, 1], radius[3, 2] = 0.1, 1.0, 1.0
@@ -51,7 +59,14 @@ class Link:
             (
                 link,
                 build.linear("mass", "link 1", [0], [[1.0, -1.0]], [-0.5, 3.0]),
-                build.linear("centre of mass cone", "link 1", index[:4], radius, np.zeros(3), "soc"),
+                build.linear(
+                    "centre of mass cone",
+                    "link 1",
+                    index[:4],
+                    radius,
+                    np.zeros(3),
+                    "soc",
+                ),
                 build.linear("trace", "link 1", [4, 6, 9], -np.eye(3), [1.0, 1.0, 1.0]),
             )
         )
@@ -70,15 +85,25 @@ class Link:
     @property
     def sdp(self) -> SdpProblem:
         return solvers.least_squares_sdp(
-            self.objective, self.constraints.convex, self.nominal, self.bound, self.nominal
+            self.objective,
+            self.constraints.convex,
+            self.nominal,
+            self.bound,
+            self.nominal,
         )
 
     def gap(self, solution: solvers.Solution) -> tuple[float, float]:
-        """Certified relative gap after feasible repair, and the relative violation before it."""
+        """Certified relative gap after feasible repair, and the relative violation
+        before it."""
         sdp = self.sdp
         theta = sdp.theta(solution)
-        own = self.constraints.filled(sdp.multipliers(solution)), sdp.entropy_slopes(solution)
-        lower = Fit(theta, self.objective, self.constraints, *own, bound=self.bound).lower
+        own = (
+            self.constraints.filled(sdp.multipliers(solution)),
+            sdp.entropy_slopes(solution),
+        )
+        lower = Fit(
+            theta, self.objective, self.constraints, *own, bound=self.bound
+        ).lower
         point = repair(self.constraints, theta, self.nominal)
         assert certainly_feasible(self.constraints.convex, point)
         upper = self.objective.value(point)
@@ -121,7 +146,9 @@ def test_primal_and_dual_certify_the_optimum(name, entropic):
 @pytest.mark.parametrize("name", NAMES)
 def test_an_empty_feasible_set_is_never_called_solved(name):
     conic, link = usable(name), Link()
-    heavy = build.linear("total mass", "robot", [0], [[1.0]], [-4.0])  # m >= 4 where m <= 3
+    heavy = build.linear(
+        "total mass", "robot", [0], [[1.0]], [-4.0]
+    )  # m >= 4 where m <= 3
     link.constraints = link.constraints.plus([heavy])
     solution = conic.solve(link.sdp.conic, 1e-7)
     assert solution.claims not in ("optimal", "inaccurate", "unbounded")
@@ -153,7 +180,8 @@ def test_rewriting_keeps_the_solution_and_its_multipliers(step):
     other = solver("clarabel").solve(rewritten.problem, 1e-9)
     x, z = rewritten.back(other.x, other.z)
     np.testing.assert_allclose(x, direct.x, atol=2e-5)
-    # Stationarity P x + q + A^T z = 0 of the original problem, equalities' multipliers included.
+    # Stationarity P x + q + A^T z = 0 of the original problem, equalities' multipliers
+    # included.
     full = sparse.triu(conic.P) + sparse.triu(conic.P, 1).T
     slope = full @ x + conic.q + conic.A.T @ z
     np.testing.assert_allclose(slope, 0.0, atol=1e-5)
@@ -163,15 +191,22 @@ def test_rewriting_keeps_the_solution_and_its_multipliers(step):
     "root", [np.diag([2.0, 0.0, 3.0]), np.array([[1.0, 2.0, 3.0], [0.0, 4.0, 5.0]])]
 )
 def test_a_quadratic_is_the_square_of_its_factor(root):
-    """Of a diagonal and of a full matrix, both without full rank; only its upper triangle is told."""
+    """Of a diagonal and of a full matrix, both without full rank; only its upper
+    triangle is told."""
     whole, x = root.T @ root, np.array([0.3, -1.0, 2.0])
     nothing = sparse.csc_matrix((0, 3))
-    told = solvers.ConicProblem(sparse.csc_matrix(np.triu(whole)), np.zeros(3), nothing, np.zeros(0), ())
+    told = solvers.ConicProblem(
+        sparse.csc_matrix(np.triu(whole)), np.zeros(3), nothing, np.zeros(0), ()
+    )
     factor = rewrite.quadratic_factor(told)
     assert factor.shape == (2, 3)
     np.testing.assert_allclose((factor.T @ factor).toarray(), whole, atol=1e-12)
-    bounded = rewrite.linear_objective(told).problem  # t >= |G x|^2 / 2 is what it costs
-    assert bounded.q @ np.append(x, 0.5 * x @ whole @ x) == pytest.approx(0.5 * x @ whole @ x)
+    bounded = rewrite.linear_objective(
+        told
+    ).problem  # t >= |G x|^2 / 2 is what it costs
+    assert bounded.q @ np.append(x, 0.5 * x @ whole @ x) == pytest.approx(
+        0.5 * x @ whole @ x
+    )
 
 
 @pytest.mark.parametrize("entropic", [False, True])
@@ -186,13 +221,25 @@ def test_exported_files_read_back_to_the_same_problem(tmp_path, entropic):
     np.testing.assert_allclose(found.b, sent.b, rtol=1e-15)
     assert abs(found.A - sent.A).max() <= 1e-15 * abs(sent.A).max()
     if entropic:
-        refusal(lambda: export_sdp(sdp, tmp_path / "problem.dat-s", None), "exponential cone", ".cbf")
+        refusal(
+            lambda: export_sdp(sdp, tmp_path / "problem.dat-s", None),
+            "exponential cone",
+            ".cbf",
+        )
 
 
 def test_unknown_and_absent_solvers_are_named(monkeypatch):
-    monkeypatch.setattr(solvers.solver_types()["cvxopt"], "requires", ("package", "no_such_package"))
-    refusal(lambda: solver("cvxopt"), "no_such_package is not installed ", "the extra [solvers]")
-    monkeypatch.setattr(solvers.solver_types()["mosek"], "requires", ("package", "numpy"))
+    monkeypatch.setattr(
+        solvers.solver_types()["cvxopt"], "requires", ("package", "no_such_package")
+    )
+    refusal(
+        lambda: solver("cvxopt"),
+        "no_such_package is not installed ",
+        "the extra [solvers]",
+    )
+    monkeypatch.setattr(
+        solvers.solver_types()["mosek"], "requires", ("package", "numpy")
+    )
     monkeypatch.delenv("MOSEKLM_LICENSE_FILE", raising=False)
     monkeypatch.setenv("HOME", "/nonexistent")
     refusal(lambda: solver("mosek"), "no licence")
@@ -221,7 +268,8 @@ def both(task: Task, method: str) -> tuple[Fit, Fit]:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("links", [2, 3, 7])
 def test_a_fit_is_proved_from_its_own_multipliers(method, links):
-    """Matrices, cones of a centre of mass that bind, signs and ranges; with a log det and without."""
+    """Matrices, cones of a centre of mass that bind, signs and ranges; with a log det
+    and without."""
     task = chain_task(links)
     cones = shape_cones(task)
     task = replace(task, constraints=task.constraints.plus(cones))
@@ -243,7 +291,9 @@ def test_similar_data_take_fewer_steps_from_the_last_fit(method):
     first = posed.fit(objective)
     data = objective.least_squares
     noise = 0.1 * np.linalg.norm(data.rho) / np.sqrt(len(data.rho) * data.rows)
-    moved = replace(data, rho=data.rho + noise * np.random.default_rng(1).normal(size=len(data.rho)))
+    moved = replace(
+        data, rho=data.rho + noise * np.random.default_rng(1).normal(size=len(data.rho))
+    )
     again = solvers.Objective(moved, objective.entropy)
     cold, warm = posed.fit(again), posed.fit(again, near=first)
 
@@ -262,7 +312,9 @@ def test_cones_of_a_higher_order_are_clarabels():
     size = 5  # |(m, c, a constant)| within a bound
     columns = np.zeros((4, size))
     columns[np.arange(4), np.arange(1, size)] = 1.0
-    ball = build.linear("ball", "link 1", link[:4], columns, [100.0, 0.0, 0.0, 0.0, 0.0], "soc")
+    ball = build.linear(
+        "ball", "link 1", link[:4], columns, [100.0, 0.0, 0.0, 0.0, 0.0], "soc"
+    )
     task = replace(task, constraints=ConstraintSet((*task.constraints.convex, ball)))
     fit, reference = both(task, "lmi-sdp")
     assert fit.details["solver"] == "clarabel"

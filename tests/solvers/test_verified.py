@@ -1,4 +1,5 @@
-"""Bounds that hold whatever was rounded: against exact rational arithmetic, and known optima."""
+"""Bounds that hold whatever was rounded: against exact rational arithmetic, and known
+optima."""
 
 import itertools
 from decimal import Decimal, localcontext
@@ -21,26 +22,39 @@ from sdp_vs_penalty.solvers.proof import optimum_proof
 def semidefinite(matrix: np.ndarray) -> bool:
     """All principal minors are non-negative: whole numbers, which rounding gives back."""
     places = range(len(matrix))
-    every = (rows for size in places for rows in itertools.combinations(places, size + 1))
-    return all(round(float(np.linalg.det(matrix[np.ix_(rows, rows)]))) >= 0 for rows in every)
+    every = (
+        rows for size in places for rows in itertools.combinations(places, size + 1)
+    )
+    return all(
+        round(float(np.linalg.det(matrix[np.ix_(rows, rows)]))) >= 0 for rows in every
+    )
 
 
 @settings(max_examples=300)
 @given(st.integers(2, 4), st.data())
 def test_semidefinite_is_what_all_principal_minors_say(size, data):
-    """Small whole numbers: zero pivots, rank-deficient and indefinite matrices are common."""
+    """Small whole numbers: zero pivots, rank-deficient and indefinite matrices are
+    common."""
     rank = data.draw(st.integers(1, size))
     entry = st.integers(-2, 2)
     v = np.array(data.draw(st.lists(entry, min_size=size * rank, max_size=size * rank)))
-    moved = np.array(data.draw(st.lists(st.integers(-1, 1), min_size=size, max_size=size)))
+    moved = np.array(
+        data.draw(st.lists(st.integers(-1, 1), min_size=size, max_size=size))
+    )
     whole = v.reshape(size, rank) @ v.reshape(size, rank).T + np.diag(moved)
     if data.draw(st.booleans()):
         whole[0, -1] += 1
         whole[-1, 0] += 1
     truth = semidefinite(whole)
-    assert verify_proof.inside("psd", [Fraction(int(x)) for x in whole.ravel()]) is truth
+    assert (
+        verify_proof.inside("psd", [Fraction(int(x)) for x in whole.ravel()]) is truth
+    )
     margin = cone_margin("psd", whole.astype(float))
-    depth = float(cone_depths("psd", whole[None].astype(float), np.abs(whole)[None].astype(float))[0])
+    depth = float(
+        cone_depths(
+            "psd", whole[None].astype(float), np.abs(whole)[None].astype(float)
+        )[0]
+    )
     if abs(margin) > 1e-9:
         assert bool(margin > 0.0) is truth
     # A depth above rounding is a proof; a violation that is one shows below zero.
@@ -48,29 +62,46 @@ def test_semidefinite_is_what_all_principal_minors_say(size, data):
 
 
 def demands(rng: np.random.Generator, interior: np.ndarray) -> ConstraintSet:
-    """One constraint of each cone in three parameters of unequal size, the interior point inside."""
+    """One constraint of each cone in three parameters of unequal size, the interior
+    point inside."""
     p = len(interior)
     index = np.arange(p)
     scale = 10.0 ** rng.uniform(-6.0, 6.0, p)
     matrices = rng.normal(size=(p, 3, 3)) * scale[:, None, None]
     matrices = matrices + np.swapaxes(matrices, 1, 2)
-    rows, lines = rng.normal(size=(p, 4)) * scale[:, None], rng.normal(size=(p, 2)) * scale[:, None]
+    rows, lines = (
+        rng.normal(size=(p, 4)) * scale[:, None],
+        rng.normal(size=(p, 2)) * scale[:, None],
+    )
     root = rng.normal(size=(3, 3))
     inside = root @ root.T + 0.1 * np.eye(3)
     middle = np.append(2.0, rng.uniform(-0.8, 0.8, 3))
     return ConstraintSet(
         (
             Constraint(
-                "lmi", "one", "psd", index, inside - np.tensordot(interior, matrices, 1), matrices
+                "lmi",
+                "one",
+                "psd",
+                index,
+                inside - np.tensordot(interior, matrices, 1),
+                matrices,
             ),
             build.linear("cone", "one", index, rows, middle - interior @ rows, "soc"),
-            build.linear("bounds", "all", index, lines, rng.uniform(0.5, 2.0, 2) - interior @ lines),
+            build.linear(
+                "bounds",
+                "all",
+                index,
+                lines,
+                rng.uniform(0.5, 2.0, 2) - interior @ lines,
+            ),
         )
     )
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_needed(seed):
+def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_needed(
+    seed,
+):
     rng = np.random.default_rng(seed)
     interior = rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 3.0)
     constraints = demands(rng, interior)
@@ -94,7 +125,8 @@ def test_a_sum_within_its_rounding_is_decided_exactly():
     rng, misled = np.random.default_rng(0), 0
     for theta, row in rng.normal(size=(200, 2, 6)):
         exact = sum(
-            (Fraction(a) * Fraction(b) for a, b in zip(theta.tolist(), row.tolist(), strict=True))
+            Fraction(a) * Fraction(b)
+            for a, b in zip(theta.tolist(), row.tolist(), strict=True)
         )
         demand = build.linear("sum", "all", np.arange(6), row[:, None], [-float(exact)])
         holds = exact >= Fraction(float(exact))
@@ -110,16 +142,20 @@ def test_logarithms_are_enclosed(size):
         context.prec = 120
         for x in np.random.default_rng(0).uniform(0.5, 1.0, 20):
             exact = Fraction(float(x)) * Fraction(size)
-            truth = Fraction(Decimal(exact.numerator).ln() - Decimal(exact.denominator).ln())
+            truth = Fraction(
+                Decimal(exact.numerator).ln() - Decimal(exact.denominator).ln()
+            )
             assert 0 <= truth - verify_proof.log_below(exact) < Fraction(1, 10**49)
 
 
 class KnownSdp:
-    """min |R theta - rho|^2 + floor^2 with a 3x3 LMI, a cone and bounds, all in whole numbers.
+    """min |R theta - rho|^2 + floor^2 with a 3x3 LMI, a cone and bounds, all in whole
+    numbers.
 
-    Built from its own KKT point: theta, the slack w w^T (psd), (5, 3, 4) (soc) and complementary
-    multipliers are chosen, R is unimodular, y = R^-T F*(S) / 2 and rho = R theta - y follow. All of
-    it is exact in doubles, hence so is the optimum |y|^2 + floor^2.
+    Built from its own KKT point: theta, the slack w w^T (psd), (5, 3, 4) (soc) and
+    complementary multipliers are chosen, R is unimodular, y = R^-T F*(S) / 2 and rho =
+    R theta - y follow. All of it is exact in doubles, hence so is the optimum |y|^2 +
+    floor^2.
     """
 
     def __init__(self, seed: int, size: int) -> None:
@@ -132,15 +168,28 @@ class KnownSdp:
         coefficients = coefficients + np.swapaxes(coefficients, 1, 2)
         index = np.arange(p)
         lmi = Constraint(
-            "lmi", "one", "psd", index, np.outer(w, w) - np.tensordot(self.theta, coefficients, 1),
+            "lmi",
+            "one",
+            "psd",
+            index,
+            np.outer(w, w) - np.tensordot(self.theta, coefficients, 1),
             coefficients,
-        )  # fmt: skip
+        )
         rows = rng.integers(-2, 3, (p, 3)).astype(float)
         cone = Constraint(
-            "cone", "one", "soc", index, np.array([5.0, 3.0, 4.0]) - self.theta @ rows, rows
+            "cone",
+            "one",
+            "soc",
+            index,
+            np.array([5.0, 3.0, 4.0]) - self.theta @ rows,
+            rows,
         )
         bounds = build.linear(
-            "range", "all", index, np.hstack([np.eye(p), -np.eye(p)]), np.full(2 * p, 8.0)
+            "range",
+            "all",
+            index,
+            np.hstack([np.eye(p), -np.eye(p)]),
+            np.full(2 * p, 8.0),
         )
         self.constraints = ConstraintSet((lmi, cone, bounds))
         each = [np.outer(v, v), size * np.array([5.0, -3.0, -4.0]), np.zeros(2 * p)]
@@ -160,24 +209,36 @@ class KnownSdp:
 
 
 @settings(max_examples=60, derandomize=False)
-@given(seed=st.integers(0, 10**6), exponent=st.integers(-3, 3), noise=st.sampled_from([0.0, 1e-9, 0.3]))
+@given(
+    seed=st.integers(0, 10**6),
+    exponent=st.integers(-3, 3),
+    noise=st.sampled_from([0.0, 1e-9, 0.3]),
+)
 def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
     known = KnownSdp(seed, 1)
     rng = np.random.default_rng(seed)
     scale = 10.0**exponent if noise else 1.0
-    multipliers = scale * (known.multipliers + noise * rng.normal(size=len(known.multipliers)))
+    multipliers = scale * (
+        known.multipliers + noise * rng.normal(size=len(known.multipliers))
+    )
     theta = known.theta + noise * rng.normal(size=3)
-    lower = Fit(theta, known.objective, known.constraints, multipliers, bound=known.bound).lower
+    lower = Fit(
+        theta, known.objective, known.constraints, multipliers, bound=known.bound
+    ).lower
     assert Fraction(lower) <= known.optimum
     if noise == 0.0:  # and it is not merely low
-        assert known.optimum - Fraction(lower) <= Fraction(1, 10**12) * (1 + known.optimum)
+        assert known.optimum - Fraction(lower) <= Fraction(1, 10**12) * (
+            1 + known.optimum
+        )
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(seed):
     known, rng = KnownSdp(seed, 1), np.random.default_rng(seed)
     near = known.multipliers - 1e-9 * rng.random(len(known.multipliers))
-    made = optimum_proof(Fit(known.theta, known.objective, known.constraints, near, bound=known.bound))
+    made = optimum_proof(
+        Fit(known.theta, known.objective, known.constraints, near, bound=known.bound)
+    )
     lower, upper = verify_proof.check(made)
     assert lower <= known.optimum <= upper
     assert upper - lower <= Fraction(1, 10**6) * (1 + known.optimum)
@@ -186,13 +247,19 @@ def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(see
 def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible():
     constraint = build.linear("mass", "one", [0], [[1.0]], [-1.0])  # theta >= 1
     assert verified.certainly_feasible([constraint], np.array([1.0]))
-    assert not verified.certainly_feasible([constraint], np.array([np.nextafter(1.0, 0.0)]))
+    assert not verified.certainly_feasible(
+        [constraint], np.array([np.nextafter(1.0, 0.0)])
+    )
     cone = build.linear("cone", "one", [0], [[1.0, 0.0, 0.0]], [0.0, 3.0, 4.0], "soc")
     assert verified.certainly_feasible([cone], np.array([5.0]))
     assert not verified.certainly_feasible([cone], np.array([np.nextafter(5.0, 0.0)]))
     link = build.pseudo_inertia("link", np.arange(10))
-    rod = inertia.from_pseudo_inertia(np.outer([1.0, 2.0, 3.0, 1.0], [1.0, 2.0, 3.0, 1.0]))
-    assert verified.certainly_feasible([link], rod)  # rank one: on the boundary, exactly
+    rod = inertia.from_pseudo_inertia(
+        np.outer([1.0, 2.0, 3.0, 1.0], [1.0, 2.0, 3.0, 1.0])
+    )
+    assert verified.certainly_feasible(
+        [link], rod
+    )  # rank one: on the boundary, exactly
     rod[9] = np.nextafter(rod[9], 0.0)
     assert not verified.certainly_feasible([link], rod)
 
@@ -204,6 +271,10 @@ def test_infeasibility_is_proved_only_where_it_is_true():
     bound = np.full(p, 10.0)
     demands, farkas = ConstraintSet((above, below)), np.ones(3)
     assert verified.proves_infeasible(demands, farkas, bound)
-    touching = build.linear("lower", "sum", [0, 1], [[1.0], [1.0]], [-2.0])  # met by (1, 1) only
-    assert not verified.proves_infeasible(ConstraintSet((touching, below)), farkas, bound)
+    touching = build.linear(
+        "lower", "sum", [0, 1], [[1.0], [1.0]], [-2.0]
+    )  # met by (1, 1) only
+    assert not verified.proves_infeasible(
+        ConstraintSet((touching, below)), farkas, bound
+    )
     assert not verified.proves_infeasible(demands, np.array([1.0, 0.0, 0.0]), bound)

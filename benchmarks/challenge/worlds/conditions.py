@@ -1,7 +1,8 @@
-"""Under which conditions a robot is measured, and the nuisances: conditions that are no finding.
+"""Under which conditions a robot is measured, and the nuisances: conditions that are no
+finding.
 
-What lies between a torque and its log, an angle and its log: filters, delay, noise, steps. What a
-nuisance makes fair to name is stated here, before any case is run.
+What lies between a torque and its log, an angle and its log: filters, delay, noise,
+steps. What a nuisance makes fair to name is stated here, before any case is run.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +15,14 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from sdp_vs_penalty.simulation.worlds.hidden import first_order, log_uniform
-from sdp_vs_penalty.simulation.worlds.world import Arm, Array, DryFriction, TrueMotion, World, bristles
+from sdp_vs_penalty.simulation.worlds.world import (
+    Arm,
+    Array,
+    DryFriction,
+    TrueMotion,
+    World,
+    bristles,
+)
 
 ARMS = ("panda", "elbow", "desk", "scara")
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
@@ -22,10 +30,10 @@ RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)
 
 @dataclass(frozen=True)
 class Channel:
-    """smooth : length of a moving average that looks both ways; lag : time constant of a causal
-    low-pass; delay : of the torque log behind the positions [s]; rate : of the log [Hz];
-    step : of the encoder [rad]; speed_noise : of a logged velocity [rad/s], None:
-    no velocity in the log."""
+    """smooth : length of a moving average that looks both ways; lag : time constant of
+    a causal low-pass; delay : of the torque log behind the positions [s]; rate : of the
+    log [Hz]; step : of the encoder [rad]; speed_noise : of a logged velocity [rad/s],
+    None: no velocity in the log."""
 
     rate: float = 500.0
     smooth: float = 0.0
@@ -43,19 +51,22 @@ class Channel:
             half = round(self.smooth / step) // 2
             tau = uniform_filter1d(tau, 2 * half + 1, axis=0, mode="nearest")
         if self.delay:
-            tau = np.column_stack([np.interp(t - self.delay, t, column) for column in tau.T])
+            tau = np.column_stack(
+                [np.interp(t - self.delay, t, column) for column in tau.T]
+            )
         return tau
 
     def position(self, q: Array, unit: Array) -> Array:
-        """(N, n) as the encoder counts; unit (n,) : metres of a prismatic joint for a radian."""
+        """(N, n) as the encoder counts; unit (n,) : metres of a prismatic joint for a
+        radian."""
         step = self.step * unit
         return np.asarray(np.round(q / step) * step)
 
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """level : over the arm's own; colour : of a first-order autoregression; tails : degrees of freedom
-    of Student's distribution, None: normal."""
+    """level : over the arm's own; colour : of a first-order autoregression; tails :
+    degrees of freedom of Student's distribution, None: normal."""
 
     level: float = 1.0
     colour: float = 0.3
@@ -67,20 +78,26 @@ class SensorNoise:
         if self.tails is None:
             fresh = rng.normal(size=size)
         else:
-            fresh = rng.standard_t(self.tails, size) * np.sqrt((self.tails - 2.0) / self.tails)
-        coloured = lfilter([np.sqrt(1.0 - self.colour**2)], [1.0, -self.colour], fresh, axis=0)
+            fresh = rng.standard_t(self.tails, size) * np.sqrt(
+                (self.tails - 2.0) / self.tails
+            )
+        coloured = lfilter(
+            [np.sqrt(1.0 - self.colour**2)], [1.0, -self.colour], fresh, axis=0
+        )
         return np.asarray(std * coloured[200:])
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """width : (smallest, largest) of tanh [rad/s or m/s], drawn joint by joint, by default what the
-    library's Coulomb friction has unless told otherwise; asymmetry : of Coulomb and viscous
-    friction, as a share; warming : share of the viscous friction that goes as grease warms up;
-    thermometer : whether the gears' temperatures are logged; misplacement : (m, degrees) of the true
-    joints beside the URDF; runs, duration : of what is diagnosed, a test run apart; motion : as of
-    motion.plan; servo : whether a servo drives it, and friction holds what stands; rotor : inertia of
-    geared rotors over that of the links that they move, none of which the URDF tells."""
+    """width : (smallest, largest) of tanh [rad/s or m/s], drawn joint by joint, by
+    default what the library's Coulomb friction has unless told otherwise; asymmetry :
+    of Coulomb and viscous friction, as a share; warming : share of the viscous friction
+    that goes as grease warms up; thermometer : whether the gears' temperatures are
+    logged; misplacement : (m, degrees) of the true joints beside the URDF; runs,
+    duration : of what is diagnosed, a test run apart; motion : as of motion.plan; servo
+    : whether a servo drives it, and friction holds what stands; rotor : inertia of
+    geared rotors over that of the links that they move, none of which the URDF tells.
+    """
 
     arm: str = "panda"
     law: str = "tanh"
@@ -100,8 +117,9 @@ class Conditions:
 
 @dataclass(frozen=True)
 class FrictionLaw(DryFriction):
-    """law : sign, tanh, dahl or lugre; travel (n,) : of the bristles [rad or m]; rise, speed (n,) : by
-    how much LuGre's friction is larger at rest, and up to which speed."""
+    """law : sign, tanh, dahl or lugre; travel (n,) : of the bristles [rad or m]; rise,
+    speed (n,) : by how much LuGre's friction is larger at rest, and up to which speed.
+    """
 
     law: str
     travel: Array
@@ -113,7 +131,8 @@ class FrictionLaw(DryFriction):
         return self.law in ("sign", "tanh")
 
     def share(self, t: Array, dq: Array) -> Array:
-        """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at >= 1 kHz."""
+        """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at
+        >= 1 kHz."""
         if self.law == "sign":
             return np.sign(dq)
         if self.law == "tanh":
@@ -125,18 +144,26 @@ class FrictionLaw(DryFriction):
             return 1.0 + self.rise * np.exp(-((v / self.speed) ** 2))
 
         z, side = bristles(t, dq, self.travel, level), np.sign(dq)
-        return z + 0.02 * side * (1.0 - side * z / level(dq))  # and what bends the bristles is damped
+        return z + 0.02 * side * (
+            1.0 - side * z / level(dq)
+        )  # and what bends the bristles is damped
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
-        own = {"tanh": ("width",), "dahl": ("travel",), "lugre": ("travel", "rise", "speed")}
-        return {"law": self.law} | {x: getattr(self, x).tolist() for x in own.get(self.law, ())}
+        own = {
+            "tanh": ("width",),
+            "dahl": ("travel",),
+            "lugre": ("travel", "rise", "speed"),
+        }
+        return {"law": self.law} | {
+            x: getattr(self, x).tolist() for x in own.get(self.law, ())
+        }
 
 
 @dataclass(frozen=True)
 class RatedArm(Arm):
-    """lower, upper, speed (n,) : limits of the joints [rad or m, and per s]; coulomb, viscous, noise
-    (n,) : nominal sizes [N m or N]."""
+    """lower, upper, speed (n,) : limits of the joints [rad or m, and per s]; coulomb,
+    viscous, noise (n,) : nominal sizes [N m or N]."""
 
     lower: Array
     upper: Array
@@ -155,9 +182,9 @@ class Driven(TrueMotion):
 
 @dataclass(frozen=True, kw_only=True)
 class Site(World):
-    """A world, and the conditions under which it is measured. sides (2, n) : the shares of Coulomb and
-    of viscous friction that have the same sign in both directions; rotor (n,) : inertia [kg m^2 or kg]
-    that a motor turns besides its link."""
+    """A world, and the conditions under which it is measured. sides (2, n) : the shares
+    of Coulomb and of viscous friction that have the same sign in both directions; rotor
+    (n,) : inertia [kg m^2 or kg] that a motor turns besides its link."""
 
     arm: RatedArm
     dry: FrictionLaw
@@ -170,7 +197,8 @@ class Site(World):
         return self.rigid(m) + self.rotor * m.ddq + self.friction(m) + self.more
 
     def share(self, m: TrueMotion) -> Array:
-        """(N, n) dry friction over the Coulomb torque: as the servo met it, or by its law."""
+        """(N, n) dry friction over the Coulomb torque: as the servo met it, or by its
+        law."""
         return m.share if isinstance(m, Driven) else super().share(m)
 
     def friction(self, m: TrueMotion) -> Array:
@@ -194,11 +222,17 @@ def _encoder(c: Conditions, rng: Generator) -> Conditions:
 
 def _noise(c: Conditions, rng: Generator) -> Conditions:
     tails = float(rng.uniform(3.0, 8.0)) if rng.random() < 0.5 else None
-    return replace(c, noise=SensorNoise(log_uniform(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails))
+    return replace(
+        c,
+        noise=SensorNoise(
+            log_uniform(rng, 0.3, 3.0), float(rng.uniform(0.0, 0.9)), tails
+        ),
+    )
 
 
 def _servo(c: Conditions, rng: Generator) -> Conditions:
-    """Driven in closed loop, mostly from point to point; friction that sticks, or turns fast."""
+    """Driven in closed loop, mostly from point to point; friction that sticks, or turns
+    fast."""
     law = str(rng.choice(["sign", "sign", "tanh", "dahl"]))
     motion = str(rng.choice(["points", "points", "periodic", "aperiodic"]))
     return replace(c, servo=True, law=law, width=(0.003, 0.03), motion=motion)
@@ -207,8 +241,14 @@ def _servo(c: Conditions, rng: Generator) -> Conditions:
 def _mixed(c: Conditions, rng: Generator) -> Conditions:
     """Several at once: each kind of nuisance in half of the cases."""
     kinds = ("sign", "tanh_0.002", "widths", "dahl", "lugre")
-    drawn = [str(rng.choice(kinds)), *("asymmetric", "warming", "geometry", "encoder", "rate", "noise")]
-    drawn += [str(rng.choice(["smoothed", "causal", "delay"])), str(rng.choice(["points", "servo"]))]
+    drawn = [
+        str(rng.choice(kinds)),
+        *("asymmetric", "warming", "geometry", "encoder", "rate", "noise"),
+    ]
+    drawn += [
+        str(rng.choice(["smoothed", "causal", "delay"])),
+        str(rng.choice(["points", "servo"])),
+    ]
     drawn += ["aperiodic", "rotor"]
     for name in drawn:
         if rng.random() < 0.5:
@@ -223,7 +263,9 @@ NUISANCES: Mapping[str, Callable[[Conditions, Generator], Conditions]] = {
     "tanh_0.002": lambda c, _: replace(c, law="tanh", width=(0.002, 0.002)),
     "widths": lambda c, _: replace(c, law="tanh", width=(0.002, 0.1)),
     "asymmetric": lambda c, rng: replace(c, asymmetry=float(rng.uniform(0.05, 0.3))),
-    "warming": lambda c, rng: replace(c, warming=float(rng.uniform(0.1, 0.4)), thermometer=True),
+    "warming": lambda c, rng: replace(
+        c, warming=float(rng.uniform(0.1, 0.4)), thermometer=True
+    ),
     "dahl": lambda c, _: replace(c, law="dahl"),
     "lugre": lambda c, _: replace(c, law="lugre"),
     "smoothed": lambda c, _: _channel(c, smooth=0.04),
@@ -237,20 +279,30 @@ NUISANCES: Mapping[str, Callable[[Conditions, Generator], Conditions]] = {
     "servo": _servo,
     "rotor": lambda c, rng: replace(c, rotor=float(rng.uniform(0.05, 0.6))),
     "aperiodic": lambda c, _: replace(c, motion="aperiodic"),
-    "one_run": lambda c, rng: replace(c, runs=1, duration=float(rng.uniform(15.0, 60.0))),
+    "one_run": lambda c, rng: replace(
+        c, runs=1, duration=float(rng.uniform(15.0, 60.0))
+    ),
     "short": lambda c, rng: replace(c, runs=2, duration=float(rng.uniform(8.0, 12.0))),
     "mixed": _mixed,
 }
 
 _PRESLIDING = ("presliding_hysteresis", "maxwell_slip")
 _LATE = ("global_delay", "torque_delay", "torque_filter")
-_UNEVEN = ("asymmetric_viscous_friction", "asymmetric_coulomb_friction", "torque_offset")
+_UNEVEN = (
+    "asymmetric_viscous_friction",
+    "asymmetric_coulomb_friction",
+    "torque_offset",
+)
 _GEOMETRY = ("kinematic_error", "base_tilt", "joint_zero_error")
 
-#: Under which conditions which effects are a right answer (a changed shape constant, kind "retune",
-#: always is), and whether "unknown effect" is one as well.
+#: Under which conditions which effects are a right answer (a changed shape constant,
+#: kind "retune", always is), and whether "unknown effect" is one as well.
 FAIR: Sequence[tuple[Callable[[Conditions], bool], tuple[str, ...], bool]] = (
-    (lambda c: c.law == "tanh" and max(c.width) > max(Conditions().width), ("sigmoid_friction",), False),
+    (
+        lambda c: c.law == "tanh" and max(c.width) > max(Conditions().width),
+        ("sigmoid_friction",),
+        False,
+    ),
     (lambda c: c.asymmetry > 0.0, _UNEVEN, False),
     (lambda c: c.warming > 0.0, ("drift_friction", "warming_friction"), False),
     (lambda c: c.law == "dahl", _PRESLIDING, False),
@@ -267,13 +319,19 @@ FAIR: Sequence[tuple[Callable[[Conditions], bool], tuple[str, ...], bool]] = (
 
 
 def draw_conditions(nuisance: str, rng: Generator) -> Conditions:
-    """Conditions of one case of a class of nuisance, on any of the arms (plain: on the Panda)."""
+    """Conditions of one case of a class of nuisance, on any of the arms (plain: on the
+    Panda)."""
     arm = str(rng.choice(ARMS))
-    usual = Conditions(arm, runs=int(rng.integers(2, 5)), duration=float(rng.uniform(10.0, 25.0)))
+    usual = Conditions(
+        arm, runs=int(rng.integers(2, 5)), duration=float(rng.uniform(10.0, 25.0))
+    )
     return NUISANCES[nuisance](usual, rng)
 
 
 def fair(c: Conditions) -> tuple[set[str], bool]:
-    """The effects that are a right answer to these conditions, and whether abstaining is one."""
+    """The effects that are a right answer to these conditions, and whether abstaining
+    is one."""
     present = [(effects, abstains) for at_work, effects, abstains in FAIR if at_work(c)]
-    return {x for effects, _ in present for x in effects}, any(abstains for _, abstains in present)
+    return {x for effects, _ in present for x in effects}, any(
+        abstains for _, abstains in present
+    )

@@ -1,4 +1,5 @@
-"""What no effect of the library is: torques of the state, and what happens beside the motion."""
+"""What no effect of the library is: torques of the state, and what happens beside the
+motion."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -18,9 +19,15 @@ Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]
 def _of_states(w: World, j: int, i: int, c: float, k: float) -> dict[str, Law]:
     """Of joint j, and of another one i with it; k waves in a turn."""
     s, ti = w.arm.unit_speed, 1.0 if w.arm.rotary[i] else 5.0
-    (q, dq, ddq), (qi, dqi) = ((f"{x}{j + 1}" for x in ("q", "dq", "ddq")), (f"q{i + 1}", f"dq{i + 1}"))
+    (q, dq, ddq), (qi, dqi) = (
+        (f"{x}{j + 1}" for x in ("q", "dq", "ddq")),
+        (f"q{i + 1}", f"dq{i + 1}"),
+    )
     return {
-        "bumps of q": (lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (q,)),
+        "bumps of q": (
+            lambda m: np.exp(20.0 * (np.cos(k * m.q[:, j] - c) - 1.0)),
+            (q,),
+        ),
         "cos(2 q_i) sign(dq_j)": (
             lambda m: np.cos(2.0 * m.q[:, i] / s[i] + c) * np.sign(m.dq[:, j]),
             (qi, f"sign(dq{j + 1})"),
@@ -29,30 +36,41 @@ def _of_states(w: World, j: int, i: int, c: float, k: float) -> dict[str, Law]:
         "dq_i |dq_j|": (lambda m: m.dq[:, i] * np.abs(m.dq[:, j]), (dqi, dq)),
         "q dq": (lambda m: m.q[:, j] * m.dq[:, j], (q, dq)),
         "q_i dq_j": (lambda m: m.q[:, i] * m.dq[:, j], (qi, dq)),
-        "sin(k q_j + 3 q_i)": (lambda m: np.sin(k * m.q[:, j] + 3.0 * ti * m.q[:, i] + c), (q, qi)),
+        "sin(k q_j + 3 q_i)": (
+            lambda m: np.sin(k * m.q[:, j] + 3.0 * ti * m.q[:, i] + c),
+            (q, qi),
+        ),
     }
 
 
 def _other(w: World, j: int, rng: Generator) -> tuple[int, float]:
     """Another joint, and a phase."""
-    return int(rng.choice([k for k in range(w.arm.n) if k != j])), float(rng.uniform(-0.5, 0.5))
+    return int(rng.choice([k for k in range(w.arm.n) if k != j])), float(
+        rng.uniform(-0.5, 0.5)
+    )
 
 
 def unknown(w: World, j: int, rng: Generator) -> Hidden:
     """A function of the state that is not in the library."""
     laws = _of_states(w, j, *_other(w, j, rng), 2.0 if w.arm.rotary[j] else 16.0)
     name = str(rng.choice(sorted(laws)))
-    return replace(at_joint(j, lambda _, m: laws[name][0](m)), effect=f"unknown: {name}")
+    return replace(
+        at_joint(j, lambda _, m: laws[name][0](m)), effect=f"unknown: {name}"
+    )
 
 
 def nameless(w: Site, j: int, rng: Generator) -> Hidden:
-    """A torque that no effect of the library is, over what a curve can show: position, load, velocity,
-    acceleration, a combination of joints, or a pair of them, periodic or not.
+    """A torque that no effect of the library is, over what a curve can show: position,
+    load, velocity, acceleration, a combination of joints, or a pair of them, periodic
+    or not.
 
     details : "of", its variables as findings.json writes them.
     """
     i, c = _other(w, j, rng)
-    s, k = w.arm.unit_speed, float(rng.uniform(2.0, 4.0)) * (1.0 if w.arm.rotary[j] else 8.0)
+    s, k = (
+        w.arm.unit_speed,
+        float(rng.uniform(2.0, 4.0)) * (1.0 if w.arm.rotary[j] else 8.0),
+    )
     v = float(rng.uniform(0.2, 0.5)) * s[j]
     q, dq, ddq, tau = (f"{name}{j + 1}" for name in ("q", "dq", "ddq", "tau"))
     load = 1e-2 / max(w.arm.noise[j], 1e-9)
@@ -73,17 +91,30 @@ def nameless(w: Site, j: int, rng: Generator) -> Hidden:
 
 
 def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
-    """Of a combination of neighbours, as behind a differential; of the teeth of a wheel."""
+    """Of a combination of neighbours, as behind a differential; of the teeth of a
+    wheel."""
     a = max(j - 1, 0)
     if not w.arm.rotary[a : a + 2].all():
         return {}
     ratio, k = float(rng.choice([-2.0, -1.0, 1.0, 2.0])), float(rng.integers(5, 13))
-    c, wide = float(rng.uniform(-3.0, 3.0)), 0.2 * float(w.arm.unit_speed[a : a + 2].sum())
-    sign, size = "-" if ratio < 0.0 else "+", "" if abs(ratio) == 1.0 else f"{abs(ratio):g}"
+    c, wide = (
+        float(rng.uniform(-3.0, 3.0)),
+        0.2 * float(w.arm.unit_speed[a : a + 2].sum()),
+    )
+    sign, size = (
+        "-" if ratio < 0.0 else "+",
+        "" if abs(ratio) == 1.0 else f"{abs(ratio):g}",
+    )
     both = f"q{a + 1}{sign}{size}q{a + 2}"
     return {
-        "tanh of q_i + c q_j": (lambda m: np.tanh((m.q[:, a] + ratio * m.q[:, a + 1]) / wide), (both,)),
-        "teeth": (lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)), (f"q{j + 1}",)),
+        "tanh of q_i + c q_j": (
+            lambda m: np.tanh((m.q[:, a] + ratio * m.q[:, a + 1]) / wide),
+            (both,),
+        ),
+        "teeth": (
+            lambda m: np.exp(3.0 * (np.cos(k * m.q[:, j] - c) - 1.0)),
+            (f"q{j + 1}",),
+        ),
     }
 
 
@@ -93,9 +124,16 @@ def disturbance(w: Site, j: int, rng: Generator) -> Hidden:
     c = w.conditions
     run = int(rng.integers(c.runs))
     begin = start_of(c, run) + LEAD + float(rng.uniform(0.15, 0.85)) * c.duration
-    lengths = {"contact": rng.uniform(0.3, 2.0), "knock": rng.uniform(0.05, 0.15), "hum": 0.0}
+    lengths = {
+        "contact": rng.uniform(0.3, 2.0),
+        "knock": rng.uniform(0.05, 0.15),
+        "hum": 0.0,
+    }
     length = float(lengths[kind])
-    frequency, phase = float(rng.uniform(1.0, 7.0)), float(rng.uniform(0.0, 2.0 * np.pi))
+    frequency, phase = (
+        float(rng.uniform(1.0, 7.0)),
+        float(rng.uniform(0.0, 2.0 * np.pi)),
+    )
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
@@ -109,7 +147,9 @@ def disturbance(w: Site, j: int, rng: Generator) -> Hidden:
             data = w.built.createData()
             for k in inside:
                 J = w.arm.last_jacobian(w.built, data, m.q[k])
-                out[k] = size * np.sin(np.pi * (m.t[k] - begin) / length) * (J.T @ force)
+                out[k] = (
+                    size * np.sin(np.pi * (m.t[k] - begin) / length) * (J.T @ force)
+                )
         return out
 
     details = {"kind": kind, "t_start": begin, "t_end": begin + length}

@@ -1,8 +1,10 @@
-"""Motions inside an arm's limits: periodic, aperiodic, from point to point; and as a servo drives them.
+"""Motions inside an arm's limits: periodic, aperiodic, from point to point; and as a
+servo drives them.
 
-The time stepping is implicit in dry friction, so that a joint that sticks has velocity zero and its
-friction is whatever holds it: Moreau, Computer Methods in Applied Mechanics and Engineering 1999; Dahl's
-law in the same form: its travel of 1e-7 is the set-valued sign.
+The time stepping is implicit in dry friction, so that a joint that sticks has velocity
+zero and its friction is whatever holds it: Moreau, Computer Methods in Applied
+Mechanics and Engineering 1999; Dahl's law in the same form: its travel of 1e-7 is the
+set-valued sign.
 """
 
 from collections.abc import Callable
@@ -18,21 +20,24 @@ from sdp_vs_penalty.simulation.worlds.world import Array, TrueMotion, inverse_dy
 
 States = tuple[Array, Array, Array]
 
-#: Shares of the position and velocity limits that a motion uses; the farthest from its centre [rad].
+#: Shares of the position and velocity limits that a motion uses; the farthest from its
+#: centre [rad].
 REACH, SPEED, SWING = 0.75, 0.5, 1.6
 
 
 def plan(
     arm: RatedArm, kind: str, duration: float, rng: np.random.Generator
 ) -> Callable[[Array], States]:
-    """A random motion, periodic, aperiodic or from point to point ("points"), as a function of time [s]
-    from its beginning."""
+    """A random motion, periodic, aperiodic or from point to point ("points"), as a
+    function of time [s] from its beginning."""
     reach = 0.5 * REACH * (arm.upper - arm.lower)
     half, fastest = np.minimum(reach, SWING), SPEED * arm.speed
 
     def centre() -> Array:
         """Somewhere in the room that the half range leaves, drawn."""
-        return 0.5 * (arm.lower + arm.upper) + (reach - half) * rng.uniform(-1.0, 1.0, arm.n)
+        return 0.5 * (arm.lower + arm.upper) + (reach - half) * rng.uniform(
+            -1.0, 1.0, arm.n
+        )
 
     if kind == "points":
         return _points(centre(), half, fastest, duration, rng)
@@ -47,13 +52,17 @@ def plan(
     q, dq, _ = waves(size, w, phase)(np.arange(0.0, duration, 0.02))
     middle = 0.5 * (q.max(axis=0) + q.min(axis=0))
     # As large as position and velocity limits let them be.
-    fit = np.minimum(half / np.abs(q - middle).max(axis=0), fastest / np.abs(dq).max(axis=0))
+    fit = np.minimum(
+        half / np.abs(q - middle).max(axis=0), fastest / np.abs(dq).max(axis=0)
+    )
     return waves(fit * size, w, phase, about - fit * middle)
 
 
-def waves(size: Array, w: Array, phase: Array, centre: Array | float = 0.0) -> Callable[[Array], States]:
-    """q = centre + sum_k size_k sin(w_k t + phase_k) of k waves, each (k, n) or (k, 1) [rad or m, rad/s,
-    rad]; centre (n,)."""
+def waves(
+    size: Array, w: Array, phase: Array, centre: Array | float = 0.0
+) -> Callable[[Array], States]:
+    """q = centre + sum_k size_k sin(w_k t + phase_k) of k waves, each (k, n) or (k, 1)
+    [rad or m, rad/s, rad]; centre (n,)."""
 
     def states(t: Array) -> States:
         angle = w * t[:, None, None] + phase
@@ -65,19 +74,32 @@ def waves(size: Array, w: Array, phase: Array, centre: Array | float = 0.0) -> C
 
 
 def _points(
-    centre: Array, half: Array, fastest: Array, duration: float, rng: np.random.Generator
+    centre: Array,
+    half: Array,
+    fastest: Array,
+    duration: float,
+    rng: np.random.Generator,
 ) -> Callable[[Array], States]:
-    """Stop at random points; in half of the cases the same ones again. Between them the smooth step
-    35 s^4 - 84 s^5 + 70 s^6 - 20 s^7, whose first three derivatives vanish at both ends."""
+    """Stop at random points; in half of the cases the same ones again. Between them the
+    smooth step 35 s^4 - 84 s^5 + 70 s^6 - 20 s^7, whose first three derivatives vanish
+    at both ends."""
     again = int(rng.integers(4, 7)) if rng.random() < 0.5 else 10_000
     targets, times = [centre], [0.0]  # where it pauses, and until when
     arrivals: list[float] = []
     while times[-1] < duration:
         k = len(targets)
         known = k > again
-        target = targets[k - again] if known else centre + half * rng.uniform(-1.0, 1.0, len(half))
+        target = (
+            targets[k - again]
+            if known
+            else centre + half * rng.uniform(-1.0, 1.0, len(half))
+        )
         move = float(np.max(2.2 * np.abs(target - targets[-1]) / fastest)) + 0.2
-        pause = times[k - again] - arrivals[k - again - 1] if known else rng.uniform(0.3, 1.2)
+        pause = (
+            times[k - again] - arrivals[k - again - 1]
+            if known
+            else rng.uniform(0.3, 1.2)
+        )
         arrivals.append(times[-1] + move)
         times.append(arrivals[-1] + pause)
         targets.append(target)
@@ -85,11 +107,15 @@ def _points(
     def states(t: Array) -> States:
         q = np.tile(targets[0], (len(t), 1))
         dq, ddq = np.zeros_like(q), np.zeros_like(q)
-        for start, end, (a, b) in zip(times[:-1], arrivals, pairwise(targets), strict=True):
+        for start, end, (a, b) in zip(
+            times[:-1], arrivals, pairwise(targets), strict=True
+        ):
             s = np.clip((t - start) / (end - start), 0.0, 1.0)[:, None]
             q += (b - a) * (35 * s**4 - 84 * s**5 + 70 * s**6 - 20 * s**7)
             dq += (b - a) * 140 * s**3 * (1 - s) ** 3 / (end - start)
-            ddq += (b - a) * 420 * s**2 * (1 - s) ** 2 * (1 - 2 * s) / (end - start) ** 2
+            ddq += (
+                (b - a) * 420 * s**2 * (1 - s) ** 2 * (1 - 2 * s) / (end - start) ** 2
+            )
         return q, dq, ddq
 
     return states
@@ -99,44 +125,64 @@ def _points(
 NONE = 1e-7
 #: Velocity to which a step is solved [rad/s or m/s], and in how many rounds at most.
 TOLERANCE, ROUNDS = 1e-8, 30
-#: A good industrial controller: bandwidth of its position loop [Hz], or by how much it yields to dry
-#: friction at most [rad].
+#: A good industrial controller: bandwidth of its position loop [Hz], or by how much it
+#: yields to dry friction at most [rad].
 BANDWIDTH, YIELDS = 4.0, 0.01
-#: The share of dry friction that its feed-forward knows, and over which velocity that turns [rad/s].
+#: The share of dry friction that its feed-forward knows, and over which velocity that
+#: turns [rad/s].
 KNOWN, TURNS = 0.7, 0.05
 
 
 def driven(
-    world: Site, plan: TrueMotion, pull: Array | float = 0.0, jitter: Array | float = 0.0
+    world: Site,
+    plan: TrueMotion,
+    pull: Array | float = 0.0,
+    jitter: Array | float = 0.0,
 ) -> TrueMotion:
-    """What the arm does under PID control with feed-forward, at the rate of the plan (1 kHz), from rest.
+    """What the arm does under PID control with feed-forward, at the rate of the plan (1
+    kHz), from rest.
 
-    pull (N, n) : a torque against it that nobody plans; jitter (N, n) : noise of the encoders.
+    pull (N, n) : a torque against it that nobody plans; jitter (N, n) : noise of the
+    encoders.
 
-    Solves M (v' - v) / h + b(q, v) + f (v + v') / 2 + F(v') = tau for the next velocity v', F dry
-    friction. Each row is of the middle of a step, which (v + v') / 2 goes through: with v' alone all
-    torques would be half a step late. ``share`` is what friction did then.
+    Solves M (v' - v) / h + b(q, v) + f (v + v') / 2 + F(v') = tau for the next velocity
+    v', F dry friction. Each row is of the middle of a step, which (v + v') / 2 goes
+    through: with v' alone all torques would be half a step late. ``share`` is what
+    friction did then.
     """
     arm, n = world.arm, world.arm.n
     h = float(plan.t[1] - plan.t[0])
     pull, jitter = (np.broadcast_to(x, plan.q.shape) for x in (pull, jitter))
     coulomb = np.where(world.coulomb > 0.0, world.coulomb, arm.coulomb)
-    forward = inverse_dynamics(arm.model, plan.q, plan.dq, plan.ddq) + world.viscous * plan.dq
+    forward = (
+        inverse_dynamics(arm.model, plan.q, plan.dq, plan.ddq) + world.viscous * plan.dq
+    )
     forward += world.rotor * plan.ddq + world.offset
     forward += KNOWN * coulomb * np.tanh(plan.dq / (TURNS * arm.unit_speed))
     data = world.built.createData()
     q, v, z, wound = plan.q[0].copy(), np.zeros(n), np.zeros(n), np.zeros(n)
     alone = pin.crba(arm.model, arm.model.createData(), q) + np.diag(world.rotor)
-    inertia = 1.0 / np.diag(np.linalg.inv(alone))  # of a joint whose neighbours are free
-    gain = np.maximum((2.0 * np.pi * BANDWIDTH) ** 2 * inertia, coulomb / (YIELDS * arm.unit_speed))
+    inertia = 1.0 / np.diag(
+        np.linalg.inv(alone)
+    )  # of a joint whose neighbours are free
+    gain = np.maximum(
+        (2.0 * np.pi * BANDWIDTH) ** 2 * inertia, coulomb / (YIELDS * arm.unit_speed)
+    )
     damp, wind = 2.0 * np.sqrt(gain * inertia), 2.0 * gain
     rows = []
     for k in range(len(plan.t)):
         seen = world.conditions.channel.position(q + jitter[k], arm.unit_speed)
         wound += h * (plan.q[k] - seen)
-        tau = forward[k] + gain * (plan.q[k] - seen) + damp * (plan.dq[k] - v) + wind * wound
+        tau = (
+            forward[k]
+            + gain * (plan.q[k] - seen)
+            + damp * (plan.dq[k] - v)
+            + wind * wound
+        )
         bias = pin.nonLinearEffects(world.built, data, q, v)
-        A = pin.crba(world.built, data, q) + np.diag(world.rotor + 0.5 * h * world.viscous)
+        A = pin.crba(world.built, data, q) + np.diag(
+            world.rotor + 0.5 * h * world.viscous
+        )
         push = A @ v + h * (tau - bias - world.offset - pull[k] - world.viscous * v)
         after, share = _next(A, push, h * coulomb, z, h, world)
         mean = 0.5 * (v + after)
@@ -145,9 +191,11 @@ def driven(
     return Driven(plan.t, *(np.array(x) for x in zip(*rows, strict=True)))
 
 
-def _next(A: Array, push: Array, dry: Array, z: Array, h: float, world: Site) -> tuple[Array, Array]:
-    """(n,) velocity and share of dry friction that solve A v + dry share(v) = push, joint by joint in
-    turn (Gauss and Seidel), from where nothing changes its share."""
+def _next(
+    A: Array, push: Array, dry: Array, z: Array, h: float, world: Site
+) -> tuple[Array, Array]:
+    """(n,) velocity and share of dry friction that solve A v + dry share(v) = push,
+    joint by joint in turn (Gauss and Seidel), from where nothing changes its share."""
     out, share = np.linalg.solve(A, push - dry * z).tolist(), z.tolist()
     matrix, target, loads, old = A.tolist(), push.tolist(), dry.tolist(), z.tolist()
     sharp, travel = world.dry.width.tolist(), world.dry.travel.tolist()
@@ -179,7 +227,8 @@ def _held(m: float, c: float, r: float, z: float, rate: float) -> tuple[float, f
 
 
 def _smooth(m: float, c: float, r: float, w: float, v: float) -> tuple[float, float]:
-    """v and tanh(v / w) of m v + c tanh(v / w) = r: Newton inside the bracket (r -+ c) / m."""
+    """v and tanh(v / w) of m v + c tanh(v / w) = r: Newton inside the bracket (r -+ c)
+    / m."""
     low, high = (r - c) / m, (r + c) / m
     v = min(max(v, low), high)
     for _ in range(60):

@@ -39,7 +39,11 @@ def verb(
 
     effects = _effects(effect, from_, confident, only)
     estimate = load_estimate(model)
-    how: dict[str, Any] = {"frozen": frozen, "seed": seed, "gain_uncertainty": gain_uncertainty}
+    how: dict[str, Any] = {
+        "frozen": frozen,
+        "seed": seed,
+        "gain_uncertainty": gain_uncertainty,
+    }
     with console.progress("reading the measurements") as progress:
         given = runs_for(estimate, data, window, test, test_window)
         bigger = run(estimate, effects, given.train, progress=progress, **how)
@@ -47,14 +51,20 @@ def verb(
         before, after = compare(models, given.judge, noise_from=given.whole)
         checked = not consented(estimate, given.train)
         judged = after.verdict.to_dict()
-        bigger.provenance.update({"data": words(data, window), "checked": checked, "verdict": judged})
+        bigger.provenance.update(
+            {"data": words(data, window), "checked": checked, "verdict": judged}
+        )
         bigger.save(out)
     what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
     console.explain(f"added: {', '.join(e.brief for e in added)}")
-    there = {(e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added}
-    for f in effects.beside_curves if not isinstance(effects, str) and effects.frozen else ():
+    there = {
+        (e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added
+    }
+    for f in (
+        effects.beside_curves if not isinstance(effects, str) and effects.frozen else ()
+    ):
         if (f.effect, f.joints) not in there:  # the held model keeps its own
             why = "the held model has it: identify it again on runs like these"
             console.say(f"not added: {f.text} ({why})")
@@ -64,7 +74,9 @@ def verb(
     console.next_step(["report", model, out, "--data", *judge, "--out", "report.html"])
 
 
-def _effects(effect: str | None, findings: Path | None, confident: bool, only: str | None) -> Any:
+def _effects(
+    effect: str | None, findings: Path | None, confident: bool, only: str | None
+) -> Any:
     """What to add: the text, or the Diagnosis of a findings.json, all or some of it."""
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.diagnosis.findings import load_diagnosis
@@ -73,7 +85,10 @@ def _effects(effect: str | None, findings: Path | None, confident: bool, only: s
         raise InputError("Nothing to add", "name either EFFECT or --from findings.json")
     if findings is None:
         if confident or only is not None:
-            raise InputError("--confident and --only select findings of a file", "name it with --from")
+            raise InputError(
+                "--confident and --only select findings of a file",
+                "name it with --from",
+            )
         return effect or ""
     if confident and only is not None:
         raise InputError("--confident and --only exclude each other", "leave one out")

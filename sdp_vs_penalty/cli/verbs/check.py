@@ -31,14 +31,20 @@ def verb(
     robot = as_told(problem, gravity)
     data = [file for path in data for file in run_files(path)]
     if fix is not None and len(data) > 1 and fix.suffix:
-        raise InputError(f"--fix {fix}: {len(data)} runs are given", "name a folder for their copies")
+        raise InputError(
+            f"--fix {fix}: {len(data)} runs are given", "name a folder for their copies"
+        )
     if fix is not None and any(path.resolve() == fix.resolve() for path in data):
-        raise InputError(f"--fix {fix}: this is the file that is checked", "choose another name")
+        raise InputError(
+            f"--fix {fix}: this is the file that is checked", "choose another name"
+        )
     reports = []
     with console.progress("checking") as progress:
         for path in data:
             progress(path.name)
-            reports += check(robot, read_run(path, robot.robot.n, robot.robot.joint_names))
+            reports += check(
+                robot, read_run(path, robot.robot.n, robot.robot.joint_names)
+            )
     reports = of_one_arm(reports)
     colours = {"error": "red", "warning": "yellow", "note": "dim"}
     for report in reports:
@@ -47,7 +53,11 @@ def verb(
             word = f"[{colours[f.severity]}]{f.severity}[/]"
             console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
             fixed = " (--fix does it)" if f.mends else ""
-            for text in (f.what, f"How sure: {f.certainty}.", f"What to do: {f.remedy}{fixed}."):
+            for text in (
+                f.what,
+                f"How sure: {f.certainty}.",
+                f"What to do: {f.remedy}{fixed}.",
+            ):
                 console.say(f"    {text}")
     mounting = [] if gravity is None else ["--gravity", gravity]
     meaningless = any(report.meaningless for report in reports)
@@ -63,14 +73,22 @@ def verb(
             note = copy.with_name(f"{copy.stem}_changes.txt")
             write_text(note, report.changes(path.name))
             console.written(note)
-    console.save_json(json_, {"problem": robot.name, "runs": [r.to_dict() for r in reports]})
+    console.save_json(
+        json_, {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
+    )
     if fix is not None:
         console.next_step(["check", *copies, "--problem", problem, *mounting])
     elif any(f.mends for report in reports for f in report.problems):
-        beside = data[0].with_name(f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed")
-        console.next_step(["check", *data, "--problem", problem, *mounting, "--fix", beside])
+        beside = data[0].with_name(
+            f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed"
+        )
+        console.next_step(
+            ["check", *data, "--problem", problem, *mounting, "--fix", beside]
+        )
     elif not meaningless:
         train = [path for path in data if not for_testing(path)] or data
-        console.next_step(["identify", problem, "--data", *train, *mounting, "--out", "model.json"])
+        console.next_step(
+            ["identify", problem, "--data", *train, *mounting, "--out", "model.json"]
+        )
     if meaningless:
         raise SystemExit(1)

@@ -23,15 +23,20 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     for c in checks:
         if c.nearest is not None:
             console.explain(
-                f"{c.link}: nearest consistent inertia about the centre of mass, axes of the link "
-                f"(Frobenius norm, {c.distance:.3g} kg m^2 away; mass and centre of mass kept):"
+                f"{c.link}: nearest consistent inertia about the centre of mass, axes"
+                f" of the link (Frobenius norm, {c.distance:.3g} kg m^2 away; mass and"
+                " centre of mass kept):"
             )
             for key, value in c.nearest.urdf_attributes.items():
                 console.say(f'  {key}="{value}"')
     for remark in remarks:
         console.explain(remark)
     links = [c.to_dict() for c in checks]
-    content = {"urdf": str(urdf), "links": links, "moving_links_without_inertial": massless}
+    content = {
+        "urdf": str(urdf),
+        "links": links,
+        "moving_links_without_inertial": massless,
+    }
     console.save_json(json_, content)
     if fix is not None:
         inertials.write_nearest(urdf, checks, fix)

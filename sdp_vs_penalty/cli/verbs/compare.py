@@ -25,7 +25,9 @@ def verb(
     runs, whole = given.train, given.whole
     results = compare(estimates, runs, noise_from=whole)
     oldest = next(iter(estimates.values()))
-    failures = where_it_fails(estimate, runs, oldest.preprocessing, noise=results[0].noise)
+    failures = where_it_fails(
+        estimate, runs, oldest.preprocessing, noise=results[0].noise
+    )
     for result in results:
         printing.verdict(result.verdict, result.name)
     units = estimate.robot.torque_units
@@ -33,9 +35,13 @@ def verb(
     printing.where_it_fails(failures, units, newest)
     if verbose:
         printing.failure_tables(failures)
-    # Without torque the motion is what was measured: the loop with the identified gains predicts it,
-    # for some seconds at most.
-    servos = {} if runs.torque_logged else {k: e for k, e in estimates.items() if e.model.drives.any()}
+    # Without torque the motion is what was measured: the loop with the identified gains
+    # predicts it, for some seconds at most.
+    servos = (
+        {}
+        if runs.torque_logged
+        else {k: e for k, e in estimates.items() if e.model.drives.any()}
+    )
     loops = {k: follow(e, runs, drive="servo", steps=5_000) for k, e in servos.items()}
     for name, loop in loops.items():
         console.say(f"{name}: {loop.verdict}")

@@ -54,4 +54,6 @@ def verb(
     # As they are written, so that a wrong column or unit is seen.
     for name, column in columns_of(run.rows(slice(0, 5))).items():
         console.say(f"  {name:<6} " + " ".join(f"{x:>11.5g}" for x in column))
-    console.written(out, f"{len(run.t)} samples of {formatting.count(run.n, 'joint')}{velocity}")
+    console.written(
+        out, f"{len(run.t)} samples of {formatting.count(run.n, 'joint')}{velocity}"
+    )

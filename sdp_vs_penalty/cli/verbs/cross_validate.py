@@ -30,23 +30,36 @@ def verb(
 
     robot = as_told(problem, gravity)
     with console.progress("reading the measurements") as progress:
-        runs = load_measurements(*data, joints=robot.robot.n, names=robot.robot.joint_names)
+        runs = load_measurements(
+            *data, joints=robot.robot.n, names=robot.robot.joint_names
+        )
         how: dict[str, Any] = {"effects": effects, "folds": folds, "seed": seed}
         how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler)}
         result = cross_validate(robot, runs, method, progress=progress, **how)
     console.say(result.verdict, style="bold")
     console.explain(result.how)
-    names = [f"{k}: {f.start:.3g}-{f.stop:.3g} s" for k, f in enumerate(result.folds, start=1)]
+    names = [
+        f"{k}: {f.start:.3g}-{f.stop:.3g} s"
+        for k, f in enumerate(result.folds, start=1)
+    ]
     judged: list[Any] = [*result.folds, result]
     rows = [
         [name, number(f.relative_error_percent), *map(number, f.rmse)]
         for name, f in zip([*names, "all"], judged, strict=True)
     ]
     units = ", ".join(dict.fromkeys(map(plain_unit, robot.robot.torque_units)))
-    title = f"Relative error, and RMSE [{units}] of each joint below {number(result.band_hz)} Hz"
+    title = (
+        f"Relative error, and RMSE [{units}] of each joint below"
+        f" {number(result.band_hz)} Hz"
+    )
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
     console.table(title, heads, rows)
-    told = {"--method": method, "--effects": effects, "--gravity": gravity, "--out": "model.json"}
+    told = {
+        "--method": method,
+        "--effects": effects,
+        "--gravity": gravity,
+        "--out": "model.json",
+    }
     words = (word for pair in told.items() if pair[1] for word in pair)
     console.save_json(json_, result.to_dict())
     console.next_step(["identify", problem, "--data", *data, *words])

@@ -18,10 +18,14 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     with console.progress("simulating") as progress:
         made = demo(out, seed, progress)
     before, units = made.compared[-1], made.model.robot.torque_units
-    console.say(f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out}).")
+    console.say(
+        f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out})."
+    )
     console.say("1. Identify: the same runs by three methods", style="bold")
     rows = list(map(judged_row, made.compared))
-    console.table("On motion that no model has seen", ("method", *JUDGED_HEADS), rows, words=2)
+    console.table(
+        "On motion that no model has seen", ("method", *JUDGED_HEADS), rows, words=2
+    )
     console.say("2. Compare: where the physically consistent model fails", style="bold")
     printing.where_it_fails(made.failures, units, before.name)
     console.say("3. Diagnose", style="bold")
@@ -31,4 +35,6 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     console.say(f"Hidden was: {made.truth}.")
     console.written(out / "report.html", "open it in a browser")
     runs = [out / name for name in RUNS]
-    console.next_step(["compare", out / "model.json", out / "better.json", "--data", runs[-1]])
+    console.next_step(
+        ["compare", out / "model.json", out / "better.json", "--data", runs[-1]]
+    )

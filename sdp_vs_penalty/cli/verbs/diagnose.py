@@ -31,26 +31,46 @@ def verb(
     with console.progress("reading the measurements") as progress:
         given = runs.runs_for(estimate, data, window, test, test_window)
         if consented(estimate, given.train):
-            console.warn("data check skipped: the model comes from these runs with --no-check")
+            console.warn(
+                "data check skipped: the model comes from these runs with --no-check"
+            )
         elif not no_check:
             progress("checking the measurements")
             how_not = "diagnose", runs.NO_CHECK
-            refuse_meaningless(estimate.problem, given.train, *how_not, warn=console.warn)
-        how: dict[str, Any] = {"seed": seed, "frozen": frozen, "gain_uncertainty": gain_uncertainty}
+            refuse_meaningless(
+                estimate.problem, given.train, *how_not, warn=console.warn
+            )
+        how: dict[str, Any] = {
+            "seed": seed,
+            "frozen": frozen,
+            "gain_uncertainty": gain_uncertainty,
+        }
         how |= {"noise_from": given.whole, "progress": progress}
         result = run(estimate, given.train, given.test, **how)
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
-    asked = {"--test": test, "--test-window": test_window, "--gain-uncertainty": gain_uncertainty}
-    words += [str(word) for pair in asked.items() if pair[1] is not None for word in pair]
+    asked = {
+        "--test": test,
+        "--test-window": test_window,
+        "--gain-uncertainty": gain_uncertainty,
+    }
+    words += [
+        str(word) for pair in asked.items() if pair[1] is not None for word in pair
+    ]
     what = [",".join(f.text for f in result.sure)] if result.sure else []
-    if json_ is not None and (result.sure or result.curves):  # curves were measured beside all findings
+    if json_ is not None and (
+        result.sure or result.curves
+    ):  # curves were measured beside all findings
         what = ["--from", str(json_), *["--confident"] * (not result.curves)]
     printing.diagnosis(result, estimate.robot.torque_units, bool(what), verbose)
     printing.undecided(result, model)
     console.save_json(json_, result.to_dict())
     if what:
-        stem = model.stem.rstrip("0123456789") or model.stem  # model.json, model2.json, ...
-        numbers = (path.stem.removeprefix(stem) for path in model.parent.glob(f"{stem}*.json"))
+        stem = (
+            model.stem.rstrip("0123456789") or model.stem
+        )  # model.json, model2.json, ...
+        numbers = (
+            path.stem.removeprefix(stem) for path in model.parent.glob(f"{stem}*.json")
+        )
         free = max((int(n) for n in numbers if n.isdigit()), default=1) + 1
         beside = model.with_name(f"{stem}{free}.json")
         console.next_step(["add", model, *what, *words, "--out", beside])

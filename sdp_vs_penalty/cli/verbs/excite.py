@@ -41,7 +41,10 @@ def verb(
     --urdf ARM.urdf: With --separate: shapes for the check of self-collision.
     """
     usual, rounds = (21.0, 200) if separate else (2.0, 60) if payload else (21.0, 60)
-    how: dict[str, Any] = {"duration": duration or usual, "iterations": iterations or rounds}
+    how: dict[str, Any] = {
+        "duration": duration or usual,
+        "iterations": iterations or rounds,
+    }
     how["seed"] = seed
     if separate is not None:
         return _separate(Path(problem), separate, out, urdf, level=level, **how)
@@ -75,25 +78,36 @@ def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> Non
 
     estimate = load_estimate(model)
     try:
-        moving = None if joints is None else [int(word) - 1 for word in joints.split("+")]
+        moving = (
+            None if joints is None else [int(word) - 1 for word in joints.split("+")]
+        )
     except ValueError:
-        raise InputError(f"--joints {joints!r} names no joints", "write 5+6+7") from None
+        raise InputError(
+            f"--joints {joints!r} names no joints", "write 5+6+7"
+        ) from None
     with console.progress("weighing") as progress:
         found = payload_run(estimate, joints=moving, progress=progress, **settings)
     save_trajectory(found.trajectory, out)
     ends = (np.maximum.reduceat(x, (0, 1, 4)) for x in (found.deviation, found.started))
-    names = {"mass": "kg", "mass times centre of mass": "kg m", "inertia about the flange": "kg m^2"}
+    names = {
+        "mass": "kg",
+        "mass times centre of mass": "kg m",
+        "inertia about the flange": "kg m^2",
+    }
     for (name, unit), own, random in zip(names.items(), *ends, strict=True):
         console.say(f"{name}: +- {own:.2g} {unit} ({random:.2g} on a random motion)")
     console.explain(
-        f"Standard deviations of a load after {settings['duration']:g} s, the largest of three or six, "
-        "from the noise of the model's data; the model and the gains of its channels count as exact. "
-        f"The other joints stand in the middle of their ranges. Self-collision is not checked: {_LOOK}"
+        f"Standard deviations of a load after {settings['duration']:g} s, the largest"
+        " of three or six, from the noise of the model's data; the model and the gains"
+        " of its channels count as exact. The other joints stand in the middle of"
+        f" their ranges. Self-collision is not checked: {_LOOK}"
     )
     console.written(out)
 
 
-def _separate(model: Path, effects: str, out: Path, urdf: Path | None, **settings: Any) -> None:
+def _separate(
+    model: Path, effects: str, out: Path, urdf: Path | None, **settings: Any
+) -> None:
     """The run that would tell: trajectory as CSV and, beside it, as ROS text."""
     from sdp_vs_penalty.estimation.constants import LEVEL
     from sdp_vs_penalty.estimation.estimate import load_estimate
@@ -111,20 +125,33 @@ def _separate(model: Path, effects: str, out: Path, urdf: Path | None, **setting
     save_trajectory(found.trajectory, out)
     write_text(ros, joint_trajectory(estimate.robot.joint_names, found.trajectory))
     console.say(
-        f"right decision after {settings['duration']:g} s: {100 * found.default_right:.0f} % on the "
-        f"default excitation, {100 * found.right:.0f} % on this one",
+        f"right decision after {settings['duration']:g} s:"
+        f" {100 * found.default_right:.0f} % on the default excitation,"
+        f" {100 * found.right:.0f} % on this one",
         style="bold",
     )
-    needed = [f"{t:.3g} s" if t < 1e7 else "never" for t in (found.default_seconds, found.seconds)]
-    console.say(f"seconds for {100 * LEVEL:.0f} % right decisions: {needed[0]} and {needed[1]}")
+    needed = [
+        f"{t:.3g} s" if t < 1e7 else "never"
+        for t in (found.default_seconds, found.seconds)
+    ]
+    console.say(
+        f"seconds for {100 * LEVEL:.0f} % right decisions: {needed[0]} and {needed[1]}"
+    )
     squares = [f"{d:.3g}" for d in (found.default_delta2, found.delta2)]
-    console.say(f"squared distance of the two, in noise variances: {squares[0]} and {squares[1]}")
+    console.say(
+        f"squared distance of the two, in noise variances: {squares[0]} and"
+        f" {squares[1]}"
+    )
     console.explain(
-        f"Effects of {settings['level']:g} noise standard deviations (root mean square) on the default "
-        "excitation; longer runs repeat the motion."
+        f"Effects of {settings['level']:g} noise standard deviations (root mean square)"
+        " on the default excitation; longer runs repeat the motion."
     )
     if not found.collisions:
-        why = "no --urdf is named" if urdf is None else f"{urdf.name} has no collision shapes"
+        why = (
+            "no --urdf is named"
+            if urdf is None
+            else f"{urdf.name} has no collision shapes"
+        )
         console.explain(f"Self-collision is not checked ({why}): {_LOOK}")
     for path in (out, ros):
         console.written(path)

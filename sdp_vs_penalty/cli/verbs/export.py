@@ -2,7 +2,11 @@ from pathlib import Path
 
 
 def verb(
-    model: Path, out: Path, urdf: Path | None = None, flange: str | None = None, force: bool = False
+    model: Path,
+    out: Path,
+    urdf: Path | None = None,
+    flange: str | None = None,
+    force: bool = False,
 ) -> None:
     """Export a model to a simulator or a controller; an impossible or implausible inertial is refused.
 
@@ -29,8 +33,10 @@ def verb(
     if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf"):
         own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
         console.warn(
-            "Moving links are named link1, link2 ...: a model.json holds only the joints' names"
-            f"{own if out.suffix.lower() == '.urdf' else ''}."
+            "Moving links are named link1, link2 ...: a model.json holds only the"
+            f" joints' names{own if out.suffix.lower() == '.urdf' else ''}."
         )
     if left_out:
-        console.warn(f"{out.suffix} files cannot hold {', '.join(left_out)}; .json files can.")
+        console.warn(
+            f"{out.suffix} files cannot hold {', '.join(left_out)}; .json files can."
+        )

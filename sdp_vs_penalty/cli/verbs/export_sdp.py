@@ -25,7 +25,12 @@ def verb(
         lmi-sdp-thickness for .dat-s, which has no exponential cones.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import as_told, parsed_known, parsed_known_load, runs_as_told
+    from sdp_vs_penalty.cli.runs import (
+        as_told,
+        parsed_known,
+        parsed_known_load,
+        runs_as_told,
+    )
     from sdp_vs_penalty.estimation.pose import PoseOptions
     from sdp_vs_penalty.exporters.sdp import write_posed
 
@@ -34,7 +39,14 @@ def verb(
         loads = [parsed_known_load(text) for text in known_load or []]
         _, runs = runs_as_told(robot, data, window)
         given = parsed_known(known)
-        chosen = PoseOptions(effects, known_loads=loads, known=given, instruments=instruments)
+        chosen = PoseOptions(
+            effects, known_loads=loads, known=given, instruments=instruments
+        )
         told = write_posed(robot, runs, out, method, chosen, progress)
-    console.written(out, f"{told['method']}: {told['variables']} variables, {told['rows']} rows")
-    console.written(f"{out}.json", f"the least objective lies in [{told['lower']!r}, {told['upper']!r}]")
+    console.written(
+        out, f"{told['method']}: {told['variables']} variables, {told['rows']} rows"
+    )
+    console.written(
+        f"{out}.json",
+        f"the least objective lies in [{told['lower']!r}, {told['upper']!r}]",
+    )

@@ -20,7 +20,16 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
             paths = fetch_dataset(name, folder)
         for path in paths:
             print(path)
-        words = ["sdp-vs-penalty", "check", str(paths[0]), "--problem", dataset(name).problem]
+        words = [
+            "sdp-vs-penalty",
+            "check",
+            str(paths[0]),
+            "--problem",
+            dataset(name).problem,
+        ]
         print(f"Next: {shlex.join(words)}", file=sys.stderr)
     kept = folder or cache_folder()
-    print(f"sdp-vs-penalty: for the tables, set SDP_VS_PENALTY_DATA={kept}", file=sys.stderr)
+    print(
+        f"sdp-vs-penalty: for the tables, set SDP_VS_PENALTY_DATA={kept}",
+        file=sys.stderr,
+    )

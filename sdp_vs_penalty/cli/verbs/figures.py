@@ -4,7 +4,9 @@ from sdp_vs_penalty.cli.options import Budget
 
 
 def verb(
-    numbers: list[int] | None = None, out: Path = Path("results"), budget: Budget = Budget.quick
+    numbers: list[int] | None = None,
+    out: Path = Path("results"),
+    budget: Budget = Budget.quick,
 ) -> None:
     """Regenerate the paper's figures as PNG and PDF, from simulated and, if available, measured data.
 

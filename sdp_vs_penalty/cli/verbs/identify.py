@@ -53,19 +53,34 @@ def verb(
             how_not = "identify", runs.NO_CHECK, bool(known_load)
             checks = refuse_meaningless(robot, given, *how_not, console.warn)
         begin = time.perf_counter()
-        how: dict[str, Any] = {"effects": effects, "instruments": instruments, "proof": proof}
-        how |= {"seed": seed, "gain_uncertainty": gain_uncertainty or 0.0, "progress": progress}
+        how: dict[str, Any] = {
+            "effects": effects,
+            "instruments": instruments,
+            "proof": proof,
+        }
+        how |= {
+            "seed": seed,
+            "gain_uncertainty": gain_uncertainty or 0.0,
+            "progress": progress,
+        }
         how["known_loads"] = [runs.parsed_known_load(text) for text in known_load or []]
-        how |= {"known": runs.parsed_known(known), "workers": Workers(jobs, scheduler, progress)}
+        how |= {
+            "known": runs.parsed_known(known),
+            "workers": Workers(jobs, scheduler, progress),
+        }
         noisy = whole if isinstance(whole, Measurements) else None
         try:
             estimate, fit = identified(robot, given, estimator, noise_from=noisy, **how)
         except Infeasible as error:
             if proof is not None and error.proof:
-                console.written(proof, "it proves that nothing satisfies all constraints")
+                console.written(
+                    proof, "it proves that nothing satisfies all constraints"
+                )
             raise
         seconds = time.perf_counter() - begin
-        estimate.provenance.update(data=runs.words(data, window), checked=not no_check, checks=checks)
+        estimate.provenance.update(
+            data=runs.words(data, window), checked=not no_check, checks=checks
+        )
         estimate.save(out)
     printing.estimate(estimate, fit, seconds)
     for path in filter(None, (out, proof)):

@@ -4,7 +4,9 @@ from sdp_vs_penalty.errors import require_known
 
 Rows = list[tuple[str, ...]]
 #: What can be listed.
-Kind = StrEnum("Kind", "problems effects methods solvers tables datasets engines exports")
+Kind = StrEnum(
+    "Kind", "problems effects methods solvers tables datasets engines exports"
+)
 
 
 def verb(what: Kind, name: str | None = None) -> None:
@@ -25,10 +27,13 @@ def verb(what: Kind, name: str | None = None) -> None:
     shown = [[row[k] for k in columns] for row in (headings, *rows)]
     console.table("", shown[0], shown[1:], words=len(columns))
     if len(columns) < len(headings):
-        console.say(f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}")
+        console.say(
+            f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}"
+        )
 
 
-#: Which columns of a long listing are shown beside each other; all of them are of a single name.
+#: Which columns of a long listing are shown beside each other; all of them are of a
+#: single name.
 _SHORT = {
     "effects": ("name", "torque"),
     "solvers": ("name", "here", "what it is"),
@@ -59,28 +64,45 @@ def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
 
             rows = []
             for name, effect in effect_types().items():
-                shape = ", ".join(f"{key}={s.default:g}" for key, s in effect.shapes.items())
+                shape = ", ".join(
+                    f"{key}={s.default:g}" for key, s in effect.shapes.items()
+                )
                 acts = "whole robot" if effect.whole_robot else "joint by joint"
                 acts += "; seen with --frozen only" * effect.frozen_only
                 about = effect.explanation, effect.reference
                 rows.append((name, effect.equation, shape, acts, *about))
-            return ("name", "torque", "shape constants", "acts on", "what it is", "reference"), rows
+            return (
+                "name",
+                "torque",
+                "shape constants",
+                "acts on",
+                "what it is",
+                "reference",
+            ), rows
         case "methods":
             from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
             from sdp_vs_penalty.estimators import estimator_types
 
-            rows = [(name, method.description) for name, method in estimator_types().items()]
+            rows = [
+                (name, method.description) for name, method in estimator_types().items()
+            ]
             return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
         case "solvers":
             from sdp_vs_penalty.solvers import solver_types
 
             made = ((name, solver()) for name, solver in solver_types().items())
-            rows = [(n, "absent" if s.absent else "yes", s.source, s.description) for n, s in made]
+            rows = [
+                (n, "absent" if s.absent else "yes", s.source, s.description)
+                for n, s in made
+            ]
             return ("name", "here", "installed by", "what it is"), rows
         case "tables":
             from sdp_vs_penalty.research.tables import makers
 
-            rows = [(name, ", ".join(table.problems), table.about) for name, table in makers().items()]
+            rows = [
+                (name, ", ".join(table.problems), table.about)
+                for name, table in makers().items()
+            ]
             return ("name", "only for", "what it is"), rows
         case "datasets":
             from sdp_vs_penalty.data.datasets import DATASETS
@@ -91,7 +113,9 @@ def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
             from sdp_vs_penalty.simulation.engines import engine_types
 
             own = engine_types().items()
-            rows = [(n, e.version() or "absent", e.install, e.formulation) for n, e in own]
+            rows = [
+                (n, e.version() or "absent", e.install, e.formulation) for n, e in own
+            ]
             return ("name", "version here", "installed by", "formulation"), rows
         case _:
             from sdp_vs_penalty.exporters.export import formats

@@ -4,7 +4,9 @@ from typing import Any
 from sdp_vs_penalty.errors import missing_extra
 
 
-def verb(folder: Path | None = None, port: int | None = None, browser: bool = True) -> None:
+def verb(
+    folder: Path | None = None, port: int | None = None, browser: bool = True
+) -> None:
     """Open the workbench: a local page to identify, diagnose, add effects and export the model.
 
     The page is served to this computer only, and asks no other.

@@ -29,12 +29,21 @@ def verb(
 
     check_name(out)  # before the minutes that a report may take
     short = len({path.name for path in models}) == len(models)
-    estimates = {path.name if short else str(path): load_estimate(path) for path in models}
+    estimates = {
+        path.name if short else str(path): load_estimate(path) for path in models
+    }
     how: dict[str, Any] = {"findings": findings, "forward": forward}
     how["commands"] = [shlex.join(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
         given = runs_for(next(iter(estimates.values())), data, window)
-        said = report(estimates, given.train, out, noise_from=given.whole, progress=progress, **how)
+        said = report(
+            estimates,
+            given.train,
+            out,
+            noise_from=given.whole,
+            progress=progress,
+            **how,
+        )
     printing.verdict(said, list(estimates)[-1])
     console.written(out, "open it in a browser")
     if said.grade != "do not use":

@@ -42,7 +42,13 @@ def verb(
         _export(export, _words(problems))
         return
     usual = runner.Shootout.accuracies
-    asked = tuple(numbers("--accuracy", accuracy)) if accuracy else usual[1:2] if quick else usual
+    asked = (
+        tuple(numbers("--accuracy", accuracy))
+        if accuracy
+        else usual[1:2]
+        if quick
+        else usual
+    )
     limit = time_limit if time_limit is not None else 10.0 if quick else 60.0
     chosen = _words(solvers), _words(problems)
     setup = runner.Shootout(out, *chosen, asked, limit, memory, quick, scheduler, jobs)
@@ -76,9 +82,15 @@ def _list() -> None:
 
     rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
     console.table("", ("instance", "group", ""), rows, words=3)
-    people = [(c.name, c.absent or "here", c.description) for c in contestants().values()]
+    people = [
+        (c.name, c.absent or "here", c.description) for c in contestants().values()
+    ]
     console.table("", ("solver", "here", "what it is"), people, words=3)
 
 
 def _words(text: str | None) -> list[str] | None:
-    return None if text is None else [word.strip() for word in text.split(",") if word.strip()]
+    return (
+        None
+        if text is None
+        else [word.strip() for word in text.split(",") if word.strip()]
+    )

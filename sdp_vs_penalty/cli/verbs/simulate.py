@@ -33,21 +33,43 @@ def verb(
     if follow:
         _follow(source, follow, drive, seed, out, json_)
         return
-    from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, refuse_foreign, simulate
+    from sdp_vs_penalty.simulation.hidden_runs import (
+        RUN_FILES,
+        refuse_foreign,
+        simulate,
+    )
 
     if out is None:
-        raise InputError("simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv")
+        raise InputError(
+            "simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv"
+        )
     refuse_foreign(out)  # before the minutes that a simulation may take
     made = simulate(source, hide or (), level, seed)
     made.save(out)
     effects = ",".join(made.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]
     console.written(f"{out}/{' '.join(RUN_FILES)} truth.json")
-    console.next_step(["identify", source, "--data", *runs, "--effects", effects, "--out", "model.json"])
+    console.next_step(
+        [
+            "identify",
+            source,
+            "--data",
+            *runs,
+            "--effects",
+            effects,
+            "--out",
+            "model.json",
+        ]
+    )
 
 
 def _follow(
-    model: str, runs: list[Path], drive: str, seed: int, out: Path | None, json_file: Path | None
+    model: str,
+    runs: list[Path],
+    drive: str,
+    seed: int,
+    out: Path | None,
+    json_file: Path | None,
 ) -> None:
     from sdp_vs_penalty.cli.runs import next_diagnosis
     from sdp_vs_penalty.data.formats import csv
@@ -64,7 +86,9 @@ def _follow(
         why = "the intervals hold inertias with which the arm cannot move"
         console.warn(f"No band for the free run: {why}.")
     if made.left_out:
-        console.warn(f"left out, no meaning in a forward simulation: {', '.join(made.left_out)}")
+        console.warn(
+            f"left out, no meaning in a forward simulation: {', '.join(made.left_out)}"
+        )
     console.save_json(json_file, made.to_dict())
     if out is not None:
         csv.write(made.free[0].simulated, out)

@@ -32,7 +32,9 @@ def verb(
         names = [name for name, maker in makers().items() if not maker.slow]
     with console.progress("tables") as progress:
         workers = Workers(jobs, scheduler)
-        made = make_tables(names or None, problem, budget.value, out, progress, workers=workers)
+        made = make_tables(
+            names or None, problem, budget.value, out, progress, workers=workers
+        )
     for table, paths in made:
         first, *rest = table.lines()
         console.say(first, style="bold")
@@ -42,6 +44,7 @@ def verb(
             console.say(str(path))
     if any(paths[0].parent != out for _, paths in made):
         console.explain(
-            f"{out} holds measured tables, and no real run is at hand (name its folder by "
-            f"SDP_VS_PENALTY_DATA): tables without it were written to {out / 'simulated'}."
+            f"{out} holds measured tables, and no real run is at hand (name its folder"
+            " by SDP_VS_PENALTY_DATA): tables without it were written to"
+            f" {out / 'simulated'}."
         )

@@ -24,13 +24,23 @@ def verb(
     from sdp_vs_penalty.estimation.identify import verify_proof_file
     from sdp_vs_penalty.solvers import verify_proof
 
-    files = [f for p in proofs for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])]
+    files = [
+        f
+        for p in proofs
+        for f in (sorted(p.rglob("*proof.json")) if p.is_dir() else [p])
+    ]
     if not files:
-        raise InputError("no file named *proof.json in this folder", "name the proofs", proofs[0])
+        raise InputError(
+            "no file named *proof.json in this folder", "name the proofs", proofs[0]
+        )
     if data and model is None:
         raise InputError("--data without a model", "name the model with --model")
     estimate = None if model is None else load_estimate(model)
-    runs = runs_as_told(estimate.problem, data, window)[1] if data and estimate is not None else None
+    runs = (
+        runs_as_told(estimate.problem, data, window)[1]
+        if data and estimate is not None
+        else None
+    )
     refused = 0
     for path in files:
         holds, text = verify_proof_file(path, estimate, runs)

@@ -1,9 +1,10 @@
 """Files of measurements: one module a format, found by itself.
 
-A module has ``SUFFIXES`` that choose it, ``read(path, choice) -> Measurements`` and, where runs can be
-written, ``write(measurements, path)``; ``FOLDER``, a pattern of the files by which a folder is such a
-run, and ``SAMPLE`` where its samples are called otherwise. Readers return a run as it is in the file:
-clock and numbers are checked afterwards, or mended by the data check.
+A module has ``SUFFIXES`` that choose it, ``read(path, choice) -> Measurements`` and,
+where runs can be written, ``write(measurements, path)``; ``FOLDER``, a pattern of the
+files by which a folder is such a run, and ``SAMPLE`` where its samples are called
+otherwise. Readers return a run as it is in the file: clock and numbers are checked
+afterwards, or mended by the data check.
 """
 
 from functools import cache
@@ -21,11 +22,14 @@ def formats() -> tuple[ModuleType, ...]:
 
 def suffixes(ability: str = "read") -> tuple[str, ...]:
     """The suffixes of all formats that can be read, or written."""
-    return tuple(s for home in formats() if hasattr(home, ability) for s in home.SUFFIXES)
+    return tuple(
+        s for home in formats() if hasattr(home, ability) for s in home.SUFFIXES
+    )
 
 
 def format_of(path: Path) -> ModuleType | None:
-    """The format of a file or folder by its suffix or content; None where nothing claims it."""
+    """The format of a file or folder by its suffix or content; None where nothing
+    claims it."""
     suffix, folder = path.suffix.lower(), path.is_dir()
     for home in formats():
         holds = getattr(home, "FOLDER", None)

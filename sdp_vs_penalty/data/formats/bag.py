@@ -1,4 +1,5 @@
-"""ROS 2 bags and MCAP files (and ROS 1 bags) with sensor_msgs/JointState (extra [formats])."""
+"""ROS 2 bags and MCAP files (and ROS 1 bags) with sensor_msgs/JointState (extra
+[formats])."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,10 +18,12 @@ _TYPE = "sensor_msgs/msg/JointState"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Joints by name: those of the robot, else those of the first message, in its order.
+    """Joints by name: those of the robot, else those of the first message, in its
+    order.
 
-    Messages that lack one of the joints (a gripper's, on the same topic) are left out. Time is the
-    header's stamp, in seconds of its day, or the recorder's where stamps are zero.
+    Messages that lack one of the joints (a gripper's, on the same topic) are left out.
+    Time is the header's stamp, in seconds of its day, or the recorder's where stamps
+    are zero.
     """
     try:
         from rosbags.highlevel import AnyReader
@@ -29,7 +32,9 @@ def read(path: Path, choice: Choice) -> Measurements:
         raise missing_extra("ROS bags and MCAP files need", "formats") from error
     with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
         _stay_inside(path)
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        with AnyReader(
+            [path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)
+        ) as reader:
             return _read(path, reader, choice)
 
 
@@ -43,7 +48,9 @@ def _stay_inside(path: Path) -> None:
     for name in data["rosbag2_bagfile_information"]["relative_file_paths"]:
         if Path(name).name != name:
             what = f"{name!r} is not a file of this folder"
-            raise InputError(what, "keep a bag's files in one folder", path / "metadata.yaml")
+            raise InputError(
+                what, "keep a bag's files in one folder", path / "metadata.yaml"
+            )
 
 
 def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
@@ -66,10 +73,16 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
             others |= set(own)
             continue
         stamp = message.header.stamp
-        # Whole nanoseconds are taken apart before they become floating-point numbers of seconds.
+        # Whole nanoseconds are taken apart before they become floating-point numbers of
+        # seconds.
         clocks = np.array([int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorded)])
         first = first if len(first) else clocks
-        rows.append([*(clocks - first) / 1e9, *_values(path, message, [own.index(n) for n in names])])
+        rows.append(
+            [
+                *(clocks - first) / 1e9,
+                *_values(path, message, [own.index(n) for n in names]),
+            ]
+        )
         if len(rows) == PART:
             table.append(np.array(rows))
             rows.clear()
@@ -77,24 +90,34 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
     whole = table.array()
     if not len(whole):
         there = ", ".join(sorted(others)) or "none"
-        what = f"no message has all joints {', '.join(names) or '(none)'} (there are: {there})"
+        what = (
+            f"no message has all joints {', '.join(names) or '(none)'} (there are:"
+            f" {there})"
+        )
         raise InputError(what, "name the joints as the bag does", path)
     q, dq, tau = np.split(whole[:, 2:], 3, axis=1)
     clock = 0 if first[0] or any(part.any() for _, part in parts(whole[:, 0])) else 1
-    t = joined(part + float(first[clock] % (86_400 * 10**9)) / 1e9 for _, part in parts(whole[:, clock]))
+    t = joined(
+        part + float(first[clock] % (86_400 * 10**9)) / 1e9
+        for _, part in parts(whole[:, clock])
+    )
     finite = all(np.all(np.isfinite(part)) for _, part in parts(dq))
     return Measurements(t, q, tau, dq if finite else None, None, (path.name,))
 
 
 def _with_prefix(names: Sequence[str], own: Sequence[str]) -> list[str]:
-    """The bag's names where they are the robot's behind one prefix: panda_joint1 for joint1."""
+    """The bag's names where they are the robot's behind one prefix: panda_joint1 for
+    joint1."""
     prefixes = {o.removesuffix(names[0]) for o in own if o.endswith(names[0])}
-    fit = sorted(prefix for prefix in prefixes if {prefix + name for name in names} <= set(own))
+    fit = sorted(
+        prefix for prefix in prefixes if {prefix + name for name in names} <= set(own)
+    )
     return [fit[0] + name for name in names] if len(fit) == 1 or "" in fit else [*names]
 
 
 def _values(path: Path, message: Any, at: Sequence[int]) -> list[float]:
-    """Positions, velocities (NaN where there are none) and efforts of the wanted joints."""
+    """Positions, velocities (NaN where there are none) and efforts of the wanted
+    joints."""
     out, n = list[float](), len(message.name)
     for field in ("position", "velocity", "effort"):
         values = getattr(message, field)

@@ -1,4 +1,5 @@
-"""MATLAB .mat files (versions 4 to 7) with variables t, q, tau (dq optional), or q1, q2, ..."""
+"""MATLAB .mat files (versions 4 to 7) with variables t, q, tau (dq optional), or q1,
+q2, ..."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,16 +15,21 @@ SUFFIXES = (".mat",)
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Variables of the file, or the fields of its one struct; other variables are ignored."""
+    """Variables of the file, or the fields of its one struct; other variables are
+    ignored."""
     from scipy.io import loadmat
 
     with understood(path, ".mat file", "save it again, as version 7 or earlier"):
         with path.open("rb") as file:
             start = file.read(128)
         if start.startswith(b"MATLAB 7.3") or start.startswith(b"\x89HDF"):
-            raise InputError("a version 7.3 file (HDF5)", "save it with save(..., '-v7')", path)
+            raise InputError(
+                "a version 7.3 file (HDF5)", "save it with save(..., '-v7')", path
+            )
         content = loadmat(path, simplify_cells=True)
-    named = {name: value for name, value in content.items() if not name.startswith("__")}
+    named = {
+        name: value for name, value in content.items() if not name.startswith("__")
+    }
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:
         named = dict(structs[0])

@@ -1,4 +1,5 @@
-"""NPZ: NumPy's own archive of arrays t, q1..qn, dq1..dqn, tau1..taun, or whole q, dq, tau (N, n)."""
+"""NPZ: NumPy's own archive of arrays t, q1..qn, dq1..dqn, tau1..taun, or whole q, dq,
+tau (N, n)."""
 
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,11 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
     """The arrays of an .npz file as floats; InputError for anything but real numbers."""
     arrays: dict[str, Array] = {}
     kind = ".npz file of numbers", "write it anew with numpy.savez"
-    with understood(path, *kind), reading(path), np.load(path, allow_pickle=False) as file:
+    with (
+        understood(path, *kind),
+        reading(path),
+        np.load(path, allow_pickle=False) as file,
+    ):
         for name in file.files:
             array = file[name]
             if array.dtype.kind not in "fiu":

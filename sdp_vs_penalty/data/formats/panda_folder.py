@@ -1,4 +1,5 @@
-"""The authors' Panda log: a folder with four text files, one number a line, sample-major."""
+"""The authors' Panda log: a folder with four text files, one number a line,
+sample-major."""
 
 from pathlib import Path
 
@@ -13,10 +14,18 @@ SUFFIXES, FOLDER = (), "exciting_traj_*.txt"
 def read(folder: Path, choice: Choice) -> Measurements:
     """The authors' four text files: one number a line, sample-major."""
     columns = {}
-    for key, name in (("t", "time"), ("q", "positions"), ("dq", "velocity"), ("tau", "torques")):
+    for key, name in (
+        ("t", "time"),
+        ("q", "positions"),
+        ("dq", "velocity"),
+        ("tau", "torques"),
+    ):
         path = folder / f"exciting_traj_{name}.txt"
         if not path.exists():
-            what = f"{path.name} is missing, and a folder is read as the authors' Panda log"
+            what = (
+                f"{path.name} is missing, and a folder is read as the authors'"
+                " Panda log"
+            )
             raise InputError(what, "name the file of the run", folder)
         columns[key] = csv.numbers(path, 1)[:, 0]
     t = columns.pop("t")

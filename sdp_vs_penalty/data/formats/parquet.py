@@ -40,10 +40,17 @@ def _pieces(path: Path, choice: Choice, file: Any) -> Iterator[Measurements]:
         kind = one.type.value_type if types.is_dictionary(one.type) else one.type
         names += [one.name] * bool(types.is_integer(kind) or types.is_floating(kind))
     header = Header.of(path, names, choice)
-    empty = [file.schema_arrow.empty_table().select(names)] if file.metadata.num_rows == 0 else []
+    empty = (
+        [file.schema_arrow.empty_table().select(names)]
+        if file.metadata.num_rows == 0
+        else []
+    )
     batches = file.iter_batches(batch_size=PART, columns=names, use_threads=False)
     for table in empty or (arrow.Table.from_batches([batch]) for batch in batches):
-        columns = {name: np.asarray(table.column(name).to_numpy(), float) for name in table.column_names}
+        columns = {
+            name: np.asarray(table.column(name).to_numpy(), float)
+            for name in table.column_names
+        }
         yield header.run(columns)
 
 

@@ -1,9 +1,11 @@
-"""What a curve may run over, the splines that it is made of, and these on one joint's white rows.
+"""What a curve may run over, the splines that it is made of, and these on one joint's
+white rows.
 
-With z the white columns of a basis, Q the fit's and r what it leaves, everything follows from
-D = z'z - (Q'z)'Q'z and s = z'r: c = (D + P)^-1 s, P = lambda S + z'z / N, S the roughness of the splines
-(Eilers, Marx 1996), the last term a prior worth one row. The score is that of :mod:`..score` with the
-effective degrees of freedom tr (D + P)^-1 D in the place of k; lambda is where it is highest.
+With z the white columns of a basis, Q the fit's and r what it leaves, everything
+follows from D = z'z - (Q'z)'Q'z and s = z'r: c = (D + P)^-1 s, P = lambda S + z'z / N,
+S the roughness of the splines (Eilers, Marx 1996), the last term a prior worth one row.
+The score is that of :mod:`..score` with the effective degrees of freedom tr (D + P)^-1
+D in the place of k; lambda is where it is highest.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ _ALONE, _PAIR = 32, 9
 
 @dataclass(frozen=True)
 class Axis:
-    """Cubic B-splines of one variable between the ends of its range, held constant outside; of the sign
-    of a velocity the constant and the sign itself."""
+    """Cubic B-splines of one variable between the ends of its range, held constant
+    outside; of the sign of a velocity the constant and the sign itself."""
 
     variable: Variable
     low: float
@@ -59,9 +61,14 @@ class Axis:
 
     @property
     def points(self) -> Array:
-        """Where the curve is written down: at its knots, and at three values between each."""
+        """Where the curve is written down: at its knots, and at three values between
+        each."""
         count = 4 * (self.count - _DEGREE) + 1
-        return np.array([-1.0, 1.0]) if self.is_sign else np.linspace(self.low, self.high, count)
+        return (
+            np.array([-1.0, 1.0])
+            if self.is_sign
+            else np.linspace(self.low, self.high, count)
+        )
 
 
 @dataclass(frozen=True)
@@ -77,12 +84,17 @@ class Basis:
 
     def at(self, *values: Array) -> Array:
         """(N, size) at given values of the variables."""
-        return _products([axis.columns(x) for axis, x in zip(self.axes, values, strict=True)])
+        return _products(
+            [axis.columns(x) for axis, x in zip(self.axes, values, strict=True)]
+        )
 
     @property
     def roughly(self) -> Basis:
         """A pair's with two thirds of its splines; over one variable itself."""
-        few = [replace(a, count=2 * _PAIR // 3) if a.count == _PAIR else a for a in self.axes]
+        few = [
+            replace(a, count=2 * _PAIR // 3) if a.count == _PAIR else a
+            for a in self.axes
+        ]
         return Basis(tuple(few))
 
     @property
@@ -93,10 +105,11 @@ class Basis:
 
 @lru_cache
 def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
-    """(size, size) the sum of that along each variable, so many splines or a sign, of unit trace each:
-    of second differences of the coefficients (Eilers, Marx 1996). Where splines are many, also of
-    first ones, as large as they are for a wave as long as the range: where few measurements lie, such a
-    curve levels off instead of going on straight. None along a sign."""
+    """(size, size) the sum of that along each variable, so many splines or a sign, of
+    unit trace each: of second differences of the coefficients (Eilers, Marx 1996).
+    Where splines are many, also of first ones, as large as they are for a wave as long
+    as the range: where few measurements lie, such a curve levels off instead of going
+    on straight. None along a sign."""
     counts = [count for count, _ in axes]
     out = np.zeros((int(np.prod(counts)),) * 2)
     for k, (count, is_sign) in enumerate(axes):
@@ -104,7 +117,9 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
             first, second = (np.diff(np.eye(count), d, axis=0) for d in (1, 2))
             level = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
             own = second.T @ second + level * first.T @ first
-            before, after = (np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :]))
+            before, after = (
+                np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :])
+            )
             rough = np.kron(np.kron(before, own), after)
             out += rough / np.trace(rough)
     return out
@@ -130,7 +145,14 @@ def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, .
         if len(at) == 2 and j in at:
             ratio = ratios[f"c{at[1] + 1}"] / ratios[f"c{at[0] + 1}"]
             own += [Variable(w, at[0], at[1], ratio) for w in ("q", "dq")]
-    alone = [("q", "dq"), ("q", "sign(dq)"), ("dq", "tau"), ("q", "tau"), ("dq", "ddq"), ("q", "ddq")]
+    alone = [
+        ("q", "dq"),
+        ("q", "sign(dq)"),
+        ("dq", "tau"),
+        ("q", "tau"),
+        ("dq", "ddq"),
+        ("q", "ddq"),
+    ]
     alone += [("tau", "sign(dq)"), ("abs(ddq)", "sign(dq)")]
     mixed = [("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq")]
     pairs = [(Variable(a, j), Variable(b, j)) for a, b in alone]
@@ -145,11 +167,16 @@ class Variables:
         self.rows, self.robot = rows, robot
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
         self.warm = all(s.motion.temperature is not None for s in rows.segments)
-        self.on_rows, self._splines = lru_cache(self._on_rows_of), lru_cache(self._splines_of)
+        self.on_rows, self._splines = (
+            lru_cache(self._on_rows_of),
+            lru_cache(self._splines_of),
+        )
 
     def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
         """(M, ...) of what is worked out along the motion."""
-        return np.concatenate([s.low_pass @ dense(s.motion) for s in self.rows.segments])
+        return np.concatenate(
+            [s.low_pass @ dense(s.motion) for s in self.rows.segments]
+        )
 
     def _on_rows_of(self, v: Variable) -> Array:
         """(M,) low-passed."""
@@ -185,10 +212,13 @@ class Variables:
 
     def of_law(self, basis: Basis, law: Callable[[Array], Array]) -> Array:
         """(M, m) filtered columns of a law, which says them at points (P, v)."""
-        return self._filtered(lambda m: law(np.column_stack([a.variable.along(m) for a in basis.axes])))
+        return self._filtered(
+            lambda m: law(np.column_stack([a.variable.along(m) for a in basis.axes]))
+        )
 
     def supported(self, basis: Basis) -> Array:
-        """(P, variables) the points of the basis's grid within a step of which the motion has been."""
+        """(P, variables) the points of the basis's grid within a step of which the
+        motion has been."""
         return basis.points[self.met(basis, self.keep)]
 
     def met(self, basis: Basis, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -209,8 +239,9 @@ _WEIGHTS = 10.0 ** np.arange(-5.0, 5.5, 1.0)
 
 @dataclass(frozen=True)
 class Columns:
-    """Weighted white columns z (M, k) of a joint beside a fit, on all of its rows: D (k, k), s (k,), raw
-    = z'z; count : rows of the joint, v : how many of them are worth one."""
+    """Weighted white columns z (M, k) of a joint beside a fit, on all of its rows: D
+    (k, k), s (k,), raw = z'z; count : rows of the joint, v : how many of them are worth
+    one."""
 
     fit: Fit
     joint: int
@@ -222,7 +253,9 @@ class Columns:
     v: float
 
     @classmethod
-    def of(cls, score: Score, fit: Fit, white: Array, joint: int, robust: bool = True) -> Columns:
+    def of(
+        cls, score: Score, fit: Fit, white: Array, joint: int, robust: bool = True
+    ) -> Columns:
         z = np.zeros((len(fit.residual[joint]), white.shape[1]))
         z[: len(white)] = white / fit.level[joint]
         C, raw = fit.basis[joint].T @ z, z.T @ z
@@ -231,24 +264,30 @@ class Columns:
         v = 1.0
         if robust and len(s):
             T = fit.beside({joint: z})
-            inverse = np.linalg.inv(D + raw / count + 1e-9 * np.trace(raw) * np.eye(len(s)))
+            inverse = np.linalg.inv(
+                D + raw / count + 1e-9 * np.trace(raw) * np.eye(len(s))
+            )
             c = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
             v = score.worth_of_one(T, fit.residual - T @ c, inverse, freedom)
         return cls(fit, joint, z, D, s, raw, count, v + count / ALPHA)
 
     def score(self, drop: Array, freedom: Array, looked: int) -> Array:
-        """The score of what takes ``drop`` (...) of the weighted squared error with so much freedom
-        (...), of so many looked at."""
+        """The score of what takes ``drop`` (...) of the weighted squared error with so
+        much freedom (...), of so many looked at."""
         fit, N, j = self.fit, max(self.count / self.v, 3.0), self.joint
-        rss = np.repeat(fit.rss[None], np.size(drop), axis=0).reshape(*np.shape(drop), -1)
+        rss = np.repeat(fit.rss[None], np.size(drop), axis=0).reshape(
+            *np.shape(drop), -1
+        )
         rss[..., j] = np.maximum(fit.rss[j] - drop * fit.level[j] ** 2, 0.0)
         gain = fit.deviance(fit.rss) - fit.deviance(rss)
-        return np.asarray(gain / self.v - freedom * np.log(N) - 2.0 * np.log(max(looked, 1)))
+        return np.asarray(
+            gain / self.v - freedom * np.log(N) - 2.0 * np.log(max(looked, 1))
+        )
 
     def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
-        """(F, k) coefficients from the rows outside of each fold (M,), the fit's columns refitted
-        there."""
+        """(F, k) coefficients from the rows outside of each fold (M,), the fit's
+        columns refitted there."""
         Q, y, r = self.fit.basis, self.fit.target, self.fit.basis.shape[2]
         held = 1.0 / self.count  # a prior worth one row
         out, none = [], np.ones(len(self.z) - len(fold), bool)
@@ -263,14 +302,17 @@ class Columns:
             own = y[:, train].ravel()
             # The fit's own parameters are held where they were.
             theta = np.tensordot(Q, y, axes=((0, 1), (0, 1)))
-            pull = np.concatenate([q.T @ own + held * theta, self.z[train].T @ y[self.joint][train]])
+            pull = np.concatenate(
+                [q.T @ own + held * theta, self.z[train].T @ y[self.joint][train]]
+            )
             out.append(np.linalg.solve(G, pull)[r:])
         return np.array(out)
 
 
 @dataclass(frozen=True)
 class SplineFit:
-    """A curve of one joint over a basis: raw (M, k) its columns, not white; P (k, k) the penalty; J."""
+    """A curve of one joint over a basis: raw (M, k) its columns, not white; P (k, k)
+    the penalty; J."""
 
     basis: Basis
     raw: Array
@@ -289,7 +331,8 @@ class SplineFit:
 
     @cached_property
     def projector(self) -> Array:
-        """(k, k) onto what the model's own columns cannot make, nor the smoothing alone decides."""
+        """(k, k) onto what the model's own columns cannot make, nor the smoothing alone
+        decides."""
         metric = self.columns.raw + self.P
         values, vectors = scipy.linalg.eigh(self.columns.D, metric)
         kept = vectors[:, values > ABSORBED_CURVE]
@@ -303,28 +346,39 @@ class SplineFit:
 
 def smoothed(basis: Basis, raw: Array, columns: Columns, looked: int) -> SplineFit:
     """The curve with the roughness that scores most."""
-    own = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(columns.raw) * np.eye(len(columns.s))
-    rough = _roughness(tuple((a.count, a.is_sign) for a in basis.axes)) * np.trace(columns.raw)
+    own = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(
+        columns.raw
+    ) * np.eye(len(columns.s))
+    rough = _roughness(tuple((a.count, a.is_sign) for a in basis.axes)) * np.trace(
+        columns.raw
+    )
     # In a basis in which all but the data's part of D are diagonal, for any weight.
     values, V = scipy.linalg.eigh(rough, columns.D + own, check_finite=False)
     D, s = V.T @ columns.D @ V, V.T @ columns.s
     weights = _WEIGHTS if rough.any() else np.ones(1)
     w = 1.0 / (1.0 + weights[:, None] * np.maximum(values, 0.0))
     c = w * s
-    J = columns.score(2.0 * c @ s - np.sum((c @ D) * c, axis=1), w @ np.diagonal(D), looked)
+    J = columns.score(
+        2.0 * c @ s - np.sum((c @ D) * c, axis=1), w @ np.diagonal(D), looked
+    )
     best = int(np.argmax(J))
     return SplineFit(basis, raw, columns, own + weights[best] * rough, float(J[best]))
 
 
-def band(found: SplineFit, grid: Array, seed: int, level: float = 0.95, draws: int = 300) -> Array:
-    """(P,) half width of the band that holds ``level`` of whole curves on grid (P, k): draws of the
-    coefficients, normal with the covariance v (D + P)^-1 (Nychka, JASA 1988)."""
+def band(
+    found: SplineFit, grid: Array, seed: int, level: float = 0.95, draws: int = 300
+) -> Array:
+    """(P,) half width of the band that holds ``level`` of whole curves on grid (P, k):
+    draws of the coefficients, normal with the covariance v (D + P)^-1 (Nychka, JASA
+    1988)."""
     rng = np.random.default_rng(seed)
     A = found.columns.D + found.P
     values, vectors = np.linalg.eigh(A)
     root = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
     spread = np.sqrt(max(found.columns.v - found.columns.count / ALPHA, 1.0))
-    errors = spread * rng.normal(size=(draws, len(A))) @ root.T @ found.projector.T @ grid.T
+    errors = (
+        spread * rng.normal(size=(draws, len(A))) @ root.T @ found.projector.T @ grid.T
+    )
     deviation = np.maximum(errors.std(axis=0), 1e-300)
     largest = np.max(np.abs(errors) / deviation, axis=1)
     return np.asarray(np.quantile(largest, level) * deviation)

@@ -1,8 +1,10 @@
-"""Recognition: the simplest law of a small dictionary that a curve is, by the score of all other forms.
+"""Recognition: the simplest law of a small dictionary that a curve is, by the score of
+all other forms.
 
-A law a g(x; b) is put into the curve's own splines, c_g, and scored through their products:
-a = c_g's / c_g'D c_g. The best of these are fitted once more on the rows themselves. Of those that score
-about as much as the curve does, the simplest that explains about as much as any is named.
+A law a g(x; b) is put into the curve's own splines, c_g, and scored through their
+products: a = c_g's / c_g'D c_g. The best of these are fitted once more on the rows
+themselves. Of those that score about as much as the curve does, the simplest that
+explains about as much as any is named.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +25,8 @@ from sdp_vs_penalty.robot.arrays import Array
 _SCAN = 56
 
 Function = Callable[[Array], Array]
-#: Functions of a variable, of one in units of a constant, and of each of a pair, as they read.
+#: Functions of a variable, of one in units of a constant, and of each of a pair, as
+#: they read.
 _PLAIN: Mapping[str, Function] = {
     "{x}": lambda v: v,
     "{x}^2": np.square,
@@ -44,9 +47,10 @@ _OF_A_PAIR = "{x}", "|{x}|", "sign({x})", "{x}^2"
 
 @dataclass(frozen=True)
 class Law:
-    """terms(variables, constants) -> its m columns, by broadcasting; reads : what follows each
-    amplitude, with {x}, {y} for the variables and {b}, {c} for the constants, and once for the sine and
-    cosine of a wave, with {phase}; starts : constants that a fit begins with, its bounds their ends."""
+    """terms(variables, constants) -> its m columns, by broadcasting; reads : what
+    follows each amplitude, with {x}, {y} for the variables and {b}, {c} for the
+    constants, and once for the sine and cosine of a wave, with {phase}; starts :
+    constants that a fit begins with, its bounds their ends."""
 
     terms: Callable[[Array, Array], Sequence[Array]]
     reads: tuple[str, ...]
@@ -59,7 +63,8 @@ class Law:
         return starts.min(axis=0), starts.max(axis=0)
 
     def columns(self, points: Array, constants: Array) -> Array:
-        """(P, m) at points (P, v) with constants (c,); (P, S, m) with S sets of them (c, S)."""
+        """(P, m) at points (P, v) with constants (c,); (P, S, m) with S sets of them
+        (c, S)."""
         x = points.T if constants.ndim == 1 else points.T[:, :, None]
         with np.errstate(over="ignore", invalid="ignore"):
             terms = self.terms(x, constants)
@@ -75,7 +80,9 @@ class Law:
             known["phase"] = _number(np.arctan2(amplitudes[1], amplitudes[0]))
             amplitudes = np.hypot(*amplitudes)[None]
         parts = zip(amplitudes, self.reads, strict=True)
-        return " + ".join(f"{_number(a)} {r.format(**known)}" for a, r in parts).replace("+ -", "- ")
+        return " + ".join(
+            f"{_number(a)} {r.format(**known)}" for a, r in parts
+        ).replace("+ -", "- ")
 
 
 def _number(x: float) -> str:
@@ -92,21 +99,29 @@ def _of_one(axis: Axis) -> list[Law]:
         return Law(lambda p, _: [_PLAIN[r](p[0]) for r in reads], reads)
 
     def scaled(g: Function, reads: str, starts: Array) -> Law:
-        return Law(lambda p, b: [g(p[0] / b[0])], (reads,), [(float(w),) for w in starts])
+        return Law(
+            lambda p, b: [g(p[0] / b[0])], (reads,), [(float(w),) for w in starts]
+        )
 
     if axis.is_sign:
         return [plain("{x}")]
     largest, span = max(abs(axis.low), abs(axis.high)), axis.high - axis.low
     widths = np.geomspace(0.01, 3.0, 20) * largest
     wide = widths[widths > 0.05 * largest]
-    places = product(np.linspace(axis.low, axis.high, _SCAN // 2), np.geomspace(0.03, 0.5, 8) * span)
+    places = product(
+        np.linspace(axis.low, axis.high, _SCAN // 2), np.geomspace(0.03, 0.5, 8) * span
+    )
     return [
         *map(plain, _PLAIN),
         plain("{x}", "{x}^2"),
         plain("{x}", "{x}^2", "{x}^3"),
         *(scaled(g, reads, widths) for reads, g in _SCALED.items()),
         scaled(np.exp, "exp({x} / {b})", np.concatenate([wide, -wide])),
-        _wave(lambda p, b: b[0] * p[0], "{b} {x}", [(float(k),) for k in _waves(axis, _SCAN)]),
+        _wave(
+            lambda p, b: b[0] * p[0],
+            "{b} {x}",
+            [(float(k),) for k in _waves(axis, _SCAN)],
+        ),
         Law(
             lambda p, b: [np.exp(-(((p[0] - b[0]) / b[1]) ** 2))],
             ("exp(-(({x} - {b}) / {c})^2)",),
@@ -120,21 +135,33 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
         return _OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR
 
     def both(u: str, v: str) -> Law:
-        return Law(lambda p, _: [_PLAIN[u](p[0]) * _PLAIN[v](p[1])], (f"{u} {_other(v)}",))
+        return Law(
+            lambda p, _: [_PLAIN[u](p[0]) * _PLAIN[v](p[1])], (f"{u} {_other(v)}",)
+        )
 
     def waving(k: int, v: str) -> Law:
         starts = [(float(w),) for w in _waves((first, second)[k], _SCAN // 2)]
         phase, rest = ("{b} {x}", _other(v)) if k == 0 else ("{b} {y}", v)
-        return _wave(lambda p, b: b[0] * p[k], phase, starts, lambda p: _PLAIN[v](p[1 - k]), f" {rest}")
+        return _wave(
+            lambda p, b: b[0] * p[k],
+            phase,
+            starts,
+            lambda p: _PLAIN[v](p[1 - k]),
+            f" {rest}",
+        )
 
     out = [both(u, v) for u in factors(first) for v in factors(second)]
     for k, (axis, other) in enumerate(((first, second), (second, first))):
         out += [waving(k, v) for v in factors(other) if not axis.is_sign]
     if not (first.is_sign or second.is_sign):
         one, two = (_fastest(axis) for axis in (first, second))
-        starts = product(np.linspace(0.0, one, _SCAN // 4)[1:], np.linspace(-two, two, _SCAN // 2))
+        starts = product(
+            np.linspace(0.0, one, _SCAN // 4)[1:], np.linspace(-two, two, _SCAN // 2)
+        )
         pairs = [(float(k), float(w)) for k, w in starts]
-        out.append(_wave(lambda p, b: b[0] * p[0] + b[1] * p[1], "{b} {x} + {c} {y}", pairs))
+        out.append(
+            _wave(lambda p, b: b[0] * p[0] + b[1] * p[1], "{b} {x} + {c} {y}", pairs)
+        )
     return out
 
 
@@ -165,7 +192,10 @@ def _fastest(axis: Axis) -> float:
 def _waves(axis: Axis, count: int) -> Array:
     """Waves that a scan begins with: from a tenth of one over the range."""
     slowest = 2.0 * np.pi / (axis.high - axis.low)
-    return np.append([0.1 * slowest, 0.25 * slowest], np.linspace(0.5 * slowest, _fastest(axis), count))
+    return np.append(
+        [0.1 * slowest, 0.25 * slowest],
+        np.linspace(0.5 * slowest, _fastest(axis), count),
+    )
 
 
 # Which of them a curve is.
@@ -173,8 +203,8 @@ def _waves(axis: Axis, count: int) -> Array:
 
 @dataclass(frozen=True)
 class LawFit:
-    """A law with its amplitudes and constants; chi2 : what it explains; columns : its own, if it was
-    fitted to the rows."""
+    """A law with its amplitudes and constants; chi2 : what it explains; columns : its
+    own, if it was fitted to the rows."""
 
     law: Law
     amplitudes: Array
@@ -194,8 +224,9 @@ class LawFit:
 def recognised(
     f: SplineFit, on_rows: Callable[[Law, Array], Columns], looked: int
 ) -> tuple[float, LawFit | None]:
-    """The simplest law that scores about what the best does, and the curve, with its score; the curve's
-    alone where none does. on_rows(law, constants) : the columns that a law makes there."""
+    """The simplest law that scores about what the best does, and the curve, with its
+    score; the curve's alone where none does. on_rows(law, constants) : the columns that
+    a law makes there."""
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
         return _normal(_in_splines(f.basis, law, constants), f.columns)
@@ -207,7 +238,9 @@ def recognised(
     for law, c in _scanned(f.basis):
         a, chi2 = _amplitudes(*_normal(c, f.columns))
         best = int(np.argmax(chi2))
-        every.append(LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best])))
+        every.append(
+            LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best]))
+        )
     rough = sorted(every, key=rated, reverse=True)[:CLOSELY]
     found = []
     for start in rough:
@@ -223,10 +256,16 @@ def recognised(
 
 @lru_cache(maxsize=64)
 def _onto(basis: Basis) -> tuple[Array, Array]:
-    """Points of a basis (P, v), of a pair every second one along each, and what makes coefficients of
-    values there (k, P)."""
+    """Points of a basis (P, v), of a pair every second one along each, and what makes
+    coefficients of values there (k, P)."""
     pair = len(basis.axes) > 1
-    x = np.array(list(product(*(a.points[:: 2 if pair and not a.is_sign else 1] for a in basis.axes))))
+    x = np.array(
+        list(
+            product(
+                *(a.points[:: 2 if pair and not a.is_sign else 1] for a in basis.axes)
+            )
+        )
+    )
     return x, np.asarray(np.linalg.pinv(basis.at(*x.T), rcond=1e-10), float)
 
 
@@ -238,7 +277,8 @@ def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
-    """Each law of the dictionary at those of its starts that the splines hold, (S, m, k) in these."""
+    """Each law of the dictionary at those of its starts that the splines hold, (S, m,
+    k) in these."""
     out = []
     for law in dictionary(basis.axes):
         starts = np.array(law.starts, float)
@@ -250,8 +290,9 @@ def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
 
 
 def _normal(c: Array, f: Columns) -> tuple[Array, Array]:
-    """Matrices (S, m, m) and right sides (S, m) of the normal equations of amplitudes of coefficients
-    (S, m, k); not finite where a law overflows, which :func:`_amplitudes` leaves out."""
+    """Matrices (S, m, m) and right sides (S, m) of the normal equations of amplitudes
+    of coefficients (S, m, k); not finite where a law overflows, which
+    :func:`_amplitudes` leaves out."""
     with np.errstate(over="ignore", invalid="ignore"):
         weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
         return weighed @ c.transpose(0, 2, 1), c @ f.s
@@ -262,26 +303,35 @@ def written(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
     unit = plain_unit(torque_units[f.joint])
     units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}
     said = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
-    names = [v.name if v.other < 0 else f"({v.name})" for v in (a.variable for a in f.basis.axes)]
+    names = [
+        v.name if v.other < 0 else f"({v.name})"
+        for v in (a.variable for a in f.basis.axes)
+    ]
     text = law.law.text(names, law.amplitudes, law.constants)
     return f"{text} {unit}" + (f" ({said})" if said else "")
 
 
 def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
-    """(S, m) those that explain most, and (S,) how much, of normal equations (S, m, m) and (S, m);
-    nothing of columns that the rows do not see (a bump where nobody was)."""
+    """(S, m) those that explain most, and (S,) how much, of normal equations (S, m, m)
+    and (S, m); nothing of columns that the rows do not see (a bump where nobody was).
+    """
     visible = np.einsum("smm->sm", gram) > DEPENDENT**2
     known = np.asarray(np.isfinite(gram).all(axis=(1, 2)) & visible.all(axis=1))
-    gram, pull = np.where(known[:, None, None], gram, 0.0), np.where(known[:, None], pull, 0.0)
+    gram, pull = (
+        np.where(known[:, None, None], gram, 0.0),
+        np.where(known[:, None], pull, 0.0),
+    )
     scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
     gram, pull = gram / (scale[:, :, None] * scale[:, None, :]), pull / scale
     a = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None])[:, :, 0]
     return a / scale, np.sum(a * pull, axis=1)
 
 
-def _refined(start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]]) -> LawFit:
-    """The constants near these that explain most, none beyond the ends of the law's own starts. normal :
-    equations of the amplitudes at sets of constants (c, S)."""
+def _refined(
+    start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]]
+) -> LawFit:
+    """The constants near these that explain most, none beyond the ends of the law's own
+    starts. normal : equations of the amplitudes at sets of constants (c, S)."""
     from scipy.optimize import minimize  # its import takes longer than a report
 
     law, (low, high) = start.law, start.law.ends
@@ -293,6 +343,8 @@ def _refined(start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]])
 
     options = {"xatol": 1e-4, "fatol": 1e-4 * start.chi2}
     bounds = list(zip(low, high, strict=True))
-    found = minimize(left, start.constants, method="Nelder-Mead", bounds=bounds, options=options).x
+    found = minimize(
+        left, start.constants, method="Nelder-Mead", bounds=bounds, options=options
+    ).x
     a, chi2 = _amplitudes(*normal(law, found[:, None]))
     return LawFit(law, a[0], found, float(chi2[0])) if chi2[0] > start.chi2 else start

@@ -1,5 +1,6 @@
-"""Curves of the joints on which something without a name is left: which variables, instead of which
-findings, and the law that it may be. One score decides, the one of all other forms."""
+"""Curves of the joints on which something without a name is left: which variables,
+instead of which findings, and the law that it may be. One score decides, the one of all
+other forms."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -31,9 +32,9 @@ _Rated = tuple[float, SplineFit, LawFit | None]
 
 @dataclass(frozen=True)
 class Measured:
-    """A curve as an effect: table, and by fold the values that the other folds' rows make; replaced :
-    the terms that it stands instead of; J : score; before : held-out error of its joint without it,
-    errors (n,) : with it, where it is offered."""
+    """A curve as an effect: table, and by fold the values that the other folds' rows
+    make; replaced : the terms that it stands instead of; J : score; before : held-out
+    error of its joint without it, errors (n,) : with it, where it is offered."""
 
     fitted: SplineFit
     law: LawFit | None
@@ -51,7 +52,12 @@ class Measured:
 
     def told(self, seed: int, floor: float) -> Curve:
         """For a reader; floor : of its joint's noise, zero where that is not known."""
-        f, robot, before, after = self.fitted, self.table.robot, self.before, self.errors[self.joint]
+        f, robot, before, after = (
+            self.fitted,
+            self.table.robot,
+            self.before,
+            self.errors[self.joint],
+        )
         share = (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
         points = self.variables.supported(f.basis)
         grid = f.basis.at(*points.T)
@@ -78,8 +84,8 @@ class Measured:
 
 
 def in_parts(search: Search) -> list[int]:
-    """Joints (from 0) on which two terms or more follow nothing but its position: parts, perhaps, of one
-    function of it."""
+    """Joints (from 0) on which two terms or more follow nothing but its position:
+    parts, perhaps, of one function of it."""
     parts = [
         next(iter(t.joints))
         for t in search.terms
@@ -91,36 +97,49 @@ def in_parts(search: Search) -> list[int]:
 def measured_curves(
     search: Search, left: Sequence[int], parts: Sequence[int], fold: NDArray[np.intp]
 ) -> list[Measured]:
-    """The curve of each joint (from 0) on which something is ``left``, beside all terms or instead of
-    those of its joint alone; and of joints whose terms may be ``parts`` of one, instead of them.
-    fold (M,) : for the values without each fold."""
+    """The curve of each joint (from 0) on which something is ``left``, beside all terms
+    or instead of those of its joint alone; and of joints whose terms may be ``parts``
+    of one, instead of them. fold (M,) : for the values without each fold."""
     variables = Variables(search.data.rows, search.data.estimate.robot)
     out: list[Measured] = []
     for joint in dict.fromkeys([*left, *parts]):
         own = [t for t in search.terms if t.joints == {joint}]
         rest = [t for t in search.terms if t not in own]
-        beside = _best(search, search.terms, joint, variables) if joint in left else None
+        beside = (
+            _best(search, search.terms, joint, variables) if joint in left else None
+        )
         wanted = own and (beside is not None or joint in parts)
         alone = _best(search, rest, joint, variables) if wanted else None
         worth = sum(t.J for t in search.together(own, rest))
         instead = alone is not None and _instead(worth, own, alone, beside)
         best = alone if instead else beside
         if best is not None:
-            out.append(_measured(search, *best[1:], variables, fold, tuple(own) if instead else ()))
+            out.append(
+                _measured(
+                    search, *best[1:], variables, fold, tuple(own) if instead else ()
+                )
+            )
     return out
 
 
-def _instead(worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | None) -> bool:
-    """Whether a curve alone stands in the place of a joint's terms, worth so much: where these need a
-    curve besides, or have more constants than its law, it only has to be as good."""
+def _instead(
+    worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | None
+) -> bool:
+    """Whether a curve alone stands in the place of a joint's terms, worth so much:
+    where these need a curve besides, or have more constants than its law, it only has
+    to be as good."""
     J, _, law = alone
     named = max(worth, 0.0) + (0.0 if beside is None else beside[0])
     least = EQUIVALENT + FORM * named
-    simpler = law is not None and law.size < sum(t.form.k + t.form.constants for t in own)
+    simpler = law is not None and law.size < sum(
+        t.form.k + t.form.constants for t in own
+    )
     return named + (-least if beside is not None or simpler else least) < J
 
 
-def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variables) -> _Rated | None:
+def _best(
+    search: Search, terms: Sequence[Term], joint: int, variables: Variables
+) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
     data, score = search.data, search.score
     fit = score.fit(search.with_misfits(terms), search.fit)
@@ -141,9 +160,15 @@ def _best(search: Search, terms: Sequence[Term], joint: int, variables: Variable
         columns = Columns.of(score, fit, data.white(raw, joint), joint, robust)
         return smoothed(basis, raw, columns, len(every))
 
-    rough = [(fitted(b.roughly, variables.coarse(b.roughly), False).J, b) for b in every]
+    rough = [
+        (fitted(b.roughly, variables.coarse(b.roughly), False).J, b) for b in every
+    ]
     rough = sorted((r for r in rough if r[0] > APART), key=lambda r: -r[0])
-    close = [b for n in (1, 2) for b in [b for _, b in rough if len(b.axes) == n][: CLOSELY // 2]]
+    close = [
+        b
+        for n in (1, 2)
+        for b in [b for _, b in rough if len(b.axes) == n][: CLOSELY // 2]
+    ]
     exact = [fitted(b, variables.exact(b), True) for b in close]
     least = max(((1.0 - FORM) * f.J - EQUIVALENT for f in exact), default=0.0)
     alike = [f for f in exact if max(least, APART) < f.J]
@@ -183,7 +208,9 @@ def _measured(
         there = np.ones(len(points), bool)
         if law is None:  # a table knows nothing of where only the fold has been
             there = variables.met(f.basis, variables.keep & (fold != k))[known]
-        if not np.diff(points[there], axis=0).any(axis=0).all():  # nothing at all of a single value
+        if (
+            not np.diff(points[there], axis=0).any(axis=0).all()
+        ):  # nothing at all of a single value
             there[:], c = True, np.zeros_like(c)
         own = points[there], (grid @ c)[there], min(measured, int(there.sum()))
         by_fold.append(table_effect(robot, f.joint, f.basis.of, *own))

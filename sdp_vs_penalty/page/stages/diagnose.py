@@ -1,4 +1,5 @@
-"""Diagnose: the error from model to model; which effects are missing, each to be added with a click."""
+"""Diagnose: the error from model to model; which effects are missing, each to be added
+with a click."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -39,7 +40,11 @@ def models(view: View) -> None:
     draw.note(f"RMS error on {', '.join(history[-1].judged_on)}.")
 
 
-@after_model("findings", "What is missing", lambda s: (s.frozen, s.findings and s.findings.to_dict()))
+@after_model(
+    "findings",
+    "What is missing",
+    lambda s: (s.frozen, s.findings and s.findings.to_dict()),
+)
 def findings(view: View) -> None:
     """What the last diagnosis found, each to be added."""
     session, found = view.session, view.session.findings
@@ -52,8 +57,8 @@ def findings(view: View) -> None:
     _by_hand(view)
     if found is None:
         draw.note(
-            "Every effect of the library is tried on the error, and named only if it holds on data "
-            "that did not select it."
+            "Every effect of the library is tried on the error, and named only if it"
+            " holds on data that did not select it."
         )
         return
     sure = [f.text for f in found.sure if f.text not in session.added]
@@ -70,19 +75,33 @@ def findings(view: View) -> None:
 
 def _card(view: View, found: Diagnosis, k: int) -> None:
     session, finding = view.session, found.effects[k]
-    units, done = session.robot["units"], " done" if finding.text in session.added else ""
+    units, done = (
+        session.robot["units"],
+        " done" if finding.text in session.added else "",
+    )
     with draw.tag("li", style=f"card finding-card{done}"):
         with draw.tag("div", style="head"):
-            draw.tag("h4", f"{draw.plain_name(finding.effect)} · {_where(finding.joints)}")
+            draw.tag(
+                "h4", f"{draw.plain_name(finding.effect)} · {_where(finding.joints)}"
+            )
             draw.tag("span", finding.confidence, f"badge {finding.confidence}")
-        size = f"{finding.size:.4g} ± {finding.std:.1g} {formatting.plain_unit(finding.unit)}".strip()
-        draw.tag("p", f"Size {'; '.join(filter(None, (size, finding.constants)))}", "size")
+        size = (
+            f"{finding.size:.4g} ± {finding.std:.1g}"
+            f" {formatting.plain_unit(finding.unit)}".strip()
+        )
+        draw.tag(
+            "p", f"Size {'; '.join(filter(None, (size, finding.constants)))}", "size"
+        )
         again = finding.effect in [f.effect for f in found.effects[:k]]
         with draw.details("What it is", f"physics-{k}") if again else nullcontext():
             physics = finding.explanation.partition(". ")[2]
             draw.tag("p", physics.partition(" Indistinguishable in these data from")[0])
         if rivals := finding.indistinguishable_from:
-            draw.tag("p", f"Indistinguishable in these data from: {', '.join(rivals)}.", "rivals")
+            draw.tag(
+                "p",
+                f"Indistinguishable in these data from: {', '.join(rivals)}.",
+                "rivals",
+            )
         if told := finding.telling_run("model.json", k + 1):
             with draw.details("Which run would tell", f"tell-{k}"):
                 draw.note("With the model's file, which is under Use:")
@@ -94,18 +113,30 @@ def _card(view: View, found: Diagnosis, k: int) -> None:
         joint = min(own, key=lambda j: after[j] / before[j] if before[j] else 1.0)
         floor = [found.noise_floor[joint]] if found.noise_known else None
         what = "Held-out error, refitted at each step,"
-        fall = bars([before[joint]], [after[joint]], floor, [units[joint]], [joint + 1], what)
+        fall = bars(
+            [before[joint]], [after[joint]], floor, [units[joint]], [joint + 1], what
+        )
         ui.html(fall, sanitize=False)
         name = f"Add {draw.plain_name(finding.effect)} on {_where(finding.joints)}"
-        _adding(session, finding.text, f"add-{k}", "primary" if k == 0 else "", aria_label=name)
+        _adding(
+            session,
+            finding.text,
+            f"add-{k}",
+            "primary" if k == 0 else "",
+            aria_label=name,
+        )
 
 
-def _adding(session: Session, text: str, key: str, style: str = "", **more: str) -> None:
+def _adding(
+    session: Session, text: str, key: str, style: str = "", **more: str
+) -> None:
     """The button that adds something, or that it has been added."""
     if text in session.added:
         draw.tag("p", "Added to the model.", "chosen")
     else:
-        draw.button("Add", partial(session.start, session.add, [text]), key, style, **more)
+        draw.button(
+            "Add", partial(session.start, session.add, [text]), key, style, **more
+        )
 
 
 def _where(joints: Sequence[int]) -> str:
@@ -116,7 +147,9 @@ def _constants(session: Session, found: Diagnosis) -> None:
     """Other constants of the model's own effects."""
     for k, constant in enumerate(found.retuned):
         with draw.tag("div", style="card finding-card"):
-            draw.tag("h4", f"{draw.plain_name(constant.effect)} · joint {constant.joint}")
+            draw.tag(
+                "h4", f"{draw.plain_name(constant.effect)} · joint {constant.joint}"
+            )
             draw.tag("p", constant.explanation)
             if constant.remarks:
                 draw.note(f"Weak: {'; '.join(constant.remarks)}.")
@@ -131,20 +164,32 @@ def _curves(view: View, found: Diagnosis) -> None:
         with draw.tag("div", style="card finding-card"):
             draw.tag("h4", f"Missing torque without a name · joint {curve.joint}")
             draw.tag("p", curve.sentence(units))
-            drawn = missing_chart(curve, units, session.recording(session.current, view.run))
+            drawn = missing_chart(
+                curve, units, session.recording(session.current, view.run)
+            )
             draw.chart(drawn, f"Missing torque of joint {curve.joint}, with its band")
             _adding(session, text, f"add-curve-{k}")
 
 
 def _by_hand(view: View) -> None:
-    """Any effect by its name: a payload beside a fixed model, or one that the diagnosis did not name."""
+    """Any effect by its name: a payload beside a fixed model, or one that the diagnosis
+    did not name."""
     with draw.details("Add an effect by its name", "by-hand"):
         said = "name[:joints][@shape=value], such as payload with the model kept fixed"
         written = [""]
         draw.text_field(
-            said, "", partial(written.__setitem__, 0), "add-text", "payload", style="field wide-field"
+            said,
+            "",
+            partial(written.__setitem__, 0),
+            "add-text",
+            "payload",
+            style="field wide-field",
         )
-        draw.button("Add it", partial(view.session.start, view.session.add, written), "add-by-hand")
+        draw.button(
+            "Add it",
+            partial(view.session.start, view.session.add, written),
+            "add-by-hand",
+        )
 
 
 def _rest(found: Diagnosis) -> None:
@@ -160,24 +205,33 @@ def _rest(found: Diagnosis) -> None:
         draw.note(remark)
     over = ", ".join(f"{(1.0 + max(x, 0.0)) ** 0.5:.2g}" for x in found.unexplained)
     over = over if found.noise_known else "not known"
-    draw.note(f"Held-out error over noise with everything found, joint by joint: {over}.")
+    draw.note(
+        f"Held-out error over noise with everything found, joint by joint: {over}."
+    )
     if found.invisible:
         with draw.details("Not identifiable from these runs", "invisible"):
             draw.note("The model's existing parameters absorb the torque of:")
             with draw.tag("ul"):
                 for item in found.invisible:
-                    draw.tag("li", f"{draw.plain_name(item.effect)}, {_where(item.joints)}")
+                    draw.tag(
+                        "li", f"{draw.plain_name(item.effect)}, {_where(item.joints)}"
+                    )
 
 
 def _diagnosed(session: Session) -> Verdict | None:
-    """What became of each joint's error, and what the last diagnosis says, where it is of this model."""
+    """What became of each joint's error, and what the last diagnosis says, where it is
+    of this model."""
     found, added = session.findings, session.added
     said = ""
     if found is not None:
         every = [*(f.text for f in found.effects), *(c.text for c in found.retuned)]
         left = sum(text not in added for text in every)
         said = f"{left} more can be added." if left else ""
-        said = (said or "Diagnose again to see what is missing now.") if added else found.headline
+        said = (
+            (said or "Diagnose again to see what is missing now.")
+            if added
+            else found.headline
+        )
     if len(session.history) > 1:
         first, last = (session.history[k].comparison for k in (0, -1))
         floor = None if None in last["noise_floor"] else np.array(last["noise_floor"])
@@ -187,4 +241,6 @@ def _diagnosed(session: Session) -> Verdict | None:
     return Verdict("", said) if said else None
 
 
-DIAGNOSE = Stage("diagnose", "Diagnose", "Identify a model first.", (models, findings), _diagnosed)
+DIAGNOSE = Stage(
+    "diagnose", "Diagnose", "Identify a model first.", (models, findings), _diagnosed
+)

@@ -1,5 +1,5 @@
-"""Identify: what makes torque to begin with, how well it fits and where it fails, what was found; the
-same by other methods."""
+"""Identify: what makes torque to begin with, how well it fits and where it fails, what
+was found; the same by other methods."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -23,30 +23,54 @@ from sdp_vs_penalty.reports import markup
 from sdp_vs_penalty.reports.plots import Curves, friction_figure
 from sdp_vs_penalty.reports.sections import CERTIFICATE, HEADS
 
-_USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
+_USUAL = (
+    "rigid_body",
+    "viscous_friction",
+    "coulomb_friction",
+    "torque_offset",
+    "rotor_inertia",
+)
 
 
 def _model_now(session: Session) -> Any:
-    chosen = session.robot["source"], session.method, session.seed, session.effects, session.anyway
+    chosen = (
+        session.robot["source"],
+        session.method,
+        session.seed,
+        session.effects,
+        session.anyway,
+    )
     return *chosen, session.meaningless, session.model is None
 
 
-@partial(Part, "model", "", lambda s: any(run["use"] != "test" for run in s.runs), _model_now)
+@partial(
+    Part, "model", "", lambda s: any(run["use"] != "test" for run in s.runs), _model_now
+)
 def model(view: View) -> None:
     """What is identified, and how; folded away once there is a model."""
     again = "Effects, method, options: identify again"
-    with nullcontext() if view.session.model is None else draw.details(again, "model-form"):
+    with (
+        nullcontext()
+        if view.session.model is None
+        else draw.details(again, "model-form")
+    ):
         _form(view)
 
 
 def _methods() -> dict[str, str]:
     """Those that take measurements, with what they are."""
-    return {name: k.description for name, k in estimator_types().items() if not k.needs_black_box}
+    return {
+        name: k.description
+        for name, k in estimator_types().items()
+        if not k.needs_black_box
+    }
 
 
 def _form(view: View) -> None:
     session = view.session
-    effects = {name: kind for name, kind in effect_types().items() if not kind.frozen_only}
+    effects = {
+        name: kind for name, kind in effect_types().items() if not kind.frozen_only
+    }
 
     def tick(name: str, on: bool) -> None:
         chosen = [e for e in session.effects if _name(e) != name] + [name] * on
@@ -57,31 +81,52 @@ def _form(view: View) -> None:
     def boxes(names: Sequence[str]) -> None:
         with draw.tag("div", style="checks"):
             for name in names:
-                on, said = name in map(_name, session.effects), effects[name].explanation
-                draw.check(draw.plain_name(name), on, partial(tick, name), f"effect-{name}", said)
+                on, said = (
+                    name in map(_name, session.effects),
+                    effects[name].explanation,
+                )
+                draw.check(
+                    draw.plain_name(name),
+                    on,
+                    partial(tick, name),
+                    f"effect-{name}",
+                    said,
+                )
 
     with draw.tag("fieldset"):
         draw.tag("legend", "Effects of the first model")
         boxes(_USUAL)
         rest = [name for name in effects if name not in _USUAL]
         chosen = sum(name in map(_name, session.effects) for name in rest)
-        with draw.details(f"More effects ({chosen} of {len(rest)} chosen)", "more-effects", chosen > 0):
+        with draw.details(
+            f"More effects ({chosen} of {len(rest)} chosen)", "more-effects", chosen > 0
+        ):
             draw.note("The stage Diagnose tells which are needed.")
             boxes(rest)
 
     with draw.tag("div", style="fields method"):
         options = [(name, f"{name}: {said}") for name, said in _methods().items()]
-        draw.choice("Method", options, session.method, partial(setattr, session, "method"), "method")
+        draw.choice(
+            "Method",
+            options,
+            session.method,
+            partial(setattr, session, "method"),
+            "method",
+        )
         draw.number("Seed", session.seed, partial(setattr, session, "seed"), "seed")
     _options(view)
     if session.meaningless:
         anyway = partial(setattr, session, "anyway")
-        draw.check("Identify anyway (data check failed)", session.anyway, anyway, "anyway")
-    draw.button("Identify", partial(session.start, session.identify), "identify", "primary")
+        draw.check(
+            "Identify anyway (data check failed)", session.anyway, anyway, "anyway"
+        )
+    draw.button(
+        "Identify", partial(session.start, session.identify), "identify", "primary"
+    )
     with draw.details("Or continue from a model.json", "open-model"):
         draw.note(
-            "A model identified earlier, possibly from other runs: kept fixed, it shows what has "
-            "changed since, such as a payload."
+            "A model identified earlier, possibly from other runs: kept fixed, it shows"
+            " what has changed since, such as a payload."
         )
         draw.drop("Your model.json", "model")
 
@@ -95,9 +140,20 @@ def _options(view: View) -> None:
         session.changed()
 
     chosen = len(session.options)
-    with draw.details(f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"):
-        said = "Effects as text: name[:joints][@shape=value], such as coulomb_friction@v_s=0.01"
-        draw.text_field(said, ",".join(session.effects), write, "effects-text", style="field wide-field")
+    with draw.details(
+        f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"
+    ):
+        said = (
+            "Effects as text: name[:joints][@shape=value], such as"
+            " coulomb_friction@v_s=0.01"
+        )
+        draw.text_field(
+            said,
+            ",".join(session.effects),
+            write,
+            "effects-text",
+            style="field wide-field",
+        )
         with draw.tag("div", style="fields"):
             draw.draw_form(view.forms["identify"], session.options)
 
@@ -107,12 +163,16 @@ def _name(effect: str) -> str:
     return effect.partition("@")[0].partition(":")[0]
 
 
-@after_model("fit", "Measured against modelled", lambda s: s.findings and s.findings.to_dict())
+@after_model(
+    "fit", "Measured against modelled", lambda s: s.findings and s.findings.to_dict()
+)
 def fit(view: View) -> None:
     """Measured against modelled torque, where it fails and why."""
     session, model, robot = view.session, view.session.current, view.session.robot
     comparison, units = model.comparison, robot["units"]
-    if view.joint is None:  # whose error is the most times its noise; without noise, the largest
+    if (
+        view.joint is None
+    ):  # whose error is the most times its noise; without noise, the largest
         both = zip(comparison["rmse"], comparison["noise_floor"], strict=True)
         scaled = [e / f if f else e for e, f in both]
         view.joint = scaled.index(max(scaled))
@@ -122,12 +182,19 @@ def fit(view: View) -> None:
     steps = [session.history[0], model][-len(session.history) :]
     first = session.history[0].comparison
     after = comparison["rmse"] if len(session.history) > 1 else None
-    bars = ui.html("", sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
+    bars = ui.html("", sanitize=False).on(
+        "click", partial(_show, view), js_handler=_CELL
+    )
     draw.note("Click a joint to see it below.")
     _figures(model)
     with draw.tag("div", style="pick"):
-        draw.choice("Run", model.runs, view.run, lambda name: view.look(run=name), "shown-run")
-    label, said = "Measured and modelled torque, and the residual", "redder: larger torque error"
+        draw.choice(
+            "Run", model.runs, view.run, lambda name: view.look(run=name), "shown-run"
+        )
+    label, said = (
+        "Measured and modelled torque, and the residual",
+        "redder: larger torque error",
+    )
     chart, move = charts.chart_and_arm(view, label, model.about, said)
     legend = ui.html("", sanitize=False)
     words = draw.tag("p", "", "words")
@@ -136,7 +203,9 @@ def fit(view: View) -> None:
         _heat(view, model.failures, found)
     with draw.tag("div", style="pick"):
         look = lambda name: view.look(signal=name)  # noqa: E731
-        draw.choice("Error against", charts.SIGNALS.items(), view.signal, look, "signal")
+        draw.choice(
+            "Error against", charts.SIGNALS.items(), view.signal, look, "signal"
+        )
     against = draw.chart({}, "Error of the joint against a signal")
 
     def zoom(event: Any) -> None:
@@ -145,15 +214,29 @@ def fit(view: View) -> None:
             view.look(span=span)
 
     def follow() -> None:
-        j, reads = view.joint or 0, [session.recording(step, view.run) for step in steps]
+        j, reads = (
+            view.joint or 0,
+            [session.recording(step, view.run) for step in steps],
+        )
         read, noise = reads[-1], comparison["noise_floor"][j]
-        modelled = {step.label: r["modelled"] for step, r in zip(steps, reads, strict=True)}
+        modelled = {
+            step.label: r["modelled"] for step, r in zip(steps, reads, strict=True)
+        }
         failing = _stretches(model, view.run, j, float(read["t"][0]))
-        run, causes = Curves(read["t"], read["torque"], modelled), {cause for *_, cause in failing}
-        bars.content = markup.bars(first["rmse"], after, comparison["noise_floor"], units, chosen=j)
+        run, causes = (
+            Curves(read["t"], read["torque"], modelled),
+            {cause for *_, cause in failing},
+        )
+        bars.content = markup.bars(
+            first["rmse"], after, comparison["noise_floor"], units, chosen=j
+        )
         chart.update_figure(charts.torque_chart(run, j, units, view.span, failing))
-        against.update_figure(charts.residual_chart(reads, j, view.signal, units[j], noise, view.span))
-        legend.content = markup.legend([cause for cause in markup.SHADES if cause in causes])
+        against.update_figure(
+            charts.residual_chart(reads, j, view.signal, units[j], noise, view.span)
+        )
+        legend.content = markup.legend(
+            [cause for cause in markup.SHADES if cause in causes]
+        )
         words.text = _words(model, j, units[j])
         move(view.run, read, charts.torque_errors(model, read))
 
@@ -162,21 +245,29 @@ def fit(view: View) -> None:
     follow()
     if model.on_bounds:
         draw.note(
-            f"On their bounds (set by the bound, not by the data): {', '.join(model.on_bounds)}. "
-            "More options above change bounds."
+            "On their bounds (set by the bound, not by the data):"
+            f" {', '.join(model.on_bounds)}. More options above change bounds."
         )
 
 
 def _figures(model: ModelStep) -> None:
-    """How well the model does: as every table of models says it, and the other lines of the verdict."""
+    """How well the model does: as every table of models says it, and the other lines of
+    the verdict."""
     draw.judged([model])
     comparison, runs = model.comparison, model.judged_on
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
     below = f"below {figure(comparison['band_hz'])} Hz"
     new = new_motion(comparison["new_motion_share"])
-    draw.note(f"Judged on {judged}, {below}, new motion {new}; identified in {model.seconds:.2g} s.")
+    draw.note(
+        f"Judged on {judged}, {below}, new motion {new}; identified in"
+        f" {model.seconds:.2g} s."
+    )
     for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
-        draw.tag("p", f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}", "line")
+        draw.tag(
+            "p",
+            f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}",
+            "line",
+        )
 
 
 def _words(model: ModelStep, j: int, unit: str) -> str:
@@ -185,19 +276,31 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     plain = formatting.plain_unit(unit)
     text = f"Joint {j + 1}: the error is {figure(error)} {plain}"
     if floor:
-        text += f", {figure(error / floor, 2)} times the noise floor of {figure(floor)} {plain}"
+        text += (
+            f", {figure(error / floor, 2)} times the noise floor of {figure(floor)}"
+            f" {plain}"
+        )
     said = model.failures[j]["sentences"] if model.failures else ()
     return " ".join([f"{text}.", *said])
 
 
 #: The signal that shows what a cause of the table explains.
 _SHOWN_BY = {
-    "position": "q", "velocity": "dq", "acceleration": "ddq", "load": "torque", "time": "t",
-    "high speed": "dq", "reversal": "dq", "standstill": "dq", "waves per turn": "q",
-}  # fmt: skip
+    "position": "q",
+    "velocity": "dq",
+    "acceleration": "ddq",
+    "load": "torque",
+    "time": "t",
+    "high speed": "dq",
+    "reversal": "dq",
+    "standstill": "dq",
+    "waves per turn": "q",
+}
 
 
-def _stretches(model: ModelStep, run: str, j: int, start: float) -> list[tuple[float, float, str]]:
+def _stretches(
+    model: ModelStep, run: str, j: int, start: float
+) -> list[tuple[float, float, str]]:
     """Where a joint fails on a run, in its seconds since ``start``, and the cause."""
     return [
         (s["start"] - start, s["stop"] - start, s["cause"])
@@ -207,11 +310,13 @@ def _stretches(model: ModelStep, run: str, j: int, start: float) -> list[tuple[f
 
 
 def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -> None:
-    """Which cause explains how much of each joint's error: darker is more; findings first."""
+    """Which cause explains how much of each joint's error: darker is more; findings
+    first."""
     draw.tag("h4", "Where it fails, and why")
     draw.note(
-        "Share of each joint's error that a function of a cause explains on held-out data, in per "
-        "cent; causes that explain nothing are left out. Click a cell to see the joint."
+        "Share of each joint's error that a function of a cause explains on held-out"
+        " data, in per cent; causes that explain nothing are left out. Click a cell to"
+        " see the joint."
     )
     rows = markup.heat_rows(failures, markup.found_shares(found, len(failures)))
     title = "Share of the error explained by each cause, by joint"
@@ -238,7 +343,9 @@ def parameters(view: View) -> None:
         draw.tag("p", said, "words")
     box = draw.details("Links, friction, certificate and every parameter", "parameters")
 
-    def fill() -> None:  # once it is opened: a chart that nobody sees costs as much at every click
+    def fill() -> (
+        None
+    ):  # once it is opened: a chart that nobody sees costs as much at every click
         if len(box.default_slot.children) == 1:
             with box:
                 _tables(view)
@@ -249,28 +356,45 @@ def parameters(view: View) -> None:
 def _tables(view: View) -> None:
     about, robot = view.session.current.about, view.session.robot
     if about["links"]:
-        draw.table(LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links")
+        draw.table(
+            LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links"
+        )
     if about["friction"]:
         draw.tag("h4", "Friction by velocity")
 
         def options() -> dict[str, Any]:
             j = view.joint or 0
-            plot = friction_figure(**about["friction"][j], joint=j, unit=robot["units"][j])
+            plot = friction_figure(
+                **about["friction"][j], joint=j, unit=robot["units"][j]
+            )
             return charts.ready(plot, 300)
 
-        drawn = draw.chart(options(), "Friction torque over velocity with its 95 % band")
+        drawn = draw.chart(
+            options(), "Friction torque over velocity with its 95 % band"
+        )
         draw.note("Of the joint that is chosen above; shaded: 95 %.")
         view.followers["parameters"] = lambda: drawn.update_figure(options())
     draw.tag("h4", "Certificate")
     draw.note(CERTIFICATE)
-    draw.table(["figure", view.session.current.label], about["certificate"], "Certificate", "wraps")
+    draw.table(
+        ["figure", view.session.current.label],
+        about["certificate"],
+        "Certificate",
+        "wraps",
+    )
     draw.tag("h4", "Every parameter")
     draw.note(
-        "Values with 95 % intervals beside the nominal ones. Those marked prior or bounds are not "
-        "measured: the data leave them open."
+        "Values with 95 % intervals beside the nominal ones. Those marked prior or"
+        " bounds are not measured: the data leave them open."
     )
     with draw.tag("div", style="tall"):
-        draw.table(HEADS, about["rows"], "Parameters with intervals", "numbers parameters", mark=2)
+        draw.table(
+            HEADS,
+            about["rows"],
+            "Parameters with intervals",
+            "numbers parameters",
+            mark=2,
+        )
     draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
@@ -288,7 +412,9 @@ def methods(view: View) -> None:
 
     def compare() -> None:
         asked = [name for name in names if chosen.get(name)]
-        session.start(session.ask, "Comparing methods", "methods", methods=asked, folds=view.folds)
+        session.start(
+            session.ask, "Comparing methods", "methods", methods=asked, folds=view.folds
+        )
 
     said = "On unseen motion too: five folds, takes five times as long"
     hint = "Each fold leaves out a stretch of the motion and all its repetitions"
@@ -298,11 +424,16 @@ def methods(view: View) -> None:
         return
     draw.table(found["heads"], found["rows"], "Methods compared", "numbers methods")
     draw.note(
-        "On the runs that the model is judged on. Possible: every link can exist, within its bounds; "
-        "thinnest: a link's thickness, zero or less where it cannot; gap: of the certified optimum."
+        "On the runs that the model is judged on. Possible: every link can exist,"
+        " within its bounds; thinnest: a link's thickness, zero or less where it"
+        " cannot; gap: of the certified optimum."
     )
 
 
 IDENTIFY = Stage(
-    "identify", "Identify", "Add measurements first.", (model, fit, parameters, methods), identified
+    "identify",
+    "Identify",
+    "Add measurements first.",
+    (model, fit, parameters, methods),
+    identified,
 )

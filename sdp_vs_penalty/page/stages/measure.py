@@ -1,4 +1,5 @@
-"""Measure: which robot, and which measurements. Check: what they look like, and what the check says."""
+"""Measure: which robot, and which measurements. Check: what they look like, and what
+the check says."""
 
 import tomllib
 from functools import partial
@@ -30,8 +31,14 @@ def robot(view: View) -> None:
         return
     file = f"{robot['file']}: " if robot["file"] else ""
     draw.tag("p", f"{file}{robot['name']}, {robot['title']}", "chosen")
-    joints = (f"{name} [{unit}]" for name, unit in zip(robot["joints"], robot["units"], strict=True))
-    draw.note(f"Joints in order, with the units of torque: {', '.join(joints)}. {robot['known']}")
+    joints = (
+        f"{name} [{unit}]"
+        for name, unit in zip(robot["joints"], robot["units"], strict=True)
+    )
+    draw.note(
+        f"Joints in order, with the units of torque: {', '.join(joints)}."
+        f" {robot['known']}"
+    )
     (gravity,) = view.forms["robot"]
     now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
     with draw.tag("div", style="pick"):
@@ -51,13 +58,23 @@ def _choose(view: View) -> None:
     with draw.tag("div", style="row"):
         show = partial(session.start, session.show_me)
         draw.button("Show me", show, "show-me", "" if robot else "primary")
-        draw.note("The whole job on a simulated arm with something hidden, in about a minute.")
+        draw.note(
+            "The whole job on a simulated arm with something hidden, in about a minute."
+        )
     # By name or path: what to call it, what it is, and the shown name of a URDF.
     there: dict[str, tuple[str, str, str | None]] = {}
     for file in sorted(problems_folder().glob("*/problem.toml")):
-        there[file.parent.name] = file.parent.name, tomllib.loads(file.read_text())["title"], None
+        there[file.parent.name] = (
+            file.parent.name,
+            tomllib.loads(file.read_text())["title"],
+            None,
+        )
     for folder in view.folder_problems():
-        there[str(folder)] = folder.name, "with the bounds and filters of its problem.toml", None
+        there[str(folder)] = (
+            folder.name,
+            "with the bounds and filters of its problem.toml",
+            None,
+        )
     for file in view.folder_files(SUFFIXES["robot"]):
         there[str(file)] = file.name, "from your folder", file.name
     with draw.tiles("Built-in robots"):
@@ -65,7 +82,14 @@ def _choose(view: View) -> None:
             on = robot.get("source") == source
             choose = partial(session.start, session.choose_robot, source, urdf)
             pressed = "true" if on else "false"
-            draw.tile(name, said, choose, f"robot-{name}", "on" if on else "", aria_pressed=pressed)
+            draw.tile(
+                name,
+                said,
+                choose,
+                f"robot-{name}",
+                "on" if on else "",
+                aria_pressed=pressed,
+            )
     draw.drop("Your robot's URDF", "robot")
 
 
@@ -97,7 +121,8 @@ def runs(view: View) -> None:
 
 
 def _own(view: View) -> None:
-    """A place to drop runs; those of the folder that the page was started with: ticked, then read."""
+    """A place to drop runs; those of the folder that the page was started with: ticked,
+    then read."""
     draw.drop("Drop measurements here", "runs")
     draw.note("They stay on this computer.")
     with draw.details("Other column names, motors, ROS topics", "reading"):
@@ -109,7 +134,9 @@ def _own(view: View) -> None:
         return
 
     def read() -> None:
-        view.session.arrived |= {name: file for name, file in files.items() if ticked.get(name)}
+        view.session.arrived |= {
+            name: file for name, file in files.items() if ticked.get(name)
+        }
         view.session.read_arrived()
 
     with draw.tag("fieldset"):
@@ -127,18 +154,31 @@ def _simulated(view: View) -> None:
     effects = [(n, draw.plain_name(n)) for n in MAKERS if not kinds[n].frozen_only]
     fields = {
         "effect": ("Effect", [("none", "Nothing hidden"), *effects]),
-        "joint": ("On joint", [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], 1)]),
+        "joint": (
+            "On joint",
+            [(str(k), f"{k} {name}") for k, name in enumerate(robot["joints"], 1)],
+        ),
         "level": ("Level", [(level, level) for level in LEVELS]),
     }
     with draw.tag("div", style="fields"):
         for word, (label, options) in fields.items():
-            draw.choice(label, options, hiding[word], partial(hiding.__setitem__, word), f"hide-{word}")
-        draw.number("Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed")
+            draw.choice(
+                label,
+                options,
+                hiding[word],
+                partial(hiding.__setitem__, word),
+                f"hide-{word}",
+            )
+        draw.number(
+            "Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed"
+        )
 
     def simulate() -> None:
         kind = kinds.get(hiding["effect"])
         at = [] if kind and kind.whole_robot else [int(hiding["joint"])]
-        session.start(session.simulate, hiding["effect"], at, hiding["level"], hiding["seed"])
+        session.start(
+            session.simulate, hiding["effect"], at, hiding["level"], hiding["seed"]
+        )
 
     draw.button("Simulate four runs", simulate, "simulate")
 
@@ -157,13 +197,22 @@ def _list(view: View) -> None:
                     draw.tag("td", f"{run['seconds']:.3g} s")
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
-                        said, use = f"Use of {run['name']}", partial(session.use, run["file"])
-                        uses = [(name, text) for name, text in _USES if name != "split" or run["split"]]
-                        draw.choice(said, uses, run["use"], use, f"use-{k}", hidden_label=True)
+                        said, use = (
+                            f"Use of {run['name']}",
+                            partial(session.use, run["file"]),
+                        )
+                        uses = [
+                            (name, text)
+                            for name, text in _USES
+                            if name != "split" or run["split"]
+                        ]
+                        draw.choice(
+                            said, uses, run["use"], use, f"use-{k}", hidden_label=True
+                        )
     if session.runs and all(run["use"] == "train" for run in session.runs):
         draw.note(
-            "No run is kept for testing: the errors below are training errors, and a diagnosis "
-            "holds out parts of the runs, which takes longer."
+            "No run is kept for testing: the errors below are training errors, and a"
+            " diagnosis holds out parts of the runs, which takes longer."
         )
 
 
@@ -171,7 +220,9 @@ def _measured(session: Session) -> Verdict | None:
     robot = session.robot
     if not robot:
         return None
-    said = f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
+    said = (
+        f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
+    )
     if session.runs:
         kept = any(run["use"] in ("test", "split") for run in session.runs)
         said += f"; {formatting.count(len(session.runs), 'run')}, "
@@ -182,13 +233,17 @@ def _measured(session: Session) -> Verdict | None:
 MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
 
 
-@partial(Part, "check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs))
+@partial(
+    Part, "check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs)
+)
 def check(view: View) -> None:
     """What the check says, and the runs as they were measured."""
     session, units = view.session, view.session.robot["units"]
     _findings(session)
     views = {run["name"]: run["view"] for run in session.runs}
-    first = next((run["name"] for run in session.runs if run["findings"]), next(iter(views)))
+    first = next(
+        (run["name"] for run in session.runs if run["findings"]), next(iter(views))
+    )
 
     def look(run: str) -> None:
         read = session.arrays(views[run])
@@ -217,14 +272,22 @@ def _findings(session: Session) -> None:
             with draw.tag("p", style=f"finding {found['severity']}"):
                 draw.tag("strong", f"{run['name']}: {found['kind']}. ")
                 what = found["what"]
-                draw.tag("span", f"{what[0].upper()}{what[1:]} What to do: {found['remedy']}.")
+                draw.tag(
+                    "span",
+                    f"{what[0].upper()}{what[1:]} What to do: {found['remedy']}.",
+                )
             if found["gravity"]:
                 vector = ",".join(f"{g:g}" for g in found["gravity"])
-                apply, key = partial(session.start, session.mount, vector), f"apply-{run['file']}"
+                apply, key = (
+                    partial(session.start, session.mount, vector),
+                    f"apply-{run['file']}",
+                )
                 draw.button(f"Apply: gravity {vector}", apply, key, "primary")
         if any(found["can_fix"] for found in run["findings"]):
             apply = partial(session.start, session.mend, run["file"])
-            draw.button(f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary")
+            draw.button(
+                f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary"
+            )
 
 
 def _checked(session: Session) -> Verdict:
@@ -233,7 +296,11 @@ def _checked(session: Session) -> Verdict:
     warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
     if warned:
         return Verdict("usable", f"It found {formatting.words(warned)}.", "Check")
-    return Verdict("good", f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.", "Check")
+    return Verdict(
+        "good",
+        f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.",
+        "Check",
+    )
 
 
 CHECK = Stage("check", "Check", "Add measurements first.", (check,), _checked)

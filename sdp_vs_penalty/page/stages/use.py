@@ -1,4 +1,5 @@
-"""Use: the model's files, its runs, the commands that make the same, and the model run forward."""
+"""Use: the model's files, its runs, the commands that make the same, and the model run
+forward."""
 
 from functools import partial
 from typing import Any
@@ -16,8 +17,11 @@ FILES = {
     "robot.xml": "for MuJoCo",
     "report.html": "HTML report",
 }
-#: Of a model with a payload, as the makers' controllers take it; likewise what else `export` writes.
-_EXPORTS = {home.FILE: home.ABOUT for home in formats().values() if home.FILE not in FILES}
+#: Of a model with a payload, as the makers' controllers take it; likewise what else
+#: `export` writes.
+_EXPORTS = {
+    home.FILE: home.ABOUT for home in formats().values() if home.FILE not in FILES
+}
 LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")}
 MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
 
@@ -38,18 +42,28 @@ def take_away(view: View) -> None:
     tiles("Files to download", FILES | found)
     if "payload" in session.history[-1].effects:
         said = "Flange in the last joint's frame [m]: x,y,z"
-        draw.text_field(said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107")
+        draw.text_field(
+            said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107"
+        )
         tiles("The payload's files", LOAD)
     with draw.details("For other simulators and controllers", "more-files"):
         tiles("More files to download", MORE)
-    runs = {f"run-{k}.csv": f"from {run['name']}" for k, run in enumerate(session.runs, start=1)}
-    with draw.details("Runs as they were used, repaired where that was asked", "runs-files"):
+    runs = {
+        f"run-{k}.csv": f"from {run['name']}"
+        for k, run in enumerate(session.runs, start=1)
+    }
+    with draw.details(
+        "Runs as they were used, repaired where that was asked", "runs-files"
+    ):
         tiles("Runs to download", runs)
     with draw.details("The same on the command line", "commands"):
         draw.tag("pre", "\n".join(session.commands()), tabindex="0")
 
 
-_DRIVES = (("torque", "the measured torque alone"), ("pd", "and a control loop on the measured motion"))
+_DRIVES = (
+    ("torque", "the measured torque alone"),
+    ("pd", "and a control loop on the measured motion"),
+)
 _SERVO = ("servo", "the commands alone, through the model's servos")
 
 
@@ -62,17 +76,22 @@ def forward(view: View) -> None:
         view.drive = drives[0][0]
 
     def run() -> None:
-        session.start(session.ask, "Running the model forward", "forward", drive=view.drive)
+        session.start(
+            session.ask, "Running the model forward", "forward", drive=view.drive
+        )
 
     with draw.tag("div", style="fields pick"):
-        draw.choice("Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive")
+        draw.choice(
+            "Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive"
+        )
     made = session.answer("forward")
     draw.button("Run it forward", run, "forward", "primary" if made is None else "")
     if made is None:
         draw.note(
-            "The model is started from measured states and driven by the torque of the runs that it is "
-            "judged on: one step, 0.1 s, and as long as it stays with the measured motion. Simulators "
-            "and predictive controllers need this; a model of torques can be good without it."
+            "The model is started from measured states and driven by the torque of the"
+            " runs that it is judged on: one step, 0.1 s, and as long as it stays with"
+            " the measured motion. Simulators and predictive controllers need this; a"
+            " model of torques can be good without it."
         )
         return
     draw.tag("p", made["verdict"], "words")
@@ -80,7 +99,10 @@ def forward(view: View) -> None:
     draw.note(made["explained"])
     if made["left_out"]:
         draw.tag(
-            "p", f"Without meaning in a simulation, left out: {', '.join(made['left_out'])}.", "finding"
+            "p",
+            "Without meaning in a simulation, left out:"
+            f" {', '.join(made['left_out'])}.",
+            "finding",
         )
     _replay(view, made)
 
@@ -103,11 +125,16 @@ def _replay(view: View, made: dict[str, Any]) -> None:
     with draw.tag("div", style="fields pick"):
         joints = [(str(j), f"{j + 1}") for j in range(len(units))]
         joint = str(view.joint or 0)
-        draw.choice("Joint", joints, joint, lambda j: view.look(joint=int(j)), "forward-joint")
+        draw.choice(
+            "Joint", joints, joint, lambda j: view.look(joint=int(j)), "forward-joint"
+        )
         if len(made["runs"]) > 1:
             runs = [(str(k), name) for k, name in enumerate(made["runs"])]
             draw.choice("Free run", runs, "0", look, "free-run")
-    label, said = "Measured and simulated position, and what is left", "grey: measured, blue: simulated"
+    label, said = (
+        "Measured and simulated position, and what is left",
+        "grey: measured, blue: simulated",
+    )
     drawn, move = chart_and_arm(view, label, about, said, arms=2)
     view.followers["forward"] = follow
     follow()

@@ -12,7 +12,8 @@ from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.research.figures import panda, two_link
 from sdp_vs_penalty.research.tables.study import Study
 
-#: By number the problem, and what draws the figure of its study: each ``figure_N`` of a problem's file.
+#: By number the problem, and what draws the figure of its study: each ``figure_N`` of a
+#: problem's file.
 FIGURES: Mapping[int, tuple[str, Callable[[Study], Any]]] = {
     int(name.removeprefix("figure_")): (home.PROBLEM, draw)
     for home in (panda, two_link)
@@ -27,16 +28,18 @@ def make_figures(
     budget: str = "quick",
     progress: Progress = no_progress,
 ) -> list[Path]:
-    """Draw figures (all, or those asked for) and write each as figure_N.png and figure_N.pdf.
+    """Draw figures (all, or those asked for) and write each as figure_N.png and
+    figure_N.pdf.
 
-    Raises InputError for a number that is no figure, before anything is computed or written, and
-    where matplotlib is absent.
+    Raises InputError for a number that is no figure, before anything is computed or
+    written, and where matplotlib is absent.
     """
     for number in numbers:
         if number not in FIGURES:
             raise InputError(
                 f"figure {number} is not made",
-                f"choose from {', '.join(map(str, FIGURES))}; 4 is a photograph of V-REP's window",
+                f"choose from {', '.join(map(str, FIGURES))}; 4 is a photograph of"
+                " V-REP's window",
             )
     try:
         import matplotlib
@@ -58,7 +61,10 @@ def save(figure: Any, base: Path) -> list[Path]:
 
     paths = []
     # Without a date the same numbers make the same file.
-    for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
+    for suffix, metadata in (
+        (".png", {"Software": None}),
+        (".pdf", {"CreationDate": None}),
+    ):
         paths.append(base.with_name(base.name + suffix))
         with writing(paths[-1]) as file:
             figure.savefig(file, format=suffix[1:], dpi=200, metadata=metadata)

@@ -1,5 +1,5 @@
-"""How figures look: print size, the colour-blind-safe palette of Okabe and Ito, lines that also differ
-in pattern, so that they survive a black-and-white printer."""
+"""How figures look: print size, the colour-blind-safe palette of Okabe and Ito, lines
+that also differ in pattern, so that they survive a black-and-white printer."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,8 +12,9 @@ from sdp_vs_penalty.robot.arrays import Array
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, RED, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#999999"
 
-#: One look a role, the same in every figure. What is drawn first is thick, what comes on top is thin
-#: or has gaps, each in another place, so that lines that coincide all stay visible.
+#: One look a role, the same in every figure. What is drawn first is thick, what comes
+#: on top is thin or has gaps, each in another place, so that lines that coincide all
+#: stay visible.
 LOOKS: dict[str, dict[str, Any]] = {
     "measured": {"color": BLACK, "linewidth": 2.0},
     "model": {"color": "#bbbbbb", "linewidth": 3.5},
@@ -27,8 +28,11 @@ LOOKS: dict[str, dict[str, Any]] = {
 }
 
 
-def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[Any, Any]:
-    """A figure of page width and its axes (rows, columns), with this package's settings."""
+def new_figure(
+    rows: int, columns: int, height: float, **options: Any
+) -> tuple[Any, Any]:
+    """A figure of page width and its axes (rows, columns), with this package's
+    settings."""
     import matplotlib.pyplot as plt
 
     plt.style.use(Path(__file__).with_name("paper.mplstyle"))
@@ -37,10 +41,15 @@ def new_figure(rows: int, columns: int, height: float, **options: Any) -> tuple[
 
 
 def draw_torques(
-    axes: Any, t: Array, known: Array, name: str, estimates: Mapping[str, Array], scale: float = 1.0
+    axes: Any,
+    t: Array,
+    known: Array,
+    name: str,
+    estimates: Mapping[str, Array],
+    scale: float = 1.0,
 ) -> None:
-    """A known torque (M, n) of each joint and estimates of it by method on the left axes (n, 2), what
-    these are off, times ``scale``, on the right."""
+    """A known torque (M, n) of each joint and estimates of it by method on the left
+    axes (n, 2), what these are off, times ``scale``, on the right."""
     for j, (left, right) in enumerate(axes):
         left.plot(t, known[:, j], label=name, **LOOKS["measured"])
         for method, torque in estimates.items():

@@ -1,4 +1,5 @@
-"""Figures 8 to 10, of the 2R: drawn from its parameters, its torques, its internal wrenches."""
+"""Figures 8 to 10, of the 2R: drawn from its parameters, its torques, its internal
+wrenches."""
 
 from typing import Any
 
@@ -8,7 +9,12 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.research.figures import style
-from sdp_vs_penalty.research.figures.style import draw_torques, label_joints, legend_below, new_figure
+from sdp_vs_penalty.research.figures.style import (
+    draw_torques,
+    label_joints,
+    legend_below,
+    new_figure,
+)
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.wrenches import COMPONENTS, wrench_study
 from sdp_vs_penalty.robot import inertia
@@ -29,7 +35,9 @@ def figure_8(study: Study) -> Any:
         "p_hat (published)": (published_links(problem, "p_hat"), style.RED, "--", "s"),
         "lmi-sdp": (study.links("lmi-sdp", study.simulated), style.BLUE, "-.", "^"),
     }
-    for link, (axis, plane) in enumerate(zip(axes[0, 1:], ((0, 1), (0, 2)), strict=True)):
+    for link, (axis, plane) in enumerate(
+        zip(axes[0, 1:], ((0, 1), (0, 2)), strict=True)
+    ):
         _section(axis, problem, link, plane)
         for name, (links, color, line, marker) in estimates.items():
             look = {"color": color, "linestyle": line}
@@ -38,8 +46,9 @@ def figure_8(study: Study) -> Any:
             axis.plot(*c[list(plane)], marker=marker, markersize=4, label=name, **look)
     legend_below(figure, axes[0, 1])
     figure.suptitle(
-        "The 2R from its parameters. Sections: link shapes, and where a centre of mass can be (grey);\n"
-        "centres of mass, and uniform ellipsoids with the same mass and inertia (cut off at the frame)"
+        "The 2R from its parameters. Sections: link shapes, and where a centre of mass"
+        " can be (grey);\ncentres of mass, and uniform ellipsoids with the same mass"
+        " and inertia (cut off at the frame)"
     )
     return figure
 
@@ -50,39 +59,60 @@ def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
     along = "xyz".index(cones[0].axis)
     low, high = problem.box[link, 1 + along]
     x = np.linspace(low, high, 60)
-    return along, x, np.maximum(np.min([c.radius + c.slope * x for c in cones], axis=0), 0.0)
+    return (
+        along,
+        x,
+        np.maximum(np.min([c.radius + c.slope * x for c in cones], axis=0), 0.0),
+    )
 
 
 def _robot(axis: Any, problem: Problem) -> None:
     """In three dimensions: each link's shape, and its frame."""
-    (poses,) = problem.robot.poses(np.array([(0.6, 0.7)]))  # the pose that is drawn [rad]
-    frames = [np.eye(4), *(p @ j.link_frame for p, j in zip(poses, problem.robot.joints, strict=True))]
+    (poses,) = problem.robot.poses(
+        np.array([(0.6, 0.7)])
+    )  # the pose that is drawn [rad]
+    frames = [
+        np.eye(4),
+        *(p @ j.link_frame for p, j in zip(poses, problem.robot.joints, strict=True)),
+    ]
     for link, frame in enumerate(frames[1:]):
         along, x, radius = radius_profile(problem, link)
         angle = np.linspace(0.0, 2.0 * np.pi, len(x))
         points = np.zeros((len(x), len(x), 3))
         points[:, :, along] = x[:, None]
-        across = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        across = radius[:, None, None] * np.stack(
+            [np.cos(angle), np.sin(angle)], axis=1
+        )
         points[:, :, [a for a in range(3) if a != along]] = across
         points = points @ frame[:3, :3].T + frame[:3, 3]
-        axis.plot_surface(*np.moveaxis(points, 2, 0), color="#cccccc", alpha=0.5, linewidth=0)
+        axis.plot_surface(
+            *np.moveaxis(points, 2, 0), color="#cccccc", alpha=0.5, linewidth=0
+        )
     for name, frame in enumerate(frames):
-        # x, y, z as everywhere in robotics: red, green, blue; here from the same palette, and labelled.
-        for k, (color, letter) in enumerate(((style.RED, "x"), (style.GREEN, "y"), (style.BLUE, "z"))):
+        # x, y, z as everywhere in robotics: red, green, blue; here from the same
+        # palette, and labelled.
+        for k, (color, letter) in enumerate(
+            ((style.RED, "x"), (style.GREEN, "y"), (style.BLUE, "z"))
+        ):
             end = frame[:3, 3] + 0.25 * frame[:3, k]
             axis.plot(*np.column_stack([frame[:3, 3], end]), color=color, linewidth=1.2)
             axis.text(*end, f"${letter}_{name}$", fontsize=7, color=color)
     axis.set_box_aspect((1, 1, 1.6))
     axis.set(xlim=(-0.6, 0.6), ylim=(-0.6, 0.6), zlim=(0.0, 1.92))
-    axis.set(xticks=[-0.5, 0.0, 0.5], yticks=[-0.5, 0.0, 0.5], zticks=[0.0, 0.5, 1.0, 1.5])
+    axis.set(
+        xticks=[-0.5, 0.0, 0.5], yticks=[-0.5, 0.0, 0.5], zticks=[0.0, 0.5, 1.0, 1.5]
+    )
     axis.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axis.view_init(elev=18, azim=-65)
 
 
 def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> None:
-    """The link's shape and a margin of it: an ellipsoid that is larger is cut off, not the link."""
+    """The link's shape and a margin of it: an ellipsoid that is larger is cut off, not
+    the link."""
     along, x, radius = radius_profile(problem, link)
-    edge = np.column_stack([np.concatenate([x, x[::-1]]), np.concatenate([radius, -radius[::-1]])])
+    edge = np.column_stack(
+        [np.concatenate([x, x[::-1]]), np.concatenate([radius, -radius[::-1]])]
+    )
     edge = edge if plane[0] == along else edge[:, ::-1]
     axis.fill(*edge.T, color=style.GREY, alpha=0.3, linewidth=0)
     axis.set_aspect("equal")
@@ -95,11 +125,17 @@ def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> 
 
 
 def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
-    """(2, 100) outline of the uniform ellipsoid of this mass and inertia, along the third axis."""
-    # A uniform ellipsoid with half axes a has second moments a^2 / 5; its shadow is that of 5 Sigma.
-    values, vectors = np.linalg.eigh(5.0 * inertia.second_moment(link)[np.ix_(plane, plane)])
+    """(2, 100) outline of the uniform ellipsoid of this mass and inertia, along the
+    third axis."""
+    # A uniform ellipsoid with half axes a has second moments a^2 / 5; its shadow is
+    # that of 5 Sigma.
+    values, vectors = np.linalg.eigh(
+        5.0 * inertia.second_moment(link)[np.ix_(plane, plane)]
+    )
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
-    circle = np.sqrt(np.maximum(values, 0.0))[:, None] * np.vstack([np.cos(angle), np.sin(angle)])
+    circle = np.sqrt(np.maximum(values, 0.0))[:, None] * np.vstack(
+        [np.cos(angle), np.sin(angle)]
+    )
     return np.asarray(vectors @ circle + (link[1:4] / link[0])[list(plane)][:, None])
 
 
@@ -110,25 +146,35 @@ def figure_9(study: Study) -> Any:
     states = x.trajectory.states(t)
     true = robot.inverse_dynamics(x.links.ravel(), *states)
     figure, axes = new_figure(robot.n, 2, 4.2, sharex=True, width_ratios=(3, 2))
-    links = {method: study.links(method, data).ravel() for method in ("lmi-sdp", "penalty")}
-    made = {method: robot.inverse_dynamics(own, *states) for method, own in links.items()}
+    links = {
+        method: study.links(method, data).ravel() for method in ("lmi-sdp", "penalty")
+    }
+    made = {
+        method: robot.inverse_dynamics(own, *states) for method, own in links.items()
+    }
     draw_torques(axes, t, true, "p_real", made, scale=1e3)
-    worst = [f"{method} {1e3 * np.abs(x - true).max():.1f} mN m" for method, x in made.items()]
+    worst = [
+        f"{method} {1e3 * np.abs(x - true).max():.1f} mN m"
+        for method, x in made.items()
+    ]
     found = {method: study.result(method, data).certificate.gap for method in made}
-    gaps = [f"{method} {abs(gap):.0e}" for method, gap in found.items() if gap is not None]
+    gaps = [
+        f"{method} {abs(gap):.0e}" for method, gap in found.items() if gap is not None
+    ]
     for axis in axes[:, 1]:
         axis.set_ylabel("error [mN m]")
     label_joints(axes, robot.torque_units, "torque")
     legend_below(figure, axes[0, 0])
     figure.suptitle(
-        f"2R, identified from one noisy simulated run: largest torque errors {', '.join(worst)};\n"
-        f"certified gaps {', '.join(gaps)} of the loss"
+        "2R, identified from one noisy simulated run: largest torque errors"
+        f" {', '.join(worst)};\ncertified gaps {', '.join(gaps)} of the loss"
     )
     return figure
 
 
 def figure_10(study: Study) -> Any:
-    """Internal wrenches of the 2R: real, feasible, unfeasible, and all that are possible."""
+    """Internal wrenches of the 2R: real, feasible, unfeasible, and all that are
+    possible."""
     w, n = study.once(wrench_study), study.problem.robot.n
     figure, axes = new_figure(len(COMPONENTS), n, 8.6, sharex=True)
     unfeasible = [*w.boxed[:3], *w.unbounded[:3]]
@@ -139,20 +185,33 @@ def figure_10(study: Study) -> Any:
             [*w.feasible.values(), *w.penalty_runs],
             {"color": style.ORANGE, "linewidth": 0.6, "label": "feasible estimates"},
         ),
-        (unfeasible, {"color": style.RED, "linewidth": 0.8, "linestyle": ":", "label": "unfeasible"}),
+        (
+            unfeasible,
+            {
+                "color": style.RED,
+                "linewidth": 0.8,
+                "linestyle": ":",
+                "label": "unfeasible",
+            },
+        ),
         ([w.true], {"color": style.BLACK, "linewidth": 1.4, "label": "p_real"}),
     )
     for k, j in np.ndindex(axes.shape):
         axis, component = axes[k, j], [*COMPONENTS][k]
         i = w.intervals
-        axis.fill_between(w.t, i.lower_bound[:, j, k], i.upper_bound[:, j, k], **possible)
+        axis.fill_between(
+            w.t, i.lower_bound[:, j, k], i.upper_bound[:, j, k], **possible
+        )
         for wrenches, look in groups:
             for values in wrenches:
                 axis.plot(w.t, values[:, j, k], **look)
-        # Room around the interval; unfeasible wrenches may leave it by orders of magnitude.
+        # Room around the interval; unfeasible wrenches may leave it by orders of
+        # magnitude.
         low, high = i.lower[:, j, k].min(), i.upper[:, j, k].max()
         axis.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
-        symbol = f"${component[0]}_{component[1]}$" + (" = torque" if component == "nz" else "")
+        symbol = f"${component[0]}_{component[1]}$" + (
+            " = torque" if component == "nz" else ""
+        )
         axis.set_ylabel(f"{symbol} [{plain_unit(COMPONENTS[component])}]")
     for j in range(n):
         axes[0, j].set_title(f"joint {j + 1}")
@@ -161,7 +220,8 @@ def figure_10(study: Study) -> Any:
     legend_below(figure, axes[0, 0])
     worst = max((float(np.abs(v).max()) for v in unfeasible), default=0.0)
     figure.suptitle(
-        "Internal wrenches of the 2R in the joint frames; unfeasible parameters make the same torques "
-        f"and leave the\npanels (worst here {worst:.1e}; without bounds there is no largest)"
+        "Internal wrenches of the 2R in the joint frames; unfeasible parameters make"
+        f" the same torques and leave the\npanels (worst here {worst:.1e}; without"
+        " bounds there is no largest)"
     )
     return figure

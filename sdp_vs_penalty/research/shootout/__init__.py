@@ -1,1 +1,2 @@
-"""Solvers against instances of identification, every answer judged by our own certificate."""
+"""Solvers against instances of identification, every answer judged by our own
+certificate."""

@@ -1,8 +1,9 @@
 """The instances that there are, by name: which exist is known without building one.
 
-The library is what `shootout --export` writes; the catalogue is the part of it that the shootout runs
-on by itself. Ill-conditioned ones take a standard instance, such as the simulated Panda with a minimum
-thickness, and change one thing that users do, or data do to them.
+The library is what `shootout --export` writes; the catalogue is the part of it that the
+shootout runs on by itself. Ill-conditioned ones take a standard instance, such as the
+simulated Panda with a minimum thickness, and change one thing that users do, or data do
+to them.
 """
 
 import re
@@ -15,7 +16,13 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.published import real_data_folder
-from sdp_vs_penalty.research.shootout.instances import Instance, chain_task, in_units, posed, recorded
+from sdp_vs_penalty.research.shootout.instances import (
+    Instance,
+    chain_task,
+    in_units,
+    posed,
+    recorded,
+)
 from sdp_vs_penalty.robot import constraint as build
 
 Change = Callable[[Instance], Instance]
@@ -27,25 +34,43 @@ def posed_as(formulation: str, unit: float = 1.0) -> Change:
 
 
 def unidentifiable(made: Instance) -> Instance:
-    """No bounds on size: the set of optima is unbounded; the certificate holds within |theta| <= B."""
-    open_families = ("trace", "range", "bounding ellipsoid", "total mass", "minimum thickness")
+    """No bounds on size: the set of optima is unbounded; the certificate holds within
+    |theta| <= B."""
+    open_families = (
+        "trace",
+        "range",
+        "bounding ellipsoid",
+        "total mass",
+        "minimum thickness",
+    )
     kept = [c for c in made.constraints.convex if c.family not in open_families]
     wide = made.having(
-        build.linear("mass", c.name, c.indices, [[1.0]], [0.0]) if c.family == "mass" else c
+        (
+            build.linear("mass", c.name, c.indices, [[1.0]], [0.0])
+            if c.family == "mass"
+            else c
+        )
         for c in kept
     )
     return replace(wide, task=replace(wide.task, bound=1e3 * made.task.bound))
 
 
 def total_mass_at_least(shift: float) -> Change:
-    """The lower bound on the total mass ``shift`` (relative) above what the links may weigh together."""
+    """The lower bound on the total mass ``shift`` (relative) above what the links may
+    weigh together."""
 
     def change(made: Instance) -> Instance:
-        rows = [(c.constant, c.coefficients[0]) for c in made.constraints.convex if c.family == "mass"]
+        rows = [
+            (c.constant, c.coefficients[0])
+            for c in made.constraints.convex
+            if c.family == "mass"
+        ]
         upper = sum(float(min(-c0[c1 < 0] / c1[c1 < 0])) for c0, c1 in rows)
         masses = made.task.links[:, 0]
         least = (1.0 + shift) * upper
-        demand = build.linear("total mass", "robot", masses, np.ones((len(masses), 1)), [-least])
+        demand = build.linear(
+            "total mass", "robot", masses, np.ones((len(masses), 1)), [-least]
+        )
         kept = [c for c in made.constraints.convex if c.family != "total mass"]
         return made.having((*kept, demand))
 
@@ -53,7 +78,8 @@ def total_mass_at_least(shift: float) -> Change:
 
 
 def rounded(made: Instance) -> Instance:
-    """The factor in single precision; what is solved and certified is the problem that this leaves."""
+    """The factor in single precision; what is solved and certified is the problem that
+    this leaves."""
     R, rho = (x.astype(np.float32).astype(float) for x in (made.data.R, made.data.rho))
     return made.having(R=R, rho=rho)
 
@@ -76,16 +102,25 @@ def noise_free(made: Instance) -> Instance:
     return made.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
 
 
-#: One thing that users do, or data do to them, and how it is told in the library; the last one is not in
-#: it: its file would have other numbers than its proof.
+#: One thing that users do, or data do to them, and how it is told in the library; the
+#: last one is not in it: its file would have other numbers than its proof.
 CHANGES: dict[str, tuple[Change, str]] = {
     "gram kg m": (posed_as("gram"), "as the bare quadratic form of the Gram matrix"),
-    "gram g mm": (posed_as("gram", 1e-3), "as the bare quadratic form, in grams and millimetres"),
-    "gram t km": (posed_as("gram", 1e3), "as the bare quadratic form, in tons and kilometres"),
+    "gram g mm": (
+        posed_as("gram", 1e-3),
+        "as the bare quadratic form, in grams and millimetres",
+    ),
+    "gram t km": (
+        posed_as("gram", 1e3),
+        "as the bare quadratic form, in tons and kilometres",
+    ),
     "units g mm": (posed_as("residual", 1e-3), "in grams and millimetres"),
     "units t km": (posed_as("residual", 1e3), "in tons and kilometres"),
     "no scaling": (posed_as("rows"), "without a centre and without scales"),
-    "unidentifiable links": (unidentifiable, "without bounds on size: the optima are unbounded"),
+    "unidentifiable links": (
+        unidentifiable,
+        "without bounds on size: the optima are unbounded",
+    ),
     "rank-deficient": (rank_deficient, "from twenty rows only"),
     "noise-free": (noise_free, "of exact torques: the optimum is zero"),
     "nearly infeasible 1e-3": (
@@ -96,8 +131,14 @@ CHANGES: dict[str, tuple[Change, str]] = {
         total_mass_at_least(-1e-6),
         "with masses within a millionth of the most that their bounds allow",
     ),
-    "infeasible 1e-3": (total_mass_at_least(1e-3), "with 0.1 % more mass than the bounds allow"),
-    "infeasible 1e-6": (total_mass_at_least(1e-6), "with a millionth more mass than the bounds allow"),
+    "infeasible 1e-3": (
+        total_mass_at_least(1e-3),
+        "with 0.1 % more mass than the bounds allow",
+    ),
+    "infeasible 1e-6": (
+        total_mass_at_least(1e-6),
+        "with a millionth more mass than the bounds allow",
+    ),
     "infeasible thickness": (too_thick, "with links thicker than their bounds allow"),
     "float32 data": (rounded, "from data rounded to single precision"),
     "float32 gram": (posed_as("gram in float32"), ""),
@@ -109,7 +150,10 @@ _SHAPES = {
     "regulariser": "an entropic pull to the nominal robot (exponential cones)",
     "cones": "centres of mass in second-order cones",
 }
-_STEPS = {"one-step": "torque error", "two-step": "distance of the base parameters from least squares"}
+_STEPS = {
+    "one-step": "torque error",
+    "two-step": "distance of the base parameters from least squares",
+}
 #: Names of the catalogue, and of them those of --quick.
 _CATALOGUE = (
     r"two_link simulated (one|two)-step (plain|gyration|regulariser)|"
@@ -125,7 +169,8 @@ _QUICK = (
 
 @dataclass(frozen=True)
 class Entry:
-    """build : the instance, nameless; sentence : what it is, in the library ("": not one of it)."""
+    """build : the instance, nameless; sentence : what it is, in the library ("": not
+    one of it)."""
 
     name: str
     group: str
@@ -143,7 +188,9 @@ class Entry:
 
     @property
     def folder(self) -> str:
-        return f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
+        return (
+            f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
+        )
 
     @property
     def quick(self) -> bool:
@@ -173,7 +220,9 @@ def _robots() -> Iterator[Entry]:
         stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
         for source, stop, step, shape in product(sources, stops, _STEPS, _SHAPES):
             seconds = f" {stop:g} s" if np.isfinite(stop) else ""
-            said = f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
+            said = (
+                f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
+            )
             name = f"{robot} {source}{seconds} {step} {shape}"
             build = partial(recorded, robot, source, step, shape, stop)
             yield Entry(name, robot, build, said)
@@ -186,7 +235,10 @@ def _chains() -> Iterator[Entry]:
             if n > 14 and shape in ("plain", "cones"):
                 continue
             for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
-                said = f"A random arm of {n} revolute joints from 60 random states; {demand}."
+                said = (
+                    f"A random arm of {n} revolute joints from 60 random states;"
+                    f" {demand}."
+                )
                 name = f"chain of {n} links {shape} {draw}"
                 yield Entry(name, "chains", partial(_chain, n, shape, draw), said)
 
@@ -205,8 +257,13 @@ def _changed() -> Iterator[Entry]:
         "chain of 7 links": partial(_chain, 7),
         "chain of 14 links": partial(_chain, 14),
     }
-    for (robot, base), (change, (make, words)) in product(bases.items(), CHANGES.items()):
-        if (change, robot) != ("rank-deficient", "two_link"):  # its factor has no more rows than twenty
+    for (robot, base), (change, (make, words)) in product(
+        bases.items(), CHANGES.items()
+    ):
+        if (change, robot) != (
+            "rank-deficient",
+            "two_link",
+        ):  # its factor has no more rows than twenty
             said = words and f"{robot} with links at least 2 cm thick, {words}."
             build = lambda make=make, base=base: make(base())  # noqa: E731
             yield Entry(f"{robot} {change}", "ill-conditioned", build, said)
@@ -215,8 +272,8 @@ def _changed() -> Iterator[Entry]:
 def selected(
     groups: Sequence[str] | None, entries: Iterable[Entry], quick: bool = False
 ) -> tuple[list[Entry], list[Entry]]:
-    """Of the entries those of these groups or names (None: all), and of them those whose measurements
-    are absent.
+    """Of the entries those of these groups or names (None: all), and of them those
+    whose measurements are absent.
 
     Raises InputError for a group that does not exist.
     """
@@ -225,10 +282,17 @@ def selected(
     for group in groups or ():
         if group not in known and all(group != e.name for e in there):
             what = f"--problems {group!r} is unknown"
-            remedy = f"choose from {', '.join(known)} and the names of `sdp-vs-penalty shootout --list`"
+            remedy = (
+                f"choose from {', '.join(known)} and the names of `sdp-vs-penalty"
+                " shootout --list`"
+            )
             raise InputError(what, remedy)
     whole = groups or known
-    chosen = [e for e in there if (e.group in whole and (e.quick or not quick)) or e.name in whole]
+    chosen = [
+        e
+        for e in there
+        if (e.group in whole and (e.quick or not quick)) or e.name in whole
+    ]
     absent = [e for e in chosen if e.measured and real_data_folder() is None]
     return [e for e in chosen if e not in absent], absent
 
@@ -238,5 +302,7 @@ def instance(name: str) -> Instance:
     """Build an instance; the last few are kept."""
     entries = {e.name: e for e in everything()}
     if name not in entries:
-        raise InputError(f"instance {name!r} is unknown", "see `sdp-vs-penalty shootout --list`")
+        raise InputError(
+            f"instance {name!r} is unknown", "see `sdp-vs-penalty shootout --list`"
+        )
     return entries[name].make()

@@ -1,4 +1,5 @@
-"""Who takes part: our default method, every conic solver of the library, what users do without one."""
+"""Who takes part: our default method, every conic solver of the library, what users do
+without one."""
 
 import warnings
 from collections.abc import Callable, Iterable
@@ -23,14 +24,18 @@ from sdp_vs_penalty.version import __version__
 
 
 def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:
-    """The problem as its formulas read; prob.solve() alone, or with the solver that a user names."""
+    """The problem as its formulas read; prob.solve() alone, or with the solver that a
+    user names."""
     import cvxpy as cp
 
     data, entropy = instance.data, instance.objective.entropy
     theta = cp.Variable(data.R.shape[1])
 
     def matrix(c: Any) -> Any:
-        flat = c.coefficients.reshape(len(c.indices), -1).T @ theta[c.indices] + c.constant.ravel()
+        flat = (
+            c.coefficients.reshape(len(c.indices), -1).T @ theta[c.indices]
+            + c.constant.ravel()
+        )
         square = cp.reshape(flat, c.constant.shape, order="C")
         return 0.5 * (square + square.T)
 
@@ -52,15 +57,22 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
             problem.solve(solver=solver)
     except cp.error.SolverError as error:
         return no_answer(instance, str(error))
-    value = np.full(data.R.shape[1], np.nan) if theta.value is None else np.asarray(theta.value)
+    value = (
+        np.full(data.R.shape[1], np.nan)
+        if theta.value is None
+        else np.asarray(theta.value)
+    )
     status = f"{problem.status} ({problem.solver_stats.solver_name})"
     return Answer(value, CLAIMS.get(problem.status, "failed"), status)
 
 
 def solve_penalty(instance: Instance, accuracy: float) -> Answer:
-    """The estimator ``penalty`` on the instance's constraints; its shifts are its multipliers."""
+    """The estimator ``penalty`` on the instance's constraints; its shifts are its
+    multipliers."""
     try:
-        fit = fit_penalty(instance.task, instance.data, instance.constraints, Penalty.starts, accuracy)
+        fit = fit_penalty(
+            instance.task, instance.data, instance.constraints, Penalty.starts, accuracy
+        )
     except InputError as error:
         return no_answer(instance, error)
     runs = fit.details["runs"]
@@ -75,7 +87,8 @@ _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose
 
 @dataclass(frozen=True)
 class Contestant:
-    """name, description, solve(instance, accuracy) and version; absent : why it is not here, or "".
+    """name, description, solve(instance, accuracy) and version; absent : why it is not
+    here, or "".
 
     options : what it is told at an accuracy, by the names of its documentation; None: it cannot be
         asked, and promises ``promise``. entropy : whether log det can be posed to it. warm_up : what a
@@ -94,7 +107,11 @@ class Contestant:
 
     def asked(self, accuracies: Iterable[float]) -> list[float]:
         """These from loose to tight; what it promises where it cannot be asked."""
-        return [self.promise] if self.options is None else sorted(set(accuracies), reverse=True)
+        return (
+            [self.promise]
+            if self.options is None
+            else sorted(set(accuracies), reverse=True)
+        )
 
     def settings(self, accuracy: float) -> str:
         """How a run is set up, in one word: the key in runs.csv."""
@@ -103,7 +120,10 @@ class Contestant:
     def told(self, accuracy: float) -> str:
         """What it is told, in its documentation's names."""
         told = {} if self.options is None else self.options(accuracy)
-        return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in told.items())
+        return ", ".join(
+            f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}"
+            for k, v in told.items()
+        )
 
     def refuses(self, instance: Instance) -> str | None:
         """Why an instance cannot be posed to it, or None."""
@@ -130,13 +150,17 @@ def contestants() -> dict[str, Contestant]:
 
 
 def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]:
-    """The contestants of these names (default: all), those that are here and those that are absent.
+    """The contestants of these names (default: all), those that are here and those that
+    are absent.
 
-    Raises InputError for a name that does not exist, and for one asked for by name that is absent.
+    Raises InputError for a name that does not exist, and for one asked for by name that
+    is absent.
     """
     everyone = contestants()
     if names is None:
-        return [c for c in everyone.values() if not c.absent], [c for c in everyone.values() if c.absent]
+        return [c for c in everyone.values() if not c.absent], [
+            c for c in everyone.values() if c.absent
+        ]
     for name in names:
         require_known("solver", name, everyone)
         if why := everyone[name].absent:
@@ -170,10 +194,14 @@ def _conic(solver: Solver) -> Contestant:
     )
 
 
-def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest: float) -> Answer:
+def _in_our_loop(
+    instance: Instance, accuracy: float, solver: str | None, finest: float
+) -> Answer:
     """The certified fit, which claims what its own proof says."""
     try:
-        posed = PosedSdp(instance.task, instance.objective, instance.constraints, solver)
+        posed = PosedSdp(
+            instance.task, instance.objective, instance.constraints, solver
+        )
         fit: Fit = posed.fit(instance.objective, finest)
         gap = fit.gap
     except InputError as error:
@@ -190,8 +218,12 @@ def _in_our_loop(instance: Instance, accuracy: float, solver: str | None, finest
 
 
 def _baselines() -> list[Contestant]:
-    """What ``identify`` runs; CVXPY as a user meets it, the penalty, an augmented Lagrangian."""
-    words = "our default: the NumPy interior point, certified; Clarabel where the certified gap is loose"
+    """What ``identify`` runs; CVXPY as a user meets it, the penalty, an augmented
+    Lagrangian."""
+    words = (
+        "our default: the NumPy interior point, certified; Clarabel where the certified"
+        " gap is loose"
+    )
     cvxpy = Contestant(
         "cvxpy",
         "CVXPY as a user meets it: the formulas, prob.solve(), no options",
@@ -201,12 +233,16 @@ def _baselines() -> list[Contestant]:
         warm_up=ThroughCvxpy.warm_up,
     )
     return [
-        Contestant("lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)),
+        Contestant(
+            "lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)
+        ),
         cvxpy,
         replace(
             cvxpy,
             name="cvxpy clarabel",
-            description="CVXPY as a user meets it: the formulas, prob.solve(solver='CLARABEL')",
+            description=(
+                "CVXPY as a user meets it: the formulas, prob.solve(solver='CLARABEL')"
+            ),
             solve=partial(solve_cvxpy, solver="CLARABEL"),
             promise=Contestant.promise,
         ),
@@ -219,7 +255,8 @@ def _baselines() -> list[Contestant]:
         ),
         Contestant(
             "log-cholesky L-BFGS",
-            "log-Cholesky variables, augmented Lagrangian, SciPy's L-BFGS-B (no SDP solver)",
+            "log-Cholesky variables, augmented Lagrangian, SciPy's L-BFGS-B (no SDP"
+            " solver)",
             augmented_lagrangian.solve,
             partial(metadata.version, "scipy"),
             options=augmented_lagrangian.options,

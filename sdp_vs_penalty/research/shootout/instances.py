@@ -1,5 +1,6 @@
-"""The problems of the shootout: what one is, in which form solvers get it, and what it is made from, a
-simulated or measured robot or a random serial chain. All are deterministic.
+"""The problems of the shootout: what one is, in which form solvers get it, and what it
+is made from, a simulated or measured robot or a random serial chain. All are
+deterministic.
 """
 
 import hashlib
@@ -57,7 +58,11 @@ class Instance:
         rows = replace(self.data, **data)
         kept = self.constraints if convex is None else ConstraintSet(tuple(convex))
         objective = replace(self.objective, least_squares=rows)
-        return replace(self, task=replace(self.task, data=rows, constraints=kept), objective=objective)
+        return replace(
+            self,
+            task=replace(self.task, data=rows, constraints=kept),
+            objective=objective,
+        )
 
     @property
     def constraints(self) -> ConstraintSet:
@@ -78,7 +83,8 @@ class Instance:
 
     @cached_property
     def sent(self) -> list[Constraint]:
-        """The constraints that solvers get: ours without redundant ones, users' all of them."""
+        """The constraints that solvers get: ours without redundant ones, users' all of
+        them."""
         if self.formulation == "residual":
             return essential(self.constraints, self.objective)
         return list(self.constraints.convex)
@@ -96,20 +102,27 @@ class Instance:
 
     @cached_property
     def hash(self) -> str:
-        """Sixteen hexadecimal digits of the problem and the form it is posed in: of objective and
-        constraints at three points, to the six digits that all libraries of linear algebra share."""
+        """Sixteen hexadecimal digits of the problem and the form it is posed in: of
+        objective and constraints at three points, to the six digits that all libraries
+        of linear algebra share."""
         data, bound, entropy = self.data, self.task.bound, self.objective.entropy
         numbers = [data.tau_squared, bound.sum()]
         numbers += [] if entropy is None else [entropy.weight, entropy.nominal.sum()]
         for x in np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(bound))) * bound:
-            numbers += [data.loss(x), *(c.value(x).sum() for c in self.constraints.convex)]
+            numbers += [
+                data.loss(x),
+                *(c.value(x).sum() for c in self.constraints.convex),
+            ]
         families = [f"{c.family} {c.name} {c.cone}" for c in self.constraints.convex]
         told = [self.formulation, self.name, *families, *(f"{x:.6g}" for x in numbers)]
         return hashlib.sha256("\n".join(told).encode()).hexdigest()[:16]
 
 
-def unscaled_sdp(data: LeastSquares, constraints: Sequence[Constraint], formulation: str) -> SdpProblem:
-    """The problem as users write it, without a centre, without scales of parameters or cones:
+def unscaled_sdp(
+    data: LeastSquares, constraints: Sequence[Constraint], formulation: str
+) -> SdpProblem:
+    """The problem as users write it, without a centre, without scales of parameters or
+    cones:
 
     gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is left out;
            "gram in float32" sums R^T R and R^T rho in single precision
@@ -126,31 +139,49 @@ def unscaled_sdp(data: LeastSquares, constraints: Sequence[Constraint], formulat
         offset += float(data.rho @ data.rho)
         P = sparse.csc_matrix(np.triu(2.0 * (R.T @ R).astype(float)))
         q = -2.0 * (R.T @ rho).astype(float)
-    more, placed = scaled(constraints, np.zeros(p), np.ones(p), None, first=r if groups else 0)
+    more, placed = scaled(
+        constraints, np.zeros(p), np.ones(p), None, first=r if groups else 0
+    )
     conic = conic_problem([*groups, *more], P, q)
     return SdpProblem(conic, np.zeros(p), np.ones(p), 1.0, placed, offset)
 
 
 def in_units(instance: Instance, mass: float, length: float) -> Instance:
-    """The same problem with masses in ``mass`` kg and lengths in ``length`` m (seconds stay).
+    """The same problem with masses in ``mass`` kg and lengths in ``length`` m (seconds
+    stay).
 
-    Torques become tau / (mass length^2); parameters, bounds and constraint rows follow their units.
+    Torques become tau / (mass length^2); parameters, bounds and constraint rows follow
+    their units.
     """
     task, data, entropy = instance.task, instance.data, instance.objective.entropy
     m, l = 1.0 / mass, 1.0 / length  # noqa: E741
     torque, corner = m * l**2, np.sqrt(m) * np.array([l, l, l, 1.0])
     factor = np.full(len(task.bound), torque)
     factor[task.links] = [m, *[m * l] * 3, *[m * l**2] * 6]
-    R, rho, left = torque * data.R / factor, torque * data.rho, torque * data.residual_norm
+    R, rho, left = (
+        torque * data.R / factor,
+        torque * data.rho,
+        torque * data.residual_norm,
+    )
     square = torque**2 * data.tau_squared
     changed = replace(data, R=R, rho=rho, residual_norm=left, tau_squared=square)
-    row_units = {"centre of mass": m * l, "centre of mass cone": m * l, "trace": m * l**2}
+    row_units = {
+        "centre of mass": m * l,
+        "centre of mass cone": m * l,
+        "trace": m * l**2,
+    }
     row_units |= dict.fromkeys(("mass", "total mass", "bounding ellipsoid", "body"), m)
 
     def convert(c: Constraint) -> Constraint:
         local = factor[c.indices].reshape(-1, *[1] * c.constant.ndim)
-        scale = np.outer(corner, corner) if c.cone == "psd" else row_units.get(c.family, torque)
-        return replace(c, constant=c.constant * scale, coefficients=c.coefficients * scale / local)
+        scale = (
+            np.outer(corner, corner)
+            if c.cone == "psd"
+            else row_units.get(c.family, torque)
+        )
+        return replace(
+            c, constant=c.constant * scale, coefficients=c.coefficients * scale / local
+        )
 
     convex = tuple(convert(c) for c in task.constraints.convex)
     scaled = {"bound": task.bound * factor, "nominal": task.nominal * factor}
@@ -161,7 +192,9 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
     return replace(instance, task=moved, objective=Objective(changed, entropy))
 
 
-def recorded(robot: str, source: str, step: str, shape: str, stop: float = np.inf) -> Instance:
+def recorded(
+    robot: str, source: str, step: str, shape: str, stop: float = np.inf
+) -> Instance:
     """From a robot's simulated experiment, or its real measurements up to ``stop`` [s].
 
     source : "simulated" or "measured". InputError where the measurements are absent."""
@@ -169,10 +202,15 @@ def recorded(robot: str, source: str, step: str, shape: str, stop: float = np.in
 
 
 def posed(task: Task, step: str, shape: str) -> Instance:
-    """One-step (torque) or two-step (base parameters) form of a task, with a demand on shape."""
-    demands = task.minimum_thickness(LmiSdpThickness.thickness) if shape == "gyration" else []
+    """One-step (torque) or two-step (base parameters) form of a task, with a demand on
+    shape."""
+    demands = (
+        task.minimum_thickness(LmiSdpThickness.thickness) if shape == "gyration" else []
+    )
     demands = shape_cones(task) if shape == "cones" else demands
-    task = replace(task, constraints=ConstraintSet((*task.constraints.convex, *demands)))
+    task = replace(
+        task, constraints=ConstraintSet((*task.constraints.convex, *demands))
+    )
     data, entropy = task.data if step == "one-step" else task.base_distance, None
     if shape == "regulariser":
         spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
@@ -211,7 +249,8 @@ def _task(robot: str, source: str, stop: float) -> Task:
 
 
 def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
-    """The first ``stop`` seconds; of one or two, so many seconds of rows in which the robot moves."""
+    """The first ``stop`` seconds; of one or two, so many seconds of rows in which the
+    robot moves."""
     if stop >= 5.0:
         return run.window(0.0, stop)
     moved = np.abs(run.q - run.q[0]).max(axis=1) > 0.2 * np.ptp(run.q, axis=0).max()
@@ -227,8 +266,14 @@ def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
 def chain_problem(n: int, draw: int = 0) -> Problem:
     """Twist +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal links as balls."""
     rng = np.random.default_rng([_CHAIN_SEED, n, *[draw] * (draw > 0)])
-    a, twist, d = rng.uniform(0.0, 0.3, n), rng.choice([-0.5, 0.0, 0.5], n), rng.uniform(0.05, 0.3, n)
-    robot = Robot.from_dh(f"chain{n}", a.tolist(), (np.pi * twist).tolist(), d.tolist(), "modified")
+    a, twist, d = (
+        rng.uniform(0.0, 0.3, n),
+        rng.choice([-0.5, 0.0, 0.5], n),
+        rng.uniform(0.05, 0.3, n),
+    )
+    robot = Robot.from_dh(
+        f"chain{n}", a.tolist(), (np.pi * twist).tolist(), d.tolist(), "modified"
+    )
     balls = np.zeros((n, 10))
     balls[:, 0] = 2.0
     balls[:, [4, 6, 9]] = 0.4 * 2.0 * (0.4 * np.array(robot.link_reach())[:, None]) ** 2
@@ -238,7 +283,8 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
 
 
 def chain_task(n: int, draw: int = 0) -> Task:
-    """Random states, torque of thin random links with friction and white noise, 1 % of each joint's.
+    """Random states, torque of thin random links with friction and white noise, 1 % of
+    each joint's.
 
     draw : another arm of the same size, with another motion.
     """
@@ -248,14 +294,22 @@ def chain_task(n: int, draw: int = 0) -> Task:
     q = problem.robot.random_configurations(samples, _CHAIN_SEED)
     dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))
     motion = Motion(np.linspace(0.0, 1.0, samples), q, dq, ddq)
-    theta = np.concatenate([thin_links(rng, problem).ravel(), rng.uniform(0.1, 0.5, 3 * n)])
+    theta = np.concatenate(
+        [thin_links(rng, problem).ravel(), rng.uniform(0.1, 0.5, 3 * n)]
+    )
     columns = model.columns(motion)
     torque = np.column_stack([c.columns @ theta[c.indices] for c in columns])
-    stack = [np.column_stack([c.wide(len(theta)), t]) for c, t in zip(columns, torque.T, strict=True)]
+    stack = [
+        np.column_stack([c.wide(len(theta)), t])
+        for c, t in zip(columns, torque.T, strict=True)
+    ]
     for wide in stack:
         wide /= 0.01 * float(np.sqrt(np.mean(wide[:, -1] ** 2)))
         wide[:, -1] += rng.normal(size=samples)
-    data, convex = LeastSquares.stacked(stack, n * samples), problem.constraints(model).convex
+    data, convex = (
+        LeastSquares.stacked(stack, n * samples),
+        problem.constraints(model).convex,
+    )
     known = problem.parameter_bound(model), problem.nominal(model), problem.box
     return Task(model, data, ConstraintSet(convex), *known)
 
@@ -268,7 +322,11 @@ def thin_links(rng: np.random.Generator, problem: Problem) -> Array:
         centre = rng.uniform(-0.2, 0.2, 3) * reach
         frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         gyration = reach * np.array([0.3, 0.05, 0.02]) * rng.uniform(0.5, 1.0, 3)
-        second = mass * (frame * gyration**2) @ frame.T + mass * np.outer(centre, centre)
+        second = mass * (frame * gyration**2) @ frame.T + mass * np.outer(
+            centre, centre
+        )
         corner = (mass * centre)[:, None]
-        out.append(inertia.from_pseudo_inertia(np.block([[second, corner], [corner.T, mass]])))
+        out.append(
+            inertia.from_pseudo_inertia(np.block([[second, corner], [corner.T, mass]]))
+        )
     return np.array(out)

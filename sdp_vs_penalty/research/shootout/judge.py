@@ -1,8 +1,10 @@
-"""What an answer is worth, whatever its author says of it: one standard for every contestant.
+"""What an answer is worth, whatever its author says of it: one standard for every
+contestant.
 
-``objective_error``: how far the objective as returned lies from the proved interval, relative to the
-loss; ``violation`` of the constraints as returned, relative to each one's size; beside them the dual gap
-from the contestant's own multipliers. The classes are those of the table in summary.md.
+``objective_error``: how far the objective as returned lies from the proved interval,
+relative to the loss; ``violation`` of the constraints as returned, relative to each
+one's size; beside them the dual gap from the contestant's own multipliers. The classes
+are those of the table in summary.md.
 """
 
 from collections.abc import Sequence
@@ -22,8 +24,8 @@ from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_pro
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
 
-#: How far beyond what was asked an answer may be and still count as right: solvers stop by errors scaled
-#: in their own ways, of which ten times is the usual spread.
+#: How far beyond what was asked an answer may be and still count as right: solvers stop
+#: by errors scaled in their own ways, of which ten times is the usual spread.
 SLACK = 10.0
 
 
@@ -31,7 +33,8 @@ SLACK = 10.0
 class Reference:
     """lower <= optimum <= upper, both rigorous; scale : what gaps are relative to.
 
-    verdict : "feasible" (a strictly feasible point is proved), "infeasible" (proved) or "unknown".
+    verdict : "feasible" (a strictly feasible point is proved), "infeasible" (proved) or
+    "unknown".
     """
 
     verdict: str
@@ -49,14 +52,17 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
     task, constraints = instance.task, instance.constraints
     names = [p.name for p in task.model.parameters]
     with suppress(InputError, ValueError, np.linalg.LinAlgError):
-        # Nothing in between: what the rational checker does not accept is not called proved.
+        # Nothing in between: what the rational checker does not accept is not called
+        # proved.
         try:
             posed = PosedSdp(task, instance.objective, constraints, "clarabel")
             fit = posed.fit(instance.objective, LmiSdp.accuracy)
             return "optimum proved", optimum_proof(fit, names)
         except Infeasible as error:
             if error.proof is not None:
-                return "proved infeasible", infeasibility_proof(*error.proof, task.bound, names)
+                return "proved infeasible", infeasibility_proof(
+                    *error.proof, task.bound, names
+                )
     return "not proved", None
 
 
@@ -66,7 +72,9 @@ def reference(instance: Instance) -> Reference:
     if proof is None or status == "proved infeasible":
         return Reference("unknown" if proof is None else "infeasible", 0.0, np.inf, 1.0)
     scale = instance.data.loss_scale(np.array(proof["theta"], float))
-    return Reference("feasible", float(proof["lower"]), float(proof["upper"]), max(scale, 1e-300))
+    return Reference(
+        "feasible", float(proof["lower"]), float(proof["upper"]), max(scale, 1e-300)
+    )
 
 
 @dataclass(frozen=True)
@@ -84,8 +92,9 @@ class Answer:
 
 @dataclass(frozen=True)
 class Judgement:
-    """class of a run; objective_error, violation : of the answer as returned, relative; own_gap : from
-    the proved upper bound to what the contestant's own multipliers prove, relative."""
+    """class of a run; objective_error, violation : of the answer as returned, relative;
+    own_gap : from the proved upper bound to what the contestant's own multipliers
+    prove, relative."""
 
     kind: str
     objective_error: float = np.inf
@@ -101,10 +110,16 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
     return Answer(nothing, claims, str(error))
 
 
-def judge(instance: Instance, reference: Reference, answer: Answer, asked: float) -> Judgement:
+def judge(
+    instance: Instance, reference: Reference, answer: Answer, asked: float
+) -> Judgement:
     """Classify one answer; ``asked`` is the accuracy that was asked for."""
     error, violation = _primal(instance, reference, answer.theta)
-    numbers = error, violation, (reference.upper - _dual(instance, answer)) / reference.scale
+    numbers = (
+        error,
+        violation,
+        (reference.upper - _dual(instance, answer)) / reference.scale,
+    )
     if answer.claims in ("failed", "inaccurate"):
         return Judgement(answer.claims, *numbers)
     kind, remark = classified(reference, answer.claims, error, violation, asked)
@@ -136,19 +151,28 @@ def classified(
     return "silently_wrong", what
 
 
-def _primal(instance: Instance, reference: Reference, theta: Array) -> tuple[float, float]:
+def _primal(
+    instance: Instance, reference: Reference, theta: Array
+) -> tuple[float, float]:
     """Relative distance of the objective from the interval, and relative violation."""
     if not np.all(np.isfinite(theta)):
         return np.inf, np.inf
     interior = instance.interior
     inside = instance.task.nominal if interior is None else interior
-    violation = relative_violation(instance.constraints.convex, theta, inside, instance.task.bound)
+    violation = relative_violation(
+        instance.constraints.convex, theta, inside, instance.task.bound
+    )
     if reference.verdict != "feasible":
         return np.inf, violation
     value = instance.objective.value(theta)
-    if not np.isfinite(value):  # where the entropy is not defined: the least squares alone
+    if not np.isfinite(
+        value
+    ):  # where the entropy is not defined: the least squares alone
         value = instance.data.loss(theta)
-    return max(value - reference.upper, reference.lower - value, 0.0) / reference.scale, violation
+    return (
+        max(value - reference.upper, reference.lower - value, 0.0) / reference.scale,
+        violation,
+    )
 
 
 def _dual(instance: Instance, answer: Answer) -> float:
@@ -159,17 +183,20 @@ def _dual(instance: Instance, answer: Answer) -> float:
         return -np.inf
     posed = answer.theta, instance.objective, instance.constraints, own, slopes
     with suppress(np.linalg.LinAlgError):
-        return float(np.nan_to_num(Fit(*posed, bound=instance.task.bound).lower, nan=-np.inf))
+        return float(
+            np.nan_to_num(Fit(*posed, bound=instance.task.bound).lower, nan=-np.inf)
+        )
     return -np.inf
 
 
 def relative_violation(
     constraints: Sequence[Constraint], theta: Array, inside: Array, bound: Array
 ) -> float:
-    """The worst violation in units of each cone's own size at an interior point: free of units.
+    """The worst violation in units of each cone's own size at an interior point: free
+    of units.
 
-    psd: the smallest eigenvalue of D F(theta) D with D F(inside) D of unit diagonal; rows: relative to
-    the largest term that they can hold.
+    psd: the smallest eigenvalue of D F(theta) D with D F(inside) D of unit diagonal;
+    rows: relative to the largest term that they can hold.
     """
     worst = 0.0
     for c in constraints:

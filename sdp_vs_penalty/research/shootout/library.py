@@ -1,9 +1,11 @@
-"""The library of instances: identification SDPs as files that any solver reads, with proofs beside them.
+"""The library of instances: identification SDPs as files that any solver reads, with
+proofs beside them.
 
-Each instance is a folder with the problem in three formats (CBF, sparse SDPA where its cones allow
-that, NumPy arrays), a JSON that says how a file's optimum becomes the loss and between which
-proved bounds that lies, and a proof that `verify` checks in rational arithmetic. index.csv lists them
-all with sizes and SHA-256. The same version writes the same bytes on the same machine.
+Each instance is a folder with the problem in three formats (CBF, sparse SDPA where its
+cones allow that, NumPy arrays), a JSON that says how a file's optimum becomes the loss
+and between which proved bounds that lies, and a proof that `verify` checks in rational
+arithmetic. index.csv lists them all with sizes and SHA-256. The same version writes the
+same bytes on the same machine.
 """
 
 import hashlib
@@ -32,8 +34,11 @@ from sdp_vs_penalty.solvers.rewrite import linear_objective
 _HERE = Path(__file__).parent
 
 
-def write_library(folder: Path, wanted: Sequence[Entry], progress: Progress) -> list[dict[str, Any]]:
-    """Write the instances, their index and the data card; returns the rows of the index.
+def write_library(
+    folder: Path, wanted: Sequence[Entry], progress: Progress
+) -> list[dict[str, Any]]:
+    """Write the instances, their index and the data card; returns the rows of the
+    index.
 
     An instance whose measurements this machine lacks is left out.
     """
@@ -60,18 +65,28 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     sdp, interval = instance.sdp, None
     if proof is not None:
         write_proof(proof, folder / "proof.json")
-        interval = (proof["lower"], proof["upper"]) if status == "optimum proved" else None
+        interval = (
+            (proof["lower"], proof["upper"]) if status == "optimum proved" else None
+        )
     exponential = any(c.kind == "exp" for c in sdp.conic.cones)
     sums = {}
     for name in ("problem.cbf",) if exponential else ("problem.cbf", "problem.dat-s"):
-        more = {"name": item.name, "about": item.sentence, "formulation": instance.formulation}
-        sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)["sha256"]
+        more = {
+            "name": item.name,
+            "about": item.sentence,
+            "formulation": instance.formulation,
+        }
+        sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)[
+            "sha256"
+        ]
     made = linear_objective(sdp.conic).problem
     arrays = _npz(made)
     write_bytes(folder / "problem.npz", arrays)
     sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
     low, high = map(float, interval) if interval else (0.0, np.inf)
-    gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)  # of the objective, never negative
+    gap = (high - low) / max(
+        high, 1e-12 * instance.data.tau_squared
+    )  # of the objective, never negative
     # By what the shootout asks for: proved as tightly as that, or as the next accuracy.
     _, medium, easy = Shootout.accuracies
     difficulty = "easy" if gap <= easy else "medium" if gap <= medium else "hard"
@@ -89,15 +104,28 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
         "nonzeros": int(made.A.nnz),
         "cones": " ".join(f"{k}:{v}" for k, v in cones.items()),
         "sentence": item.sentence,
-        **{f"sha256 problem.{x}": sums.get(f"problem.{x}", "") for x in ("cbf", "dat-s", "npz")},
+        **{
+            f"sha256 problem.{x}": sums.get(f"problem.{x}", "")
+            for x in ("cbf", "dat-s", "npz")
+        },
     }
 
 
 def _npz(problem: ConicProblem) -> bytes:
-    """minimise c^T x subject to b - A x in a product of cones, matrices as svec (README.md)."""
+    """minimise c^T x subject to b - A x in a product of cones, matrices as svec
+    (README.md)."""
     file, A = io.BytesIO(), problem.A.tocoo()
-    arrays = {"c": problem.q, "b": problem.b, "A_row": A.row, "A_column": A.col, "A_value": A.data}
+    arrays = {
+        "c": problem.q,
+        "b": problem.b,
+        "A_row": A.row,
+        "A_column": A.col,
+        "A_value": A.data,
+    }
     arrays |= {"A_shape": np.array(A.shape)}
-    arrays |= {f"cone_{x}s": np.array([getattr(c, x) for c in problem.cones]) for x in ("kind", "size")}
+    arrays |= {
+        f"cone_{x}s": np.array([getattr(c, x) for c in problem.cones])
+        for x in ("kind", "size")
+    }
     np.savez_compressed(file, **arrays)
     return file.getvalue()

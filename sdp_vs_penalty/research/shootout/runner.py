@@ -1,9 +1,11 @@
-"""The shootout from names to runs.csv: proofs of the instances' intervals first, then every run.
+"""The shootout from names to runs.csv: proofs of the instances' intervals first, then
+every run.
 
-runs.csv has one row a run, written as runs end, read back to go on where a shootout stopped. A task is
-all accuracies of one solver on one problem, from loose to tight: what exceeds the time limit at one
-would exceed it at every tighter one. The worker builds the instance, forks for each run, which ends by
-itself, the clock, its memory or a signal, and judges the numbers that come back.
+runs.csv has one row a run, written as runs end, read back to go on where a shootout
+stopped. A task is all accuracies of one solver on one problem, from loose to tight:
+what exceeds the time limit at one would exceed it at every tighter one. The worker
+builds the instance, forks for each run, which ends by itself, the clock, its memory or
+a signal, and judges the numbers that come back.
 """
 
 import contextlib
@@ -31,28 +33,46 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import alone, read_text, write_text
 from sdp_vs_penalty.parallel import end_with, spread
-from sdp_vs_penalty.research.shootout.catalogue import Entry, catalogue, instance, selected
+from sdp_vs_penalty.research.shootout.catalogue import (
+    Entry,
+    catalogue,
+    instance,
+    selected,
+)
 from sdp_vs_penalty.research.shootout.contestants import Contestant, chosen, contestants
 from sdp_vs_penalty.research.shootout.instances import Instance
-from sdp_vs_penalty.research.shootout.judge import Answer, Judgement, Reference, judge, reference
+from sdp_vs_penalty.research.shootout.judge import (
+    Answer,
+    Judgement,
+    Reference,
+    judge,
+    reference,
+)
 
 Row = dict[str, Any]
-#: Every column, and what its cells are. Numbers have all their digits: what was proved is written.
+#: Every column, and what its cells are. Numbers have all their digits: what was proved
+#: is written.
 COLUMNS: dict[str, type] = (
     dict.fromkeys(("problem", "group", "hash", "solver", "settings"), str)
     | {"accuracy": float}
     | dict.fromkeys(("claimed", "status", "class"), str)
-    | dict.fromkeys(("objective_error", "violation", "own_gap", "lower", "upper"), float)
+    | dict.fromkeys(
+        ("objective_error", "violation", "own_gap", "lower", "upper"), float
+    )
     | {"seconds": float, "attempts": int}
     | dict.fromkeys(("version", "machine", "remark"), str)
 )
 #: What makes a run the same run.
 KEY = ["problem", "hash", "solver", "settings"]
-_ORDER = {"by": ["group", "problem", "solver", "accuracy"], "ascending": [True, True, True, False]}
+_ORDER = {
+    "by": ["group", "problem", "solver", "accuracy"],
+    "ascending": [True, True, True, False],
+}
 
 
 class Results:
-    """The runs of one output folder: runs.csv is written anew, whole or not at all, after each.
+    """The runs of one output folder: runs.csv is written anew, whole or not at all,
+    after each.
 
     Raises InputError where the folder holds other results.
     """
@@ -61,7 +81,9 @@ class Results:
         self.path, self.runs = folder / "runs.csv", _frame([])
         if self.path.exists():
             self.runs = _read(self.path)
-        elif any(not p.name.startswith((".", "references.json")) for p in folder.glob("*")):
+        elif any(
+            not p.name.startswith((".", "references.json")) for p in folder.glob("*")
+        ):
             what = "holds other files and no runs.csv"
             raise InputError(what, "give --out an empty or a new folder", folder)
 
@@ -71,7 +93,8 @@ class Results:
         self._write(pandas.concat(both, ignore_index=True))
 
     def keep(self, current: dict[str, str]) -> int:
-        """Drop runs of instances whose hash (by problem name) has changed; returns how many."""
+        """Drop runs of instances whose hash (by problem name) has changed; returns how
+        many."""
         before, wanted = len(self.runs), self.runs["problem"].map(current)
         self._write(self.runs[wanted.isna() | (wanted == self.runs["hash"])])
         return before - len(self.runs)
@@ -92,7 +115,9 @@ def _read(path: Path) -> pandas.DataFrame:
         raise InputError(what, "give --out another folder", path)
     try:
         # As text first: an empty cell is no number, and "None" or "nan" are texts.
-        return pandas.read_csv(io.StringIO(text), dtype=str, keep_default_na=False).astype(COLUMNS)
+        return pandas.read_csv(
+            io.StringIO(text), dtype=str, keep_default_na=False
+        ).astype(COLUMNS)
     except ValueError as error:
         remedy = "delete it, and its run is done again"
         raise InputError(f"a row is damaged ({error})", remedy, path) from None
@@ -100,7 +125,8 @@ def _read(path: Path) -> pandas.DataFrame:
 
 @dataclass(frozen=True)
 class Assignment:
-    """Runs of one solver on one problem, or (solver "") the proof of the problem's interval.
+    """Runs of one solver on one problem, or (solver "") the proof of the problem's
+    interval.
 
     time_limit [s] and memory [GB] are for each run, or the proof."""
 
@@ -114,13 +140,15 @@ class Assignment:
 
 
 def perform(task: Assignment) -> list[Row]:
-    """Do a task here; what a worker of any kind calls. InputError where its instance is another one."""
+    """Do a task here; what a worker of any kind calls. InputError where its instance is
+    another one."""
     made = instance(task.problem)
     if made.hash != task.hash:
         what = f"it is {made.hash} on one machine and {task.hash} on another"
         remedy = "use the same version and data on all machines"
         raise InputError(what, remedy, f"instance {task.problem!r}")
-    # Work that belongs to no contestant: done before the fork, so that children have it.
+    # Work that belongs to no contestant: done before the fork, so that children have
+    # it.
     _ = made.interior, made.constraints.groups, made.task.ols
     if not task.solver:
         kind, found, _ = in_child(lambda: reference(made), task.time_limit, task.memory)
@@ -132,15 +160,22 @@ def perform(task: Assignment) -> list[Row]:
     contestant.warm_up()  # what a first use pays for
     for accuracy in task.accuracies:
         rows.append(run_one(task, contestant, made, accuracy, stopped))
-        stopped = stopped or (rows[-1]["settings"] if rows[-1]["class"] == "timeout" else "")
+        stopped = stopped or (
+            rows[-1]["settings"] if rows[-1]["class"] == "timeout" else ""
+        )
     return rows
 
 
 def run_one(
-    task: Assignment, contestant: Contestant, made: Instance, asked: float, stopped: str = ""
+    task: Assignment,
+    contestant: Contestant,
+    made: Instance,
+    asked: float,
+    stopped: str = "",
 ) -> Row:
-    """One run: what the contestant says, its seconds of processor time, programs that it ran included
-    (machines are shared), and what that is worth; stopped : a looser setting that exceeded the limit."""
+    """One run: what the contestant says, its seconds of processor time, programs that
+    it ran included (machines are shared), and what that is worth; stopped : a looser
+    setting that exceeded the limit."""
     assert task.reference is not None
 
     def timed() -> tuple[Answer, float]:
@@ -150,15 +185,28 @@ def run_one(
 
     remark = f"not run: {stopped} exceeded the time limit" if stopped else ""
     ended: tuple[str, Any, float] = "timeout", "", task.time_limit
-    kind, found, seconds = ended if stopped else in_child(timed, task.time_limit, task.memory)
+    kind, found, seconds = (
+        ended if stopped else in_child(timed, task.time_limit, task.memory)
+    )
     if kind == "ended" and (seconds := found[1]) > task.time_limit:
         kind, found = "timeout", f"took {seconds:.2g} s of processor time"
     if kind == "ended":
         answer, verdict = found[0], judge(made, task.reference, found[0], asked)
     else:
-        answer, verdict = Answer(np.empty(0), "", found, attempts=0), Judgement(kind, remark=remark)
-    row = {"settings": contestant.settings(asked), "accuracy": asked, "class": verdict.kind}
-    row |= {"claimed": answer.claims, "status": " ".join(answer.status.split()), "seconds": seconds}
+        answer, verdict = (
+            Answer(np.empty(0), "", found, attempts=0),
+            Judgement(kind, remark=remark),
+        )
+    row = {
+        "settings": contestant.settings(asked),
+        "accuracy": asked,
+        "class": verdict.kind,
+    }
+    row |= {
+        "claimed": answer.claims,
+        "status": " ".join(answer.status.split()),
+        "seconds": seconds,
+    }
     return {**asdict(verdict), **row, "attempts": answer.attempts}
 
 
@@ -170,8 +218,9 @@ def _processor() -> float:
 
 @dataclass(frozen=True)
 class Shootout:
-    """What to run and how. solvers, problems : names, None: all; time_limit [s] and memory [GB] are for
-    each run, proof_limit [s] for each proof of an interval, which no run's limit is to end.
+    """What to run and how. solvers, problems : names, None: all; time_limit [s] and
+    memory [GB] are for each run, proof_limit [s] for each proof of an interval, which
+    no run's limit is to end.
 
     Raises InputError for settings that make no sense, and on Windows.
     """
@@ -194,7 +243,9 @@ class Shootout:
         if not self.time_limit > 0.0 or not self.memory > 0.0:
             raise InputError("--time-limit or --memory is not above 0", "correct it")
         if not hasattr(os, "fork"):
-            raise InputError("The shootout forks a process for each run", "use Linux or macOS")
+            raise InputError(
+                "The shootout forks a process for each run", "use Linux or macOS"
+            )
 
 
 @dataclass(frozen=True)
@@ -208,33 +259,53 @@ class Outcome:
 
 
 def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
-    """Do every run that the folder does not hold yet; say : hears what is done, of how much.
+    """Do every run that the folder does not hold yet; say : hears what is done, of how
+    much.
 
-    Raises InputError for names that do not exist, and where another shootout writes into the folder.
+    Raises InputError for names that do not exist, and where another shootout writes
+    into the folder.
     """
     competing, missing = chosen(setup.solvers)
     entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
     absent = {c.name: str(c.absent) for c in missing}
-    absent |= {e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured}
+    absent |= {
+        e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured
+    }
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     with alone(setup.out):
         results, notes = Results(setup.out), []
         work = partial(
-            spread, perform, scheduler=setup.scheduler, jobs=setup.jobs or os.cpu_count() or 1
+            spread,
+            perform,
+            scheduler=setup.scheduler,
+            jobs=setup.jobs or os.cpu_count() or 1,
         )
         references = _references(setup, entries, say, work)
-        if dropped := results.keep({name: found["hash"] for name, found in references.items()}):
-            notes.append(f"{dropped} runs of instances that have changed since were dropped")
+        if dropped := results.keep(
+            {name: found["hash"] for name, found in references.items()}
+        ):
+            notes.append(
+                f"{dropped} runs of instances that have changed since were dropped"
+            )
         tasks, not_applicable = _pending(setup, entries, competing, references, results)
         done, total = 0, sum(len(task.accuracies) for task in tasks)
-        groups, versions = {e.name: e.group for e in entries}, {c.name: c.version() for c in competing}
+        groups, versions = (
+            {e.name: e.group for e in entries},
+            {c.name: c.version() for c in competing},
+        )
         say(f"{done} of {total}: runs")
         for place, rows in work(tasks):
             task = tasks[place]
             assert task.reference is not None
-            about = {name: getattr(task, name) for name in ("problem", "hash", "solver")}
+            about = {
+                name: getattr(task, name) for name in ("problem", "hash", "solver")
+            }
             about |= {"group": groups[task.problem], "version": versions[task.solver]}
-            about |= {"lower": task.reference.lower, "upper": task.reference.upper, "machine": machine}
+            about |= {
+                "lower": task.reference.lower,
+                "upper": task.reference.upper,
+                "machine": machine,
+            }
             results.add([row | about for row in rows])
             done += len(rows)
             say(f"{done} of {total}: {task.solver} on {task.problem}")
@@ -244,17 +315,23 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
 def _references(
     setup: Shootout, entries: Sequence[Entry], say: Progress, work: Callable[..., Any]
 ) -> dict[str, dict[str, Any]]:
-    """Each instance's hash and proved interval; kept in references.json beside the runs."""
+    """Each instance's hash and proved interval; kept in references.json beside the
+    runs."""
     path = setup.out / "references.json"
     known: dict[str, dict[str, Any]] = {}
     if path.exists():
         try:
             known = json.loads(read_text(path, own=True))
         except ValueError:
-            raise InputError("not JSON", "delete it, and the intervals are proved again", path) from None
+            raise InputError(
+                "not JSON", "delete it, and the intervals are proved again", path
+            ) from None
     current = {e.name: instance(e.name).hash for e in entries}
     todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
-    tasks, names = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()], [*todo]
+    tasks, names = (
+        [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()],
+        [*todo],
+    )
     say(f"0 of {len(tasks)}: proving intervals")
     for done, (k, (known[names[k]],)) in enumerate(work(tasks), start=1):
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
@@ -269,7 +346,11 @@ def _pending(
     references: dict[str, dict[str, Any]],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
-    done, tasks, left_out = set(results.runs[KEY].itertuples(index=False, name=None)), [], []
+    done, tasks, left_out = (
+        set(results.runs[KEY].itertuples(index=False, name=None)),
+        [],
+        [],
+    )
     for entry, contestant in product(entries, competing):
         found = references[entry.name]
         if reason := contestant.refuses(instance(entry.name)):
@@ -277,17 +358,25 @@ def _pending(
             continue
         asked = contestant.asked(setup.accuracies)
         what = entry.name, found["hash"], contestant.name
-        if new := tuple(a for a in asked if (*what, contestant.settings(a)) not in done):
-            limits, known = (setup.time_limit, setup.memory), Reference(**found["reference"])
+        if new := tuple(
+            a for a in asked if (*what, contestant.settings(a)) not in done
+        ):
+            limits, known = (
+                (setup.time_limit, setup.memory),
+                Reference(**found["reference"]),
+            )
             tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
     return tasks, left_out
 
 
-def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str, Any, float]:
-    """Fork and work: ("ended", result, seconds), or "failed", "timeout" or "crash" with words.
+def in_child(
+    work: Callable[[], Any], limit: float, memory: float
+) -> tuple[str, Any, float]:
+    """Fork and work: ("ended", result, seconds), or "failed", "timeout" or "crash" with
+    words.
 
-    limit : seconds of processor time, and four times as many by the clock, because machines are shared;
-    memory : GB beyond what the parent already has.
+    limit : seconds of processor time, and four times as many by the clock, because
+    machines are shared; memory : GB beyond what the parent already has.
     """
     reader, writer = Pipe(duplex=False)
     start, parent = time.monotonic(), os.getpid()
@@ -297,7 +386,9 @@ def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str,
     writer.close()
     ended, status, told = 0, 0, None
     # Not by the pipe's end alone: a child of another thread may hold that open.
-    while not ended and not reader.poll(0.05) and time.monotonic() - start < 4.0 * limit:
+    while (
+        not ended and not reader.poll(0.05) and time.monotonic() - start < 4.0 * limit
+    ):
         ended, status = os.waitpid(child, os.WNOHANG)
     seconds = time.monotonic() - start
     if reader.poll():
@@ -319,7 +410,11 @@ def in_child(work: Callable[[], Any], limit: float, memory: float) -> tuple[str,
 
 
 def _child(
-    work: Callable[[], Any], writer: Connection, limit: float, memory: float, parent: int
+    work: Callable[[], Any],
+    writer: Connection,
+    limit: float,
+    memory: float,
+    parent: int,
 ) -> None:
     """In the forked process, which ends here."""
     try:
@@ -331,7 +426,9 @@ def _child(
         os.dup2(silence, 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         used = resource.getrusage(resource.RUSAGE_SELF)
-        whole = math.ceil(used.ru_utime + used.ru_stime + limit)  # whole seconds: the kernel's grain
+        whole = math.ceil(
+            used.ru_utime + used.ru_stime + limit
+        )  # whole seconds: the kernel's grain
         resource.setrlimit(resource.RLIMIT_CPU, (whole, whole + 2))
         try:  # the address space in use, where the system says it
             pages = int(Path("/proc/self/statm").read_text().split()[0])

@@ -1,10 +1,12 @@
-"""What the runs say: one table by solver, one by problem, which solver to use, and what each was told.
+"""What the runs say: one table by solver, one by problem, which solver to use, and what
+each was told.
 
-The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms over all runs, those that were not
-right at the time limit. Performance profiles (Dolan, More, Math. Program. 2002), by accuracy: for each
-solver the share of problems that it brought to it, within a factor of the fastest solver that did. A
-run counts by its figures, whatever it was asked for: objective error and violation at most ten times the
-accuracy, and a claim of success; or infeasibility, rightly claimed.
+The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms over all runs,
+those that were not right at the time limit. Performance profiles (Dolan, More, Math.
+Program. 2002), by accuracy: for each solver the share of problems that it brought to
+it, within a factor of the fastest solver that did. A run counts by its figures,
+whatever it was asked for: objective error and violation at most ten times the accuracy,
+and a claim of success; or infeasibility, rightly claimed.
 """
 
 import importlib.util
@@ -42,19 +44,26 @@ def accuracies(runs: pandas.DataFrame) -> list[float]:
     return sorted(asked, reverse=True) or [1e-8]
 
 
-def profile(runs: pandas.DataFrame, accuracy: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def profile(
+    runs: pandas.DataFrame, accuracy: float
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Of each solver (ratios, shares): the corners of its step."""
     asked, count = at_accuracy(runs, accuracy), runs["problem"].nunique()
     right = asked[reached(asked, accuracy)]
     seconds = right["seconds"].clip(lower=1e-6)
     ratio = seconds / seconds.groupby(right["problem"]).transform("min")
-    steps = {s: np.sort(ratio[right["solver"] == s]) for s in sorted(asked["solver"].unique())}
-    return {solver: (x, np.arange(1, len(x) + 1) / count) for solver, x in steps.items()}
+    steps = {
+        s: np.sort(ratio[right["solver"] == s])
+        for s in sorted(asked["solver"].unique())
+    }
+    return {
+        solver: (x, np.arange(1, len(x) + 1) / count) for solver, x in steps.items()
+    }
 
 
 def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
-    """SVG of the solvers that ran on four fifths of the problems at least, an accuracy a panel; False
-    without matplotlib."""
+    """SVG of the solvers that ran on four fifths of the problems at least, an accuracy
+    a panel; False without matplotlib."""
     if importlib.util.find_spec("matplotlib") is None:
         return False
     import matplotlib
@@ -67,17 +76,28 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     count = count[~count.index.str.endswith(" certified")]
     shown = sorted(count.index[count >= 0.8 * count.max()])
     with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
-        shared: dict[str, Any] = {"sharey": True, "squeeze": False, "layout": "constrained"}
-        figure, (axes,) = plt.subplots(1, len(asked), figsize=(3.2 * len(asked) + 1.6, 3.4), **shared)
+        shared: dict[str, Any] = {
+            "sharey": True,
+            "squeeze": False,
+            "layout": "constrained",
+        }
+        figure, (axes,) = plt.subplots(
+            1, len(asked), figsize=(3.2 * len(asked) + 1.6, 3.4), **shared
+        )
         for panel, accuracy in zip(axes, asked, strict=True):
             curves = profile(runs, accuracy)
             for k, solver in enumerate(shown):
                 ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
-                ends = np.append(ratios, 1e5), np.append(shares, shares[-1:] if len(shares) else 0.0)
+                ends = (
+                    np.append(ratios, 1e5),
+                    np.append(shares, shares[-1:] if len(shares) else 0.0),
+                )
                 style = {"color": f"C{k % 10}", "linestyle": "-" if k < 10 else "--"}
                 width = 2.2 if solver == "lmi-sdp" else 1.2
                 panel.step(*ends, where="post", label=solver, linewidth=width, **style)
-            panel.set(xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03), title=f"{accuracy:.0e}")
+            panel.set(
+                xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03), title=f"{accuracy:.0e}"
+            )
             panel.set_xlabel("time over the fastest that was right")
             panel.grid(alpha=0.3)
         axes[0].set_ylabel("share of problems got right")
@@ -109,17 +129,28 @@ _SHOWN: dict[str, tuple[str, Callable[[Any], str]]] = {
 
 
 def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame:
-    """One row for each solver and settings: how often right, how often silently wrong, how fast; of the
-    answers called optimal the median of each figure for itself."""
-    told = runs[["objective_error", "violation", "own_gap"]].where(runs["claimed"] == "optimal")
+    """One row for each solver and settings: how often right, how often silently wrong,
+    how fast; of the answers called optimal the median of each figure for itself."""
+    told = runs[["objective_error", "violation", "own_gap"]].where(
+        runs["claimed"] == "optimal"
+    )
     times = runs["seconds"].where(runs["class"] == "right", time_limit)
-    found = runs.assign(**told.replace(np.inf, np.nan), mean_seconds=np.log(times + 0.01))
+    found = runs.assign(
+        **told.replace(np.inf, np.nan), mean_seconds=np.log(times + 0.01)
+    )
     found = found.join(
-        pandas.get_dummies(runs["class"], dtype=int).reindex(columns=CLASSES, fill_value=0)
+        pandas.get_dummies(runs["class"], dtype=int).reindex(
+            columns=CLASSES, fill_value=0
+        )
     )
     found = found.sort_values(["solver", "accuracy"], ascending=[True, False])
-    how: dict[str, Any] = {"runs": ("problem", "size"), "success_percent": ("right", "mean")}
-    how |= {name: (name, "sum") for name in CLASSES} | {"mean_seconds": ("mean_seconds", "mean")}
+    how: dict[str, Any] = {
+        "runs": ("problem", "size"),
+        "success_percent": ("right", "mean"),
+    }
+    how |= {name: (name, "sum") for name in CLASSES} | {
+        "mean_seconds": ("mean_seconds", "mean")
+    }
     how |= {name: (name, "median") for name in told}
     how |= {"attempts": ("attempts", "mean"), "version": ("version", "last")}
     table = found.groupby(["solver", "settings"], sort=False, as_index=False).agg(**how)
@@ -129,15 +160,19 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
 
 
 def by_problem(runs: pandas.DataFrame) -> list[str]:
-    """Markdown: problems down, solvers across, the class at the tightest accuracy asked for.
+    """Markdown: problems down, solvers across, the class at the tightest accuracy asked
+    for.
 
-    Beside a wrong answer stands the larger of its error and its violation, both relative.
+    Beside a wrong answer stands the larger of its error and its violation, both
+    relative.
     """
     tightest = runs.sort_values("accuracy").drop_duplicates(["problem", "solver"])
     worst = tightest[["objective_error", "violation"]].max(axis=1)
     wrong = [f"**WRONG** {x:.0e}" if np.isfinite(x) else "**WRONG**" for x in worst]
     said = np.where(tightest["class"] == "silently_wrong", wrong, tightest["class"])
-    grid = tightest.assign(said=said).pivot(index="problem", columns="solver", values="said")
+    grid = tightest.assign(said=said).pivot(
+        index="problem", columns="solver", values="said"
+    )
     return _markdown(grid.fillna("n/a").loc[runs["problem"].unique()].reset_index())
 
 
@@ -145,12 +180,14 @@ def _markdown(table: pandas.DataFrame) -> list[str]:
     return markdown_table(list(table.columns), table.astype(str).to_numpy().tolist())
 
 
-def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -> pandas.DataFrame:
-    """The contestants, on arms of so many links (None: on everything), those that reach the accuracy
-    most often first.
+def ranking(
+    runs: pandas.DataFrame, accuracy: float, links: int | None = None
+) -> pandas.DataFrame:
+    """The contestants, on arms of so many links (None: on everything), those that reach
+    the accuracy most often first.
 
-    run : on how many of the ``problems`` it ran: log det cannot be posed to all, time ran out for some.
-    seconds : the median where it was right.
+    run : on how many of the ``problems`` it ran: log det cannot be posed to all, time
+    ran out for some. seconds : the median where it was right.
     """
     mine = at_accuracy(runs, accuracy)
     if links is not None:
@@ -167,8 +204,13 @@ def ranking(runs: pandas.DataFrame, accuracy: float, links: int | None = None) -
         attempts=("attempts", "mean"),
     )
     table = table.assign(problems=mine["problem"].nunique()).reset_index()
-    order = {"by": ["right", "silently wrong", "seconds"], "ascending": [False, True, True]}
-    return table.sort_values(**order, na_position="first", kind="stable", ignore_index=True)
+    order = {
+        "by": ["right", "silently wrong", "seconds"],
+        "ascending": [False, True, True],
+    }
+    return table.sort_values(
+        **order, na_position="first", kind="stable", ignore_index=True
+    )
 
 
 def advice(table: pandas.DataFrame, where: str) -> list[str]:
@@ -178,13 +220,20 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
     wrong = table["silently wrong"]
     enough = table[(table["right"] >= 0.9 * table["right"].max()) & (wrong == 0)]
     best, worst = table.iloc[0], table.loc[wrong.idxmax()]
-    quick = best if enough.empty else enough.sort_values("seconds", kind="stable").iloc[0]
+    quick = (
+        best if enough.empty else enough.sort_values("seconds", kind="stable").iloc[0]
+    )
     said = [
-        f"Take {best['solver']}: right on {best['right']} of {best['problems']} problems {where}, "
-        f"{best['silently wrong']} times silently wrong, {_milliseconds(best['seconds'])} ms (median).",
-        "The fastest of those never silently wrong and right at least nine tenths as often is "
-        f"{quick['solver']}: {quick['right']} of {quick['problems']}, "
-        f"{_milliseconds(quick['seconds'])} ms.",
+        (
+            f"Take {best['solver']}: right on {best['right']} of {best['problems']}"
+            f" problems {where}, {best['silently wrong']} times silently wrong,"
+            f" {_milliseconds(best['seconds'])} ms (median)."
+        ),
+        (
+            "The fastest of those never silently wrong and right at least nine tenths"
+            f" as often is {quick['solver']}: {quick['right']} of {quick['problems']},"
+            f" {_milliseconds(quick['seconds'])} ms."
+        ),
     ]
     if worst["silently wrong"]:
         of = f"{worst['silently wrong']} of {worst['run']}"
@@ -193,12 +242,17 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
 
 
 def answer(runs: pandas.DataFrame) -> str:
-    """Markdown: which solver for seven links, and why; empty where nothing was run on them."""
+    """Markdown: which solver for seven links, and why; empty where nothing was run on
+    them."""
     links, accuracy = 7, 1e-6
     table = ranking(runs, accuracy, links)
     if not (said := advice(table, f"of {links} links at {accuracy:.0e}")):
         return ""
-    shown = {"solver": table["solver"], "right": table["right"], "of problems run": table["run"]}
+    shown = {
+        "solver": table["solver"],
+        "right": table["right"],
+        "of problems run": table["run"],
+    }
     shown |= {"silently wrong": table["silently wrong"]}
     shown |= {"median [ms]": table["seconds"].map(_milliseconds)}
     shown |= {"attempts": table["attempts"].map("{:.1f}".format)}
@@ -221,13 +275,25 @@ def write_summary(
     """summary.md, summary.csv and profile.svg beside runs.csv; the paths written."""
     table = summary_table(runs, time_limit)
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
-    for (solver, reason), count in sorted(Counter(x[1:] for x in not_applicable).items()):
+    for (solver, reason), count in sorted(
+        Counter(x[1:] for x in not_applicable).items()
+    ):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
     asked = accuracies(runs)
     ran = [c for name, c in contestants().items() if name in runs["solver"].unique()]
-    told = [[c.name, c.told(a)] for c in ran if c.options for a in c.asked((asked[0], asked[-1]))]
-    forms = {name: column.map(_SHOWN.get(name, ("", str))[1]) for name, column in table.items()}
-    shown = pandas.DataFrame(forms).rename(columns={name: head for name, (head, _) in _SHOWN.items()})
+    told = [
+        [c.name, c.told(a)]
+        for c in ran
+        if c.options
+        for a in c.asked((asked[0], asked[-1]))
+    ]
+    forms = {
+        name: column.map(_SHOWN.get(name, ("", str))[1])
+        for name, column in table.items()
+    }
+    shown = pandas.DataFrame(forms).rename(
+        columns={name: head for name, (head, _) in _SHOWN.items()}
+    )
     text = Path(__file__).with_suffix(".md").read_text()  # a file beside this one
     said = text.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),

@@ -1,4 +1,5 @@
-"""The comparison tables, one file each: a file with a :class:`Maker` is its registration."""
+"""The comparison tables, one file each: a file with a :class:`Maker` is its
+registration."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -23,12 +24,15 @@ DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
 @cache
 def makers() -> dict[str, Maker]:
     """Every table of the package by its name."""
-    found = (value for home in modules(__name__, __path__) for value in vars(home).values())
+    found = (
+        value for home in modules(__name__, __path__) for value in vars(home).values()
+    )
     return by_word((maker.name, maker) for maker in found if isinstance(maker, Maker))
 
 
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
-    """The tables as data. Raises InputError for a table that does not exist for the problem."""
+    """The tables as data. Raises InputError for a table that does not exist for the
+    problem."""
     for maker in (chosen := _chosen(names)):
         if maker.problems and study.problem.name not in maker.problems:
             what = f"table {maker.name} belongs to {' and '.join(maker.problems)}"
@@ -52,16 +56,17 @@ def make_tables(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> list[tuple[Table, list[Path]]]:
-    """Build tables and write each as CSV, Markdown and LaTeX; each with its paths, CSV first.
+    """Build tables and write each as CSV, Markdown and LaTeX; each with its paths, CSV
+    first.
 
-    Without the real run, a folder's measured tables are not overwritten: those without it are written to
-    its subfolder ``simulated``.
+    Without the real run, a folder's measured tables are not overwritten: those without
+    it are written to its subfolder ``simulated``.
 
-    names : of the tables, in any case; None for III, IV, VIII and IX. problem : default the Panda,
-    and the 2R for the tables that are about it only.
-    budget : "quick", or "paper" for as many loss evaluations of the paper's method as its authors
-    allow; workers : who estimates, a method on a data set each. Raises InputError for names that do not
-    exist, before anything is computed or written.
+    names : of the tables, in any case; None for III, IV, VIII and IX. problem : default
+    the Panda, and the 2R for the tables that are about it only. budget : "quick", or
+    "paper" for as many loss evaluations of the paper's method as its authors allow;
+    workers : who estimates, a method on a data set each. Raises InputError for names
+    that do not exist, before anything is computed or written.
     """
     groups: dict[Any, list[str]] = {}
     for maker in _chosen(names):
@@ -70,12 +75,15 @@ def make_tables(
     made = []
     for name, group in groups.items():
         study = Study(as_problem(problem or name), budget, progress, workers)
-        made += [(t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)]
+        made += [
+            (t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)
+        ]
     return made
 
 
 def _folder(table: Table, out: Path) -> Path:
-    """Where to write a table so that it takes no measured one's place without being measured itself."""
+    """Where to write a table so that it takes no measured one's place without being
+    measured itself."""
     there = out / f"table_{table.name}.csv"
     if table.measured or not there.is_file():
         return out

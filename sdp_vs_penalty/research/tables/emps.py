@@ -1,4 +1,5 @@
-"""EMPS table: the public nonlinear benchmark, by force along a motion and by simulated position."""
+"""EMPS table: the public nonlinear benchmark, by force along a motion and by simulated
+position."""
 
 import numpy as np
 
@@ -16,14 +17,16 @@ from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
-#: What the simulation is refined with: of the effects tried on halves of the tracking run alone, the one
-#: whose free run on the other half improved most for one parameter more.
+#: What the simulation is refined with: of the effects tried on halves of the tracking
+#: run alone, the one whose free run on the other half improved most for one parameter
+#: more.
 REFINED = ("asymmetric_viscous_friction",)
 
 
 @makes("emps", "emps", slow=True)
 def emps(study: Study) -> Table:
-    """EMPS table: the public nonlinear benchmark, by force along a motion and by simulated position."""
+    """EMPS table: the public nonlinear benchmark, by force along a motion and by
+    simulated position."""
     found = measured_runs(study.problem.name)
     if not found:
         raise InputError(
@@ -31,29 +34,37 @@ def emps(study: Study) -> Table:
             f"name the folder that holds emps/ by {VARIABLE}",
         )
     tracking, _ = runs = found["tracking"], found["pulses"]
-    # The authors' least-squares values: M [kg], F_v [N s/m], F_c [N], offset [N], and viscous
-    # friction's difference between the directions [N s/m], which their model lacks.
+    # The authors' least-squares values: M [kg], F_v [N s/m], F_c [N], offset [N], and
+    # viscous friction's difference between the directions [N s/m], which their model
+    # lacks.
     authors = 95.1089, 203.5034, 20.3935, -3.1648, 0.0
     rows = [_row(study, "authors, least squares", authors, *runs)]
     for method in dict.fromkeys(("ols", DEFAULT_METHOD)):
         study.progress(f"EMPS by {method}")
         own = _constants(identify(study.problem, tracking, method, seed=study.seed))
-        unseen = cross_validate(study.problem, tracking, method, folds=FOLDS, seed=study.seed)
+        unseen = cross_validate(
+            study.problem, tracking, method, folds=FOLDS, seed=study.seed
+        )
         rows.append(_row(study, method, own, *runs, unseen.relative_error_percent))
     effects = (*study.problem.default_effects, *REFINED)
     for method in (DEFAULT_METHOD, OUTPUT_ERROR):
         study.progress(f"EMPS by {method}, five parameters")
-        estimate = identify(study.problem, tracking, method, effects=effects, seed=study.seed)
+        estimate = identify(
+            study.problem, tracking, method, effects=effects, seed=study.seed
+        )
         rows.append(_row(study, f"{method}, asymmetric", _constants(estimate), *runs))
     errors = [float(row["position_rmse_pulses_mm"] or np.inf) for row in rows]
     return Table(
         "EMPS, the electro-mechanical positioning system of nonlinearbenchmark.org",
         rows,
         notes("emps", folds=FOLDS, method=OUTPUT_ERROR),
-        f"Simulated position on the test file: {min(errors):.3g} mm at best, {errors[0]:.3g} mm "
-        "with the authors' values.",
-        caption="Measured: both public files, 24.8 s at 1 kHz each; estimated from the first "
-        "(tracking), judged on both. The second follows the same reference with force pulses.",
+        f"Simulated position on the test file: {min(errors):.3g} mm at best,"
+        f" {errors[0]:.3g} mm with the authors' values.",
+        caption=(
+            "Measured: both public files, 24.8 s at 1 kHz each; estimated from the"
+            " first (tracking), judged on both. The second follows the same reference"
+            " with force pulses."
+        ),
     )
 
 
@@ -65,13 +76,20 @@ def _row(
     pulses: Measurements,
     unseen: float | None = None,
 ) -> Row:
-    """The constants, the error of the force and of the simulated position on either file."""
+    """The constants, the error of the force and of the simulated position on either
+    file."""
     model = study.problem.model((*study.problem.default_effects, *REFINED))
     theta = np.zeros(len(model.parameters))
     theta[model.rigid_indices[0]] = constants[0]
     theta[np.delete(np.arange(len(theta)), model.rigid_indices)] = constants[1:]
     settings = study.problem.preprocessing.resolve(tracking)
-    names = "mass_kg", "viscous_N_s_per_m", "coulomb_N", "offset_N", "asymmetric_N_s_per_m"
+    names = (
+        "mass_kg",
+        "viscous_N_s_per_m",
+        "coulomb_N",
+        "offset_N",
+        "asymmetric_N_s_per_m",
+    )
     row: Row = {"estimate": estimate, **dict(zip(names, constants, strict=True))}
     runs = {"tracking": tracking, "pulses": pulses}
     for name, run in runs.items():
@@ -89,8 +107,11 @@ def _constants(estimate: Estimate) -> tuple[float, ...]:
     return float(estimate.links[0, 0]), *map(float, others), *(0.0,) * (4 - len(others))
 
 
-def simulated(run: Measurements, constants: tuple[float, ...], substeps: int = 4) -> Array:
-    """(N,) position [m] from the measured force alone; dry friction implicit, so that it can stick.
+def simulated(
+    run: Measurements, constants: tuple[float, ...], substeps: int = 4
+) -> Array:
+    """(N,) position [m] from the measured force alone; dry friction implicit, so that
+    it can stick.
 
     substeps : within a sample of the log.
     """
@@ -98,7 +119,9 @@ def simulated(run: Measurements, constants: tuple[float, ...], substeps: int = 4
     q, v = float(run.q[0, 0]), 0.0
     out = np.empty(len(run.t))
     steps = np.diff(run.t, append=2.0 * run.t[-1] - run.t[-2]) / substeps
-    for k, (force, h) in enumerate(zip(run.tau[:, 0].tolist(), steps.tolist(), strict=True)):
+    for k, (force, h) in enumerate(
+        zip(run.tau[:, 0].tolist(), steps.tolist(), strict=True)
+    ):
         out[k] = q
         for _ in range(substeps):
             free = v + h * (force - offset - viscous * v - asymmetric * abs(v)) / mass

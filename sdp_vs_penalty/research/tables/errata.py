@@ -6,8 +6,16 @@ import numpy as np
 
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import errata, published_links, published_values, real_file
-from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols, base_parameters
+from sdp_vs_penalty.problem.published import (
+    errata,
+    published_links,
+    published_values,
+    real_file,
+)
+from sdp_vs_penalty.regression.base_parameters import (
+    base_parameter_symbols,
+    base_parameters,
+)
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.table import Table, makes
 from sdp_vs_penalty.robot import inertia
@@ -24,21 +32,28 @@ def errata_table(study: Study) -> Table:
         problem = load_problem(name)
         evidence = shown(problem)
         for erratum in errata(problem):
-            said = {name: getattr(erratum, name) for name in ("number", "where", "printed", "corrected")}
+            said = {
+                name: getattr(erratum, name)
+                for name in ("number", "where", "printed", "corrected")
+            }
             rows.append(said | {"what_shows_it": evidence[erratum.number]})
     return Table(
         "Errata: where the paper contradicts itself",
         sorted(rows, key=lambda row: row["number"]),
-        caption="Gaz et al., RA-L 2019, supplementary material revised October 15th, 2019. The "
-        "published tables are kept as printed; what is computed from them uses the corrections of "
-        "numbers 1, 2 and 5, with which every printed pi(p_hat) of Table III follows from Tables VIII "
-        "and IX to its last digit. Nothing here is simulated or measured: all figures follow from the "
-        "published tables.",
+        caption=(
+            "Gaz et al., RA-L 2019, supplementary material revised October 15th, 2019."
+            " The published tables are kept as printed; what is computed from them uses"
+            " the corrections of numbers 1, 2 and 5, with which every printed pi(p_hat)"
+            " of Table III follows from Tables VIII and IX to its last digit. Nothing"
+            " here is simulated or measured: all figures follow from the published"
+            " tables."
+        ),
     )
 
 
 def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
-    """(43,) base parameters of the published p_hat, as printed or with the errata corrected."""
+    """(43,) base parameters of the published p_hat, as printed or with the errata
+    corrected."""
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
     return np.asarray(base @ published_links(problem, "p_hat", corrected).ravel())
 
@@ -48,8 +63,9 @@ def _panda(problem: Problem) -> dict[int, str]:
     printed, corrected = pi_p_hat(problem, False), pi_p_hat(problem, True)
     table, values = problem.published["table_III"], published_values(problem, "p_hat")
     c6z = "; ".join(
-        f"row {row} is {table[row - 1]['pi_p_hat']} in Table III, {printed[row - 1]:.4f} from the "
-        f"printed value, {corrected[row - 1]:.4f} from the corrected one"
+        f"row {row} is {table[row - 1]['pi_p_hat']} in Table III,"
+        f" {printed[row - 1]:.4f} from the printed value, {corrected[row - 1]:.4f} from"
+        " the corrected one"
         for row in (21, 25, 39)
     )
     row_17, published = corrected[16], table[16]["pi_RE"]
@@ -61,17 +77,31 @@ def _panda(problem: Problem) -> dict[int, str]:
     c7z = published_values(problem, "delta")["c7z"]
     authors = "the authors' file is not at hand: not checked in this run"
     if (file := real_file("panda", "bounds_gM.csv")) is not None:
-        rows = {row[0].strip(): row[1:3] for row in csv.reader(file.read_text().splitlines()) if row}
-        authors = f"the authors' file reads c5z,{','.join(x.strip() for x in rows['c5z'])}"
+        rows = {
+            row[0].strip(): row[1:3]
+            for row in csv.reader(file.read_text().splitlines())
+            if row
+        }
+        authors = (
+            f"the authors' file reads c5z,{','.join(x.strip() for x in rows['c5z'])}"
+        )
     return {
         1: c6z,
-        2: f"{row_17:.4f} from Tables VIII and IX; {row_17:.4f} - {published} = "
-        f"{round(row_17, 4) - float(published):.4f}",
-        5: f"the printed value 0.9896 follows without m3 in the bracket ({corrected[1]:.4f}); with it, "
-        f"{corrected[1] + 0.1067 * values['m3']:.4f}",
-        6: f"link {worst + 1}: smallest eigenvalue of the inertia about the centre of mass "
-        f"{eigenvalues[worst, 0]:.1e} kg m^2, of its second moment (the triangle inequality) "
-        f"{second[worst]:.1e} kg m^2; c7z = {c7z} lies below its bound {problem.box[6, 3, 0]}",
+        2: (
+            f"{row_17:.4f} from Tables VIII and IX; {row_17:.4f} - {published} = "
+            f"{round(row_17, 4) - float(published):.4f}"
+        ),
+        5: (
+            "the printed value 0.9896 follows without m3 in the bracket"
+            f" ({corrected[1]:.4f}); with it,"
+            f" {corrected[1] + 0.1067 * values['m3']:.4f}"
+        ),
+        6: (
+            f"link {worst + 1}: smallest eigenvalue of the inertia about the centre of"
+            f" mass {eigenvalues[worst, 0]:.1e} kg m^2, of its second moment (the"
+            f" triangle inequality) {second[worst]:.1e} kg m^2; c7z = {c7z} lies below"
+            f" its bound {problem.box[6, 3, 0]}"
+        ),
         7: authors,
         8: " and ".join(f"row {row}: {corrected[row - 1]:.4f}" for row in (8, 24)),
     }
@@ -79,11 +109,18 @@ def _panda(problem: Problem) -> dict[int, str]:
 
 def _two_link(problem: Problem) -> dict[int, str]:
     """What shows each of the 2R's errata, by number."""
-    symbol, c = list(base_parameter_symbols(problem).values())[5], published_values(problem, "p_real")
+    symbol, c = (
+        list(base_parameter_symbols(problem).values())[5],
+        published_values(problem, "p_real"),
+    )
     printed, corrected = np.hypot(c["c1y"], c["c1z"]), np.hypot(c["c1x"], c["c1z"])
     return {
-        3: f"the kinematics give {symbol}; J2zz - 0.8 m2 adds kg m^2 to kg m and no torque "
-        "determines it",
-        4: f"the paper's own p_real has |(c1y, c1z)| = {printed:.3f} m > r1 = 0.15 m and "
-        f"|(c1x, c1z)| = {corrected:.3f} m",
+        3: (
+            f"the kinematics give {symbol}; J2zz - 0.8 m2 adds kg m^2 to kg m and no"
+            " torque determines it"
+        ),
+        4: (
+            f"the paper's own p_real has |(c1y, c1z)| = {printed:.3f} m > r1 = 0.15 m"
+            f" and |(c1x, c1z)| = {corrected:.3f} m"
+        ),
     }

@@ -1,4 +1,5 @@
-"""Tables VI to IX: the 2R's kinematics; links' parameters about their centres of mass, row by row."""
+"""Tables VI to IX: the 2R's kinematics; links' parameters about their centres of mass,
+row by row."""
 
 from collections.abc import Callable
 from functools import partial
@@ -19,15 +20,23 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @makes("VI", "two_link")
 def denavit_hartenberg(study: Study) -> Table:
-    """Table VI: the DH table of the 2R, as printed and as the problem's kinematics has it.
+    """Table VI: the DH table of the 2R, as printed and as the problem's kinematics has
+    it.
 
-    Rows: joints. Our columns are read back from the joint placements, not from the same file.
+    Rows: joints. Our columns are read back from the joint placements, not from the same
+    file.
     """
     rows: list[Row] = []
-    for row, joint in zip(study.problem.published["table_VI"], study.problem.robot.joints, strict=True):
+    for row, joint in zip(
+        study.problem.published["table_VI"], study.problem.robot.joints, strict=True
+    ):
         frame = joint.link_frame  # Tz(d) Tx(a) Rx(alpha)
         a, alpha, d = frame[0, 3], np.arctan2(frame[2, 1], frame[2, 2]), frame[2, 3]
-        ours = {"a_m_ours": float(a), "alpha_rad_ours": float(alpha), "d_m_ours": float(d)}
+        ours = {
+            "a_m_ours": float(a),
+            "alpha_rad_ours": float(alpha),
+            "d_m_ours": float(d),
+        }
         rows.append({**row, **ours})
     return Table(
         f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
@@ -37,14 +46,25 @@ def denavit_hartenberg(study: Study) -> Table:
     )
 
 
-def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool]) -> Table:
-    """Bounds and published values as printed, the nominal robot and whether the data or a prior towards
-    it decide, then the simulation's truth, then every method."""
+def link_table(
+    study: Study, name: str, title: str, chosen: Callable[[str], bool]
+) -> Table:
+    """Bounds and published values as printed, the nominal robot and whether the data or
+    a prior towards it decide, then the simulation's truth, then every method."""
     box = study.problem.box
     bounds = {"parameter": list(entries(len(box))), "lower": box[..., 0].ravel()}
-    bounds |= {"upper": box[..., 1].ravel(), "unit": ["kg", *["m"] * 3, *["kg*m^2"] * 6] * len(box)}
-    printed = [row for table in box_tables(study.problem) for row in study.problem.published[table]]
-    rows = pandas.DataFrame(printed or bounds, dtype=object).set_index("parameter", drop=False)
+    bounds |= {
+        "upper": box[..., 1].ravel(),
+        "unit": ["kg", *["m"] * 3, *["kg*m^2"] * 6] * len(box),
+    }
+    printed = [
+        row
+        for table in box_tables(study.problem)
+        for row in study.problem.published[table]
+    ]
+    rows = pandas.DataFrame(printed or bounds, dtype=object).set_index(
+        "parameter", drop=False
+    )
     rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
         nominal=by_name(study.problem.nominal_links)
     )
@@ -70,23 +90,30 @@ def link_table(study: Study, name: str, title: str, chosen: Callable[[str], bool
         f"Table {name}: {title} of {study.problem.title}",
         rows,
         said,
-        f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the nominal robot.",
+        f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the"
+        " nominal robot.",
     )
 
 
 def sources(study: Study, data: Data) -> pandas.Series:
-    """Whether data or prior decide each entry: m1, c1x, I1xx, ... as functions of the parameters."""
+    """Whether data or prior decide each entry: m1, c1x, I1xx, ... as functions of the
+    parameters."""
     task = study.task(data)
     theta = study.result(DEFAULT_METHOD, data).theta
     gradients = np.zeros((len(task.links), 10, len(theta)))
     for wide, indices in zip(gradients, task.links, strict=True):
-        wide[:, indices] = approx_fprime(theta[indices], inertia.barycentric_from_standard)
+        wide[:, indices] = approx_fprime(
+            theta[indices], inertia.barycentric_from_standard
+        )
     own = from_data(task, gradients.reshape(-1, len(theta)))
-    return pandas.Series(np.where(own, "data", "prior"), list(entries(len(gradients))), object)
+    return pandas.Series(
+        np.where(own, "data", "prior"), list(entries(len(gradients))), object
+    )
 
 
 def _bounds_received(study: Study) -> list[str]:
-    """Which method got which bound on inertias, and what became of those it did not get."""
+    """Which method got which bound on inertias, and what became of those it did not
+    get."""
     if not study.task(study.simulated).constraints.nonconvex:
         return []
     worst = []
@@ -98,14 +125,20 @@ def _bounds_received(study: Study) -> list[str]:
 
 
 def by_name(links: Array) -> pandas.Series:
-    """m1, c1x, I1xx, ... of links (n, 10); a centre of mass of a massless link is empty."""
+    """m1, c1x, I1xx, ... of links (n, 10); a centre of mass of a massless link is
+    empty."""
     with np.errstate(divide="ignore", invalid="ignore"):
         barycentric = inertia.barycentric_from_standard(links)
     return pandas.Series(barycentric.ravel(), list(entries(len(links))))
 
 
 def _maker(name: str, title: str, letters: str, *problems: str) -> Maker:
-    build = partial(link_table, name=name, title=title, chosen=lambda parameter: parameter[0] in letters)
+    build = partial(
+        link_table,
+        name=name,
+        title=title,
+        chosen=lambda parameter: parameter[0] in letters,
+    )
     return Maker(name, f"Table {name}: {title}, published and ours.", build, problems)
 
 

@@ -6,14 +6,22 @@ from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.estimation.identify import link_figures
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.research.tables.study import FOLDS, WITH_PRIOR, Data, Frozen, Result, Study
+from sdp_vs_penalty.research.tables.study import (
+    FOLDS,
+    WITH_PRIOR,
+    Data,
+    Frozen,
+    Result,
+    Study,
+)
 from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 from sdp_vs_penalty.robot import inertia
 
 
 @makes("methods", slow=True)
 def methods(study: Study) -> Table:
-    """Method table: every method on every data set, judged by the same independent figures."""
+    """Method table: every method on every data set, judged by the same independent
+    figures."""
     rows = [
         _row(study, data, method)
         for data in study.judged
@@ -38,7 +46,9 @@ def _row(study: Study, data: Data, method: str) -> Row:
     if method not in WITH_PRIOR and estimator_types()[method].needs_black_box:
         found = study.reverse_engineered
         estimator = Frozen(found.theta.reshape(-1, 10))
-        result = Result(study.theta(estimator, data), found.certificate, found.seconds, {})
+        result = Result(
+            study.theta(estimator, data), found.certificate, found.seconds, {}
+        )
     else:
         result = study.result(method, data)
     error, fold, again = data.errors(result.theta)[1], None, None
@@ -51,9 +61,11 @@ def _row(study: Study, data: Data, method: str) -> Row:
     violations = task.constraints.worst(result.theta)
     worst, family = max((x, name) for name, x in violations.items())
     told = link_figures(study.problem, links)
-    # The independent ones of a multi-start method; with a joint prior their losses hold it too.
+    # The independent ones of a multi-start method; with a joint prior their losses hold
+    # it too.
     runs = pandas.DataFrame(
-        [] if method in WITH_PRIOR else result.details.get("runs") or [], columns=["loss", "violation"]
+        [] if method in WITH_PRIOR else result.details.get("runs") or [],
+        columns=["loss", "violation"],
     ).astype(float)
     excess, broken = 100.0 * (runs["loss"] / optimum - 1.0), runs["violation"]
     return {
@@ -71,6 +83,9 @@ def _row(study: Study, data: Data, method: str) -> Row:
         "seconds": result.seconds,
         "runs": len(runs) or None,
         "feasible_runs": int((broken < 1e-6).sum()) if len(runs) else None,
-        **{f"run_excess_loss_percent_{name}": excess.agg(name) for name in ("min", "median", "max")},
+        **{
+            f"run_excess_loss_percent_{name}": excess.agg(name)
+            for name in ("min", "median", "max")
+        },
         **{f"run_violation_{name}": broken.agg(name) for name in ("min", "max")},
     }

@@ -1,4 +1,5 @@
-"""What several tables share: the data of a problem and every method's estimate, computed once."""
+"""What several tables share: the data of a problem and every method's estimate,
+computed once."""
 
 import re
 import time
@@ -16,14 +17,31 @@ from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.identify import certify, identify
 from sdp_vs_penalty.estimation.pose import PoseOptions
-from sdp_vs_penalty.estimation.resampling import CrossValidation, FoldData, Split, judged
+from sdp_vs_penalty.estimation.resampling import (
+    CrossValidation,
+    FoldData,
+    Split,
+    judged,
+)
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Progress, Task, make_task, no_progress
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Fit,
+    Progress,
+    Task,
+    make_task,
+    no_progress,
+)
 from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.problem.published import box_tables, measured_runs, published_links, real_file
+from sdp_vs_penalty.problem.published import (
+    box_tables,
+    measured_runs,
+    published_links,
+    real_file,
+)
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
@@ -38,9 +56,9 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Effort:
-    """What a budget stands for: noisy runs behind Table I's coverage, iterations of Table II's search,
-    seconds of Table V's sinusoids, instants and relaxed retrievals of the wrenches, loss evaluations of
-    a run of the paper's method."""
+    """What a budget stands for: noisy runs behind Table I's coverage, iterations of
+    Table II's search, seconds of Table V's sinusoids, instants and relaxed retrievals
+    of the wrenches, loss evaluations of a run of the paper's method."""
 
     replicates: int
     iterations: int
@@ -55,15 +73,24 @@ BUDGETS = {
     "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET),
 }
 _PLACED = by_word(
-    ((kind.table_place, kind) for kind in estimator_types().values() if kind.table_place), "table_place"
+    (
+        (kind.table_place, kind)
+        for kind in estimator_types().values()
+        if kind.table_place
+    ),
+    "table_place",
 )
-#: Methods with the pull of friction and offsets to zero that `lmi-sdp` has, and nothing else of it.
+#: Methods with the pull of friction and offsets to zero that `lmi-sdp` has, and nothing
+#: else of it.
 WITH_PRIOR = ("lmi-sdp-plain, joint prior", "penalty, joint prior")
-#: The columns of Tables III, VII, VIII, IX and the rows of IV: our name and the method's.
+#: The columns of Tables III, VII, VIII, IX and the rows of IV: our name and the
+#: method's.
 METHODS: Mapping[str, str] = {
-    re.sub(r"\W+", "_", name): name for name in (*(k.name for k in _PLACED.values()), *WITH_PRIOR)
+    re.sub(r"\W+", "_", name): name
+    for name in (*(k.name for k in _PLACED.values()), *WITH_PRIOR)
 }
-#: Where the real run is cut for repeatability [s]: what comes after is its beginning again.
+#: Where the real run is cut for repeatability [s]: what comes after is its beginning
+#: again.
 CUT = 14.0, 14.2
 #: Folds by phase in which it is judged on motion that an estimate has not seen.
 FOLDS = 5
@@ -71,10 +98,11 @@ FOLDS = 5
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """One data set, compressed: what estimates are made from, and what they are judged on.
+    """One data set, compressed: what estimates are made from, and what they are judged
+    on.
 
-    label : how columns and rows are named, "simulated" or "measured"; test is None where nothing is
-    held out.
+    label : how columns and rows are named, "simulated" or "measured"; test is None
+    where nothing is held out.
     """
 
     label: str
@@ -90,16 +118,20 @@ class Data:
     @cached_property
     def test_regression(self) -> Regression:
         assert self.test is not None
-        return compress(FilteredRuns.of(self.test, self.preprocessing), self.model, blocks_per_run=1)
+        return compress(
+            FilteredRuns.of(self.test, self.preprocessing), self.model, blocks_per_run=1
+        )
 
     def errors(self, theta: Array) -> tuple[Array, float]:
-        """Held-out mean squared torque error (n,) [(N m)^2] and relative error over all joints [%]."""
+        """Held-out mean squared torque error (n,) [(N m)^2] and relative error over all
+        joints [%]."""
         return torque_errors(self.test_regression, theta)
 
 
 @dataclass(frozen=True, eq=False)
 class Frozen(Estimator):
-    """Given links (n, 10); all other parameters are ``others``, NaN: fitted to the torque."""
+    """Given links (n, 10); all other parameters are ``others``, NaN: fitted to the
+    torque."""
 
     name = "given links"
     description = "links as they are given, all other parameters by least squares"
@@ -116,7 +148,9 @@ class Frozen(Estimator):
 def refitted(data: LeastSquares, given: Array) -> Array:
     """theta (p,) as given, what is NaN in it fitted to the rows by least squares."""
     free, theta = np.isnan(given), np.nan_to_num(given)
-    theta[free] = np.linalg.lstsq(data.R[:, free], data.rho - data.R @ theta, rcond=None)[0]
+    theta[free] = np.linalg.lstsq(
+        data.R[:, free], data.rho - data.R @ theta, rcond=None
+    )[0]
     return theta
 
 
@@ -131,10 +165,11 @@ class Result:
 
 
 class Study:
-    """The data and estimates behind the tables of one problem; everything is computed on first use.
+    """The data and estimates behind the tables of one problem; everything is computed
+    on first use.
 
-    workers : who estimates where several estimates are needed at once. Raises InputError for a budget
-    that does not exist.
+    workers : who estimates where several estimates are needed at once. Raises
+    InputError for a budget that does not exist.
     """
 
     seed = 0  # of everything random
@@ -152,7 +187,8 @@ class Study:
         self._made: dict[object, Any] = {}
 
     def once(self, make: Callable[..., Made], *of: Any) -> Made:
-        """What ``make`` makes of this study and further arguments, worked out the first time."""
+        """What ``make`` makes of this study and further arguments, worked out the first
+        time."""
         if (key := (make, *of)) not in self._made:
             self._made[key] = make(self, *of)
         return cast(Made, self._made[key])
@@ -166,7 +202,10 @@ class Study:
         """Trained on one exciting trajectory, judged on the validation trajectories."""
         self.progress("simulating")
         x = self.experiment
-        train, test = x.training_run(self.seed), concatenate(x.validation_runs(self.seed))
+        train, test = (
+            x.training_run(self.seed),
+            concatenate(x.validation_runs(self.seed)),
+        )
         return self._data("simulated", train, test, x.effects)
 
     @cached_property
@@ -186,15 +225,25 @@ class Study:
         return None if self.run is None else self._data("measured", *halves(self.run))
 
     def unseen(
-        self, method: str | Estimator, effects: Sequence[str] | Sequence[Effect] | None = None
+        self,
+        method: str | Estimator,
+        effects: Sequence[str] | Sequence[Effect] | None = None,
     ) -> CrossValidation:
-        """Errors of a method on motion of the real run that it has not seen, by FOLDS folds by phase."""
+        """Errors of a method on motion of the real run that it has not seen, by FOLDS
+        folds by phase."""
         return self.once(_unseen, method, None if effects is None else tuple(effects))
 
     def _data(
-        self, label: str, train: Measurements, test: Measurements | None, effects: Any = None
+        self,
+        label: str,
+        train: Measurements,
+        test: Measurements | None,
+        effects: Any = None,
     ) -> Data:
-        model, settings = self.problem.model(effects), self.problem.preprocessing.resolve(train)
+        model, settings = (
+            self.problem.model(effects),
+            self.problem.preprocessing.resolve(train),
+        )
         return Data(label, train, test, model, settings)
 
     @property
@@ -204,7 +253,8 @@ class Study:
 
     @property
     def judged(self) -> list[Data]:
-        """Where one estimate is judged by other rows than its own; the real one's are its repetition."""
+        """Where one estimate is judged by other rows than its own; the real one's are
+        its repetition."""
         return [data for data in (self.simulated, self.repeated) if data is not None]
 
     def task(self, data: Data) -> Task:
@@ -217,20 +267,24 @@ class Study:
         return cast(Result, self._made[method, data])
 
     def estimate(self, methods: Iterable[str], sets: Sequence[Data]) -> None:
-        """Have every method's estimate from each of the data sets, by the workers; a task is small."""
+        """Have every method's estimate from each of the data sets, by the workers; a
+        task is small."""
         new = [(m, d) for m in methods for d in sets if (m, d) not in self._made]
         for method, data in new:
             self.progress(f"{method} on {data.label} data")
         workers = replace(self.workers, progress=self.progress)
-        made = workers.map(_estimated, [(self.estimator(m), self.task(d)) for m, d in new])
+        made = workers.map(
+            _estimated, [(self.estimator(m), self.task(d)) for m, d in new]
+        )
         self._made.update(zip(new, made, strict=True))
 
     @property
     def about_priors(self) -> str:
         """A note on what the names of columns and rows say of the prior."""
         said = (
-            "joint_prior: lmi-sdp-plain and penalty with the pull of friction and offsets to zero that "
-            "lmi-sdp has, and nothing else of it; optimisers compare among methods with it, or without."
+            "joint_prior: lmi-sdp-plain and penalty with the pull of friction and"
+            " offsets to zero that lmi-sdp has, and nothing else of it; optimisers"
+            " compare among methods with it, or without."
         )
         return said if set(WITH_PRIOR) & set(self.methods.values()) else ""
 
@@ -239,22 +293,35 @@ class Study:
         """What is simulated and what is measured: opens every caption."""
         x = self.experiment
         friction = "without friction" if x.friction is None else "with sigmoid friction"
-        known = {"panda": "the published p_hat (errata corrected)", "two_link": "the published p_real"}
+        known = {
+            "panda": "the published p_hat (errata corrected)",
+            "two_link": "the published p_real",
+        }
         truth = known.get(self.problem.name, "the problem's nominal links")
         simulated = (
-            f"Columns or rows named simulated: one {x.trajectory.duration:g} s exciting trajectory "
-            f"simulated with {truth} as truth, {friction}, with torque noise and quantisation "
-            f"(seed {self.seed})."
+            f"Columns or rows named simulated: one {x.trajectory.duration:g} s exciting"
+            f" trajectory simulated with {truth} as truth, {friction}, with torque"
+            f" noise and quantisation (seed {self.seed})."
         )
         if self.run is not None:
-            return f"{simulated} Named measured: the authors' real run ({len(self.run.t)} samples)."
-        none = f"no real run of {self.problem.name} is at hand (a folder named by SDP_VS_PENALTY_DATA)."
+            return (
+                f"{simulated} Named measured: the authors' real run ({len(self.run.t)}"
+                " samples)."
+            )
+        none = (
+            f"no real run of {self.problem.name} is at hand (a folder named by"
+            " SDP_VS_PENALTY_DATA)."
+        )
         return f"{simulated} Nothing is measured: {none}"
 
     @cached_property
     def methods(self) -> Mapping[str, str]:
-        """METHODS, those with another prior only where joints have parameters of their own."""
-        own = [len(data.model.parameters) > len(data.model.rigid_indices) for data in self.whole]
+        """METHODS, those with another prior only where joints have parameters of their
+        own."""
+        own = [
+            len(data.model.parameters) > len(data.model.rigid_indices)
+            for data in self.whole
+        ]
         return {k: m for k, m in METHODS.items() if any(own) or m not in WITH_PRIOR}
 
     def theta(self, method: str | Estimator, data: Data) -> Array:
@@ -268,7 +335,8 @@ class Study:
         return self.theta(method, data)[self.task(data).links]
 
     def estimator(self, method: str | Estimator) -> Estimator:
-        """The method with the settings of this budget, and of its name: "penalty, joint prior"."""
+        """The method with the settings of this budget, and of its name: "penalty, joint
+        prior"."""
         if isinstance(method, Estimator):
             return method
         name, _, prior = method.partition(", ")
@@ -282,26 +350,40 @@ class Study:
     @cached_property
     def base(self) -> Array:
         """(b, 10 n) map from the links' standard parameters to the base parameters."""
-        return base_parameters(self.problem.model("rigid_body"), self.problem.independent)[0]
+        return base_parameters(
+            self.problem.model("rigid_body"), self.problem.independent
+        )[0]
 
     @property
     def published_links(self) -> dict[str, Array]:
         """(n, 10) links that are published of this robot, by column."""
         tables = box_tables(self.problem)
         held = self.problem.published[tables[0]][0] if tables else {}
-        return {c: published_links(self.problem, c) for c in ("p_real", "p_hat", "delta") if c in held}
+        return {
+            c: published_links(self.problem, c)
+            for c in ("p_real", "p_hat", "delta")
+            if c in held
+        }
 
     @cached_property
     def black_box(self) -> tuple[BlackBox, bool]:
         """The true links' answers, and whether at the authors' configurations."""
-        robot, file = self.problem.robot, real_file(self.problem.name, "good_configurations_1010.txt")
+        robot, file = (
+            self.problem.robot,
+            real_file(self.problem.name, "good_configurations_1010.txt"),
+        )
         # Where the authors' file is absent as many as theirs.
-        q = robot.random_configurations(1010, self.seed) if file is None else np.loadtxt(file, ndmin=2)
+        q = (
+            robot.random_configurations(1010, self.seed)
+            if file is None
+            else np.loadtxt(file, ndmin=2)
+        )
         return BlackBox.of_links(robot, self.experiment.links, q), file is not None
 
     @cached_property
     def reverse_engineered(self) -> Result:
-        """Base parameters from the black box; details hold condition number and relative error."""
+        """Base parameters from the black box; details hold condition number and
+        relative error."""
         box, _ = self.black_box
         begin = time.perf_counter()
         estimate = identify(self.problem, box, "reverse-engineering", seed=self.seed)
@@ -314,18 +396,26 @@ def _task(study: Study, data: Data) -> Task:
     return make_task(study.problem, data.model, data.regression, seed=study.seed)
 
 
-def _unseen(study: Study, method: str | Estimator, effects: tuple[Any, ...] | None) -> CrossValidation:
-    study.progress(f"folds by phase, {method if isinstance(method, str) else method.name}")
+def _unseen(
+    study: Study, method: str | Estimator, effects: tuple[Any, ...] | None
+) -> CrossValidation:
+    study.progress(
+        f"folds by phase, {method if isinstance(method, str) else method.name}"
+    )
     split, folds = study.once(_folds, effects)
     estimator = study.estimator(method)
     found = study.workers.map(partial(judged, estimator=estimator), folds)
     return split.result(estimator, list(found))
 
 
-def _folds(study: Study, effects: tuple[Any, ...] | None) -> tuple[Split, list[FoldData]]:
+def _folds(
+    study: Study, effects: tuple[Any, ...] | None
+) -> tuple[Split, list[FoldData]]:
     """The real run's folds, shape constants included; no method changes them."""
     assert study.run is not None
-    split = Split(study.problem, study.run, PoseOptions(effects, seed=study.seed), FOLDS)
+    split = Split(
+        study.problem, study.run, PoseOptions(effects, seed=study.seed), FOLDS
+    )
     return split, list(study.workers.map(split.fold, split.numbers))
 
 
@@ -345,7 +435,8 @@ def halves(run: Measurements) -> tuple[Measurements, Measurements]:
 
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
-    """Mean squared torque error (n,) of each joint, and 100 |tau - tau_hat| / |tau| over all [%]."""
+    """Mean squared torque error (n,) of each joint, and 100 |tau - tau_hat| / |tau|
+    over all [%]."""
     losses = rows.joint_losses(theta)
     relative = 100.0 * np.sqrt(losses.sum() / rows.least_squares().tau_squared)
     return losses / rows.joint_rows(), float(relative)

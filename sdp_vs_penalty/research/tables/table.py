@@ -1,4 +1,5 @@
-"""A table as data, and its three written forms: CSV, Markdown, LaTeX (booktabs, siunitx)."""
+"""A table as data, and its three written forms: CSV, Markdown, LaTeX (booktabs,
+siunitx)."""
 
 from __future__ import annotations
 
@@ -15,8 +16,10 @@ import pandas
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.plugins import summary_line
 
-#: Text is written as it is (published cells keep their printed digits), None is an empty cell.
+#: Text is written as it is (published cells keep their printed digits), None is an
+#: empty cell.
 Cell = str | float | int | None
 #: A row's cells by column.
 Row = dict[str, Any]
@@ -25,15 +28,18 @@ Row = dict[str, Any]
 _NAMED = "backslash asciicircum asciitilde less greater bar"
 _LATEX = str.maketrans(
     {c: rf"\{c}" for c in "{}$&#_%"}
-    | {c: rf"\text{name}{{}}" for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)}
+    | {
+        c: rf"\text{name}{{}}"
+        for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)
+    }
 )
 
 
 @dataclass(frozen=True)
 class Maker:
-    """How a table is made: build(study) -> Table; about : what it is, the first line of build's
-    docstring; problems : the names of those that it is about (none: any); slow : whether `tables --all`
-    leaves it out."""
+    """How a table is made: build(study) -> Table; about : what it is, the first line of
+    build's docstring; problems : the names of those that it is about (none: any); slow
+    : whether `tables --all` leaves it out."""
 
     name: str
     about: str
@@ -42,26 +48,30 @@ class Maker:
     slow: bool = False
 
     def made(self, study: Any) -> Table:
-        """The table under its name, its caption where it gives none the study's sentence."""
+        """The table under its name, its caption where it gives none the study's
+        sentence."""
         study.progress(f"table {self.name}")
         table = self.build(study)
         return replace(table, name=self.name, caption=table.caption or study.sentence)
 
 
-def makes(name: str, *problems: str, slow: bool = False) -> Callable[[Callable[[Any], Table]], Maker]:
+def makes(
+    name: str, *problems: str, slow: bool = False
+) -> Callable[[Callable[[Any], Table]], Maker]:
     """Decorates what builds the table of a name: its registration."""
 
     def register(build: Callable[[Any], Table]) -> Maker:
-        return Maker(name, (build.__doc__ or "").partition("\n")[0], build, problems, slow)
+        return Maker(name, summary_line(build), build, problems, slow)
 
     return register
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """rows : cells by column (published ones as printed text); notes : below the table; gist : what it
-    shows, in words; digits : significant ones of a number that is shown; caption : says what is
-    simulated and what measured; name : "III" is written as table_III.csv, .md and .tex.
+    """rows : cells by column (published ones as printed text); notes : below the table;
+    gist : what it shows, in words; digits : significant ones of a number that is shown;
+    caption : says what is simulated and what measured; name : "III" is written as
+    table_III.csv, .md and .tex.
     """
 
     title: str
@@ -84,14 +94,19 @@ class Table:
     def csv(self) -> str:
         """With all digits that it takes to read the same numbers back."""
         exact = self.frame.map(
-            lambda x: repr(float(x)) if isinstance(x, float) and math.isfinite(x) else text(x)
+            lambda x: (
+                repr(float(x)) if isinstance(x, float) and math.isfinite(x) else text(x)
+            )
         )
         return str(exact.to_csv(index=False, lineterminator="\n"))
 
     @property
     def measured(self) -> bool:
-        """Whether anything in it comes from real measurements, as all tables name these."""
-        words = self.frame.astype(str).apply(lambda column: column.str.match(r"measured([, ]|$)"))
+        """Whether anything in it comes from real measurements, as all tables name
+        these."""
+        words = self.frame.astype(str).apply(
+            lambda column: column.str.match(r"measured([, ]|$)")
+        )
         named = any(str(name).endswith("_measured") for name in self.frame)
         return named or bool(words.to_numpy().any())
 
@@ -99,30 +114,48 @@ class Table:
         """What it is, what it shows, and how large it is: a line each."""
         source = "with measured figures" if self.measured else "nothing measured"
         size = f"{len(self.frame)} rows, {len(self.frame.columns)} columns; {source}"
-        return [self.title, self.gist or self.caption.split(". ")[0].rstrip(".") + ".", size]
+        return [
+            self.title,
+            self.gist or self.caption.split(". ")[0].rstrip(".") + ".",
+            size,
+        ]
 
     def markdown(self) -> str:
         cells = self.cells().replace({r"\|": r"\\|", "\n": " "}, regex=True)
         sides = ["---:" if _numeric(cells[name]) else ":---" for name in cells]
         notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
         table = markdown_table(list(cells.columns), cells.to_numpy().tolist(), sides)
-        return "\n".join([f"# {self.title}", "", self.caption, "", *table, *notes]) + "\n"
+        return (
+            "\n".join([f"# {self.title}", "", self.caption, "", *table, *notes]) + "\n"
+        )
 
     def latex(self) -> str:
         cells, layout = self.cells(), []
         infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
         for name, column in cells.items():
             number = _numeric(column)
-            cells[name] = column.replace(infinite) if number else column.map(escape_latex)
+            cells[name] = (
+                column.replace(infinite) if number else column.map(escape_latex)
+            )
             # Longer text wraps.
-            wide = r">{\raggedright\arraybackslash}p{26em}" if column.str.len().max() > 80 else "l"
+            wide = (
+                r">{\raggedright\arraybackslash}p{26em}"
+                if column.str.len().max() > 80
+                else "l"
+            )
             layout.append("S[table-alignment-mode=marker]" if number else wide)
         header = " & ".join(map(_latex_header, cells))
         body = "\n".join(f"    {' & '.join(row)} \\\\" for row in cells.to_numpy())
         caption = escape_latex(" ".join([self.caption, *self.notes]))
-        told = {"title": escape_latex(self.title), "caption": caption, "name": self.name}
+        told = {
+            "title": escape_latex(self.title),
+            "caption": caption,
+            "name": self.name,
+        }
         template = Template(Path(__file__).with_name("table.tex").read_text())
-        return template.substitute(told, layout=" ".join(layout), header=header, body=body)
+        return template.substitute(
+            told, layout=" ".join(layout), header=header, body=body
+        )
 
     def write(self, folder: str | Path) -> list[Path]:
         """Write the three forms, each whole or not at all; the paths, CSV first."""
@@ -134,15 +167,16 @@ class Table:
 
 
 def notes(table: str, **values: object) -> list[str]:
-    """What a table says below itself: the paragraphs of notes/TABLE.md beside this file with the values
-    in their places, without those that are empty then."""
+    """What a table says below itself: the paragraphs of notes/TABLE.md beside this file
+    with the values in their places, without those that are empty then."""
     written = Path(__file__).with_name("notes") / f"{table}.md"
     said = (" ".join(part.split()) for part in written.read_text().split("\n\n"))
     return [note for note in (part.format(**values) for part in said) if note]
 
 
 def text(cell: Cell, digits: int = 4) -> str:
-    """A cell as written: printed text untouched, numbers to ``digits`` significant digits."""
+    """A cell as written: printed text untouched, numbers to ``digits`` significant
+    digits."""
     if isinstance(cell, str | int):
         return str(cell)
     if cell is None or math.isnan(cell):
@@ -173,4 +207,6 @@ def escape_latex(plain: str) -> str:
 def _numeric(column: pandas.Series[str]) -> bool:
     """Whether every cell that is not empty is a number (or infinite), and one is."""
     filled = column[~column.isin(["", "inf", "-inf"])]
-    return len(filled) > 0 and bool(filled.str.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?").all())
+    return len(filled) > 0 and bool(
+        filled.str.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?").all()
+    )

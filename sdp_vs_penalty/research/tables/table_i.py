@@ -2,9 +2,10 @@
 
     f(dq) = phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3))
 
-(Gaz et al. 2019, eq. 12), phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s]; zero at rest. The base
-parameters pi of the links and all phi are fitted together to W pi + f = tau, because a rigid part
-fitted without friction would have swallowed some of it. A coarse grid of phi_2 starts the search.
+(Gaz et al. 2019, eq. 12), phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s]; zero at rest. The
+base parameters pi of the links and all phi are fitted together to W pi + f = tau,
+because a rigid part fitted without friction would have swallowed some of it. A coarse
+grid of phi_2 starts the search.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,15 +28,17 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
 
-#: The rows of a data set in the columns of any model: filtered, or exact where states are known.
+#: The rows of a data set in the columns of any model: filtered, or exact where states
+#: are known.
 RowsOf = Callable[[Model], Rows]
 
 
 class SigmoidFriction(Effect):
-    """f / phi_1 and its derivatives by phi_2 and phi_3 at given phi: three columns a joint.
+    """f / phi_1 and its derivatives by phi_2 and phi_3 at given phi: three columns a
+    joint.
 
-    Not in the library of effects: its columns belong to one step of :func:`fit_sigmoid`; with the
-    parameters (phi_1, 0, 0) it is the friction itself.
+    Not in the library of effects: its columns belong to one step of
+    :func:`fit_sigmoid`; with the parameters (phi_1, 0, 0) it is the friction itself.
     """
 
     name = "sigmoid_friction"
@@ -59,7 +62,10 @@ class SigmoidFriction(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         out = []
         for j, (slope, shift) in enumerate(self.slopes_and_shifts):
-            moving, rest = expit(slope * (motion.dq[:, j] + shift)), expit(slope * shift)
+            moving, rest = (
+                expit(slope * (motion.dq[:, j] + shift)),
+                expit(slope * shift),
+            )
             d_moving, d_rest = moving * (1.0 - moving), rest * (1.0 - rest)
             by_slope = d_moving * (motion.dq[:, j] + shift) - d_rest * shift
             by_shift = slope * (d_moving - d_rest)
@@ -70,11 +76,11 @@ class SigmoidFriction(Effect):
 
 @dataclass(frozen=True)
 class SigmoidFit:
-    """phi (n, 3) with standard deviations (n, 3); x (b + 3 n,) : pi (b,) base parameters fitted with
-    them, phi_1, log phi_2, phi_3.
+    """phi (n, 3) with standard deviations (n, 3); x (b + 3 n,) : pi (b,) base
+    parameters fitted with them, phi_1, log phi_2, phi_3.
 
-    lower, upper (n, 3) : 95 % intervals; at_bound (n,) : whether phi_2 ran into the end of its range, a
-    step, whose interval means nothing.
+    lower, upper (n, 3) : 95 % intervals; at_bound (n,) : whether phi_2 ran into the end
+    of its range, a step, whose interval means nothing.
     """
 
     x: Array
@@ -90,7 +96,9 @@ def exact_rows(motion: Motion, torque: Array) -> RowsOf:
     return lambda model: Rows(motion, torque, model.columns(motion))
 
 
-def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) -> SigmoidFit:
+def fit_sigmoid(
+    problem: Problem, rows_of: RowsOf, oversampling: float = 1.0
+) -> SigmoidFit:
     """Fit pi and phi together; joints are weighted by the residuals of a first pass.
 
     oversampling : rows per independent sample, for the intervals.
@@ -99,10 +107,14 @@ def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) ->
     b, size = data.rigid.shape[2], float(np.abs(data.torque).max())
     weights, empty = np.ones(n), np.zeros(b + n)
     free = np.full(b + n, np.inf)
-    steepest = 500.0  # phi_2 [s/rad]: a jump to any data; below .1, and beyond |phi_3| = .5, a line
+    # phi_2 [s/rad]: a jump to any data; below .1, and beyond |phi_3| = .5, a line
+    steepest = 500.0
     low = np.concatenate([-free, np.full(n, np.log(0.1)), np.full(n, -0.5)])
     high = np.concatenate([free, np.full(n, np.log(steepest)), np.full(n, 0.5)])
-    starts = (np.concatenate([empty, np.full(n, np.log(x)), np.zeros(n)]) for x in (4.0, 10.0, 25.0))
+    starts = (
+        np.concatenate([empty, np.full(n, np.log(x)), np.zeros(n)])
+        for x in (4.0, 10.0, 25.0)
+    )
     solved = [data.solved(x, weights) for x in starts]
     x = min(solved, key=lambda x: float(np.sum(data.residual(x) ** 2)))
     for _ in range(2):
@@ -116,7 +128,8 @@ def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) ->
             max_nfev=100,
             args=(weights,),
         ).x
-        # With what rounding leaves, so that data without noise are not weighted by rounding.
+        # With what rounding leaves, so that data without noise are not weighted by
+        # rounding.
         rms = np.sqrt(np.mean(data.residual(x) ** 2, axis=0)) + 1e-12 * size
         weights = float(np.exp(np.mean(np.log(rms)))) / rms
     x = data.solved(x, weights)
@@ -124,7 +137,8 @@ def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) ->
     phi[:, 1] = np.exp(phi[:, 1])
     jacobian = (data.columns(x) * weights[:, None]).reshape(-1, len(x))
     norms, count = np.linalg.norm(jacobian, axis=0), data.torque.size / oversampling
-    # Rows that repeat each other count that often in J^T J, which the division here takes back.
+    # Rows that repeat each other count that often in J^T J, which the division here
+    # takes back.
     dof = max(count - len(x), 1.0)
     variance = float(np.sum((data.residual(x) * weights) ** 2)) / dof
     inverse = np.linalg.pinv((jacobian / norms).T @ (jacobian / norms), hermitian=True)
@@ -135,7 +149,8 @@ def fit_sigmoid(problem: Problem, rows_of: RowsOf, oversampling: float = 1.0) ->
 
 
 class _Data:
-    """rigid (M, n, b), torque (M, n), and the way to the sigmoid's columns at other shapes."""
+    """rigid (M, n, b), torque (M, n), and the way to the sigmoid's columns at other
+    shapes."""
 
     def __init__(self, problem: Problem, rows_of: RowsOf) -> None:
         model = problem.model("rigid_body")
@@ -162,8 +177,14 @@ class _Data:
 
     def solved(self, x: Array, weights: Array) -> Array:
         """x with pi and phi_1 of least weighted residual at its phi_2 and phi_3."""
-        columns, out = self.columns(x)[:, :, : -2 * self.robot.n] * weights[:, None], x.copy()
-        flat, target = columns.reshape(self.torque.size, -1), (self.torque * weights).ravel()
+        columns, out = (
+            self.columns(x)[:, :, : -2 * self.robot.n] * weights[:, None],
+            x.copy(),
+        )
+        flat, target = (
+            columns.reshape(self.torque.size, -1),
+            (self.torque * weights).ravel(),
+        )
         out[: flat.shape[1]] = np.linalg.lstsq(flat, target, rcond=None)[0]
         return out
 
@@ -178,10 +199,13 @@ def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> 
 def sigmoid_friction(study: Study) -> Table:
     """Table I: the sigmoid friction of every joint, published and fitted.
 
-    Rows: phi_1..phi_3 published and fitted, each with its interval; then held-out errors.
+    Rows: phi_1..phi_3 published and fitted, each with its interval; then held-out
+    errors.
     """
     published = study.problem.published["table_I"]
-    rows: list[Row] = [{**row, "what": "published", "covered_percent": None} for row in published]
+    rows: list[Row] = [
+        {**row, "what": "published", "covered_percent": None} for row in published
+    ]
     study.progress("sigmoid friction without noise")
     x, truth = study.experiment, study.experiment.friction
     assert truth is not None
@@ -190,12 +214,17 @@ def sigmoid_friction(study: Study) -> Table:
     exact = fit_sigmoid(study.problem, exact_rows(motion, x.torque(motion)))
     rows += _rows_of("simulated, without noise", exact, ends=False)
     fits, count = [], study.effort.replicates
-    for k in range(count):  # with different noise: the coverage of the intervals is counted from them
+    for k in range(
+        count
+    ):  # with different noise: the coverage of the intervals is counted from them
         study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
         run = study.simulated.train if k == 0 else x.training_run(study.seed + k)
         fits.append(_fit(study, study.simulated, run))
-    # Share of the intervals of phi_1, phi_2, phi_3, over joints and fits, that hold the truth.
-    share = np.mean([(f.lower <= truth) & (truth <= f.upper) for f in fits], axis=(0, 1))
+    # Share of the intervals of phi_1, phi_2, phi_3, over joints and fits, that hold the
+    # truth.
+    share = np.mean(
+        [(f.lower <= truth) & (truth <= f.upper) for f in fits], axis=(0, 1)
+    )
     rows += _rows_of("simulated", fits[0], 100.0 * share)
     intervals = count * study.problem.robot.n
     # Half width [%] of the 95 % range of a share counted from so many intervals.
@@ -217,26 +246,35 @@ def sigmoid_friction(study: Study) -> Table:
     )
 
 
-def _row(name: str, joints: Array, unit: str, what: str, covered: float | None = None) -> Row:
+def _row(
+    name: str, joints: Array, unit: str, what: str, covered: float | None = None
+) -> Row:
     about = {"unit": unit, "what": what, "covered_percent": covered}
     return {"parameter": name, **by_joint(joints), **about}
 
 
-def _rows_of(what: str, fit: SigmoidFit, covered: Array | None = None, ends: bool = True) -> list[Row]:
+def _rows_of(
+    what: str, fit: SigmoidFit, covered: Array | None = None, ends: bool = True
+) -> list[Row]:
     """phi_1, phi_2, phi_3, each with the ends of its interval where they are asked for."""
     rows = []
     for k, unit in enumerate(("N*m", "s/rad", "rad/s")):
         share = None if covered is None else float(covered[k])
         rows.append(_row(f"phi_{k + 1}", fit.phi[:, k], unit, what, share))
         for word in ("lower", "upper") if ends else ():
-            rows.append(_row(f"phi_{k + 1}", getattr(fit, word)[:, k], unit, f"{what}, {word}"))
+            rows.append(
+                _row(f"phi_{k + 1}", getattr(fit, word)[:, k], unit, f"{what}, {word}")
+            )
     return rows
 
 
 def _steps(what: str, fit: SigmoidFit) -> str:
     """A note on the joints whose data want a step."""
     joints = ", ".join(map(str, np.flatnonzero(fit.at_bound) + 1))
-    said = "phi_2 ran to the end of its range: the data want a step, and the interval means nothing."
+    said = (
+        "phi_2 ran to the end of its range: the data want a step, and the interval"
+        " means nothing."
+    )
     return f"{what}: on joint(s) {joints} {said}" if joints else ""
 
 
@@ -245,7 +283,8 @@ def _rows_in(data: Data, run: Measurements) -> RowsOf:
 
 
 def _fit(study: Study, data: Data, run: Measurements) -> SigmoidFit:
-    """The sigmoid and the base parameters from one run behind the filters of a data set."""
+    """The sigmoid and the base parameters from one run behind the filters of a data
+    set."""
     repeats = FilteredRun(run, data.preprocessing).rows_per_sample
     return fit_sigmoid(study.problem, _rows_in(data, run), repeats)
 
@@ -257,7 +296,8 @@ def _held_out(study: Study, data: Data) -> list[tuple[str, Array]]:
     usual = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
     def ordinary(effects: str) -> tuple[float, Array]:
-        """Training loss and held-out RMSE (n,) of ordinary least squares with these effects."""
+        """Training loss and held-out RMSE (n,) of ordinary least squares with these
+        effects."""
         own = replace(data, model=study.problem.model(effects))
         train = own.regression.least_squares()
         theta = np.asarray(np.linalg.lstsq(train.R, train.rho, rcond=1e-10)[0], float)

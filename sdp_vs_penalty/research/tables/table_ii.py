@@ -1,4 +1,5 @@
-"""Table II: the exciting trajectory, published, as commanded, and better conditioned ones."""
+"""Table II: the exciting trajectory, published, as commanded, and better conditioned
+ones."""
 
 from typing import Any
 
@@ -11,9 +12,11 @@ from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 
 @makes("II", "panda")
 def exciting_trajectory(study: Study) -> Table:
-    """Table II: the exciting trajectory, published, as commanded, and better conditioned ones.
+    """Table II: the exciting trajectory, published, as commanded, and better
+    conditioned ones.
 
-    Rows: coefficients and condition numbers of the published and of optimised trajectories.
+    Rows: coefficients and condition numbers of the published and of optimised
+    trajectories.
     """
     published = study.problem.published["table_II"]
     paper = study.experiment.trajectory
@@ -22,14 +25,26 @@ def exciting_trajectory(study: Study) -> Table:
     rows: list[Row] = [{**row, "trajectory": "published"} for row in published]
 
     def add(name: str, trajectory: str, *values: float) -> None:
-        rows.append({**dict(zip(columns, (name, *values), strict=False)), "trajectory": trajectory})
+        rows.append(
+            {
+                **dict(zip(columns, (name, *values), strict=False)),
+                "trajectory": trajectory,
+            }
+        )
 
     for which, excitation in found.items():
         own = excitation.trajectory
         for letter, values in (("a", own.a), ("b", own.b), ("q", own.q_0[:, None])):
             for k, column in enumerate(values.T):
-                add(f"{letter}_{k if letter == 'q' else k + 1}", which, *map(float, column))
-    trajectories = {"published": paper, **{name: e.trajectory for name, e in found.items()}}
+                add(
+                    f"{letter}_{k if letter == 'q' else k + 1}",
+                    which,
+                    *map(float, column),
+                )
+    trajectories = {
+        "published": paper,
+        **{name: e.trajectory for name, e in found.items()},
+    }
     for label, effects in (("links", "rigid_body"), ("links and friction", None)):
         regressor = Regressor.of(study.problem, effects)
         for which, trajectory in trajectories.items():
@@ -37,19 +52,33 @@ def exciting_trajectory(study: Study) -> Table:
     return Table(
         f"Table II: exciting trajectory of {study.problem.title}",
         rows,
-        notes("II", harmonics=paper.a.shape[1], over_pi=paper.frequency / np.pi, paper=paper),
+        notes(
+            "II",
+            harmonics=paper.a.shape[1],
+            over_pi=paper.frequency / np.pi,
+            paper=paper,
+        ),
         digits=5,
-        caption="Published coefficients, and trajectories optimised by this program; nothing here is "
-        "measured.",
+        caption=(
+            "Published coefficients, and trajectories optimised by this program;"
+            " nothing here is measured."
+        ),
     )
 
 
 def optimised(study: Study) -> dict[str, Excitation]:
-    """From the paper's trajectory, within its own extremes and within the robot's limits."""
+    """From the paper's trajectory, within its own extremes and within the robot's
+    limits."""
     paper, problem = study.experiment.trajectory, study.problem
     limits = {
         "within the paper's extremes": Limits.of_trajectory(paper),
         "within the robot's limits": Limits.of_robot(problem.robot),
     }
-    how: dict[str, Any] = {"iterations": study.effort.iterations, "progress": study.progress}
-    return {name: excite(problem, limits=own, start=paper, **how) for name, own in limits.items()}
+    how: dict[str, Any] = {
+        "iterations": study.effort.iterations,
+        "progress": study.progress,
+    }
+    return {
+        name: excite(problem, limits=own, start=paper, **how)
+        for name, own in limits.items()
+    }

@@ -14,7 +14,8 @@ from sdp_vs_penalty.research.tables.table import Table, makes, notes
 
 _CONDITION, _ERROR = "condition number", "relative error [%]"
 _DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
-#: Figures of the paper's two fits that are in its text: condition number, relative error [%].
+#: Figures of the paper's two fits that are in its text: condition number, relative
+#: error [%].
 _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
 
 
@@ -22,7 +23,8 @@ _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
 def base_parameter_table(study: Study) -> Table:
     """Table III: base parameters and friction, published and ours.
 
-    Rows: base parameters, all other parameters, then condition number and relative error.
+    Rows: base parameters, all other parameters, then condition number and relative
+    error.
     """
     base = tuple(base_parameter_symbols(study.problem))
     others = dict.fromkeys(name for data in study.whole for name in _others(data))
@@ -33,8 +35,12 @@ def base_parameter_table(study: Study) -> Table:
     else:  # symbols from the kinematics, published links if any
         symbols = [*base_parameter_symbols(study.problem).values(), *keys[len(base) :]]
         numbers = [*range(1, len(keys) - 1), None, None]
-        rows = pandas.DataFrame({"row": numbers, "coefficient": symbols}, keys, dtype=object)
-        known = {f"pi_{column}": links for column, links in study.published_links.items()} | known
+        rows = pandas.DataFrame(
+            {"row": numbers, "coefficient": symbols}, keys, dtype=object
+        )
+        known = {
+            f"pi_{column}": links for column, links in study.published_links.items()
+        } | known
     known["re_simulated"] = found.theta
     pi = {name: study.base @ links.ravel() for name, links in known.items()}
     ours = {name: dict(zip(base, values, strict=True)) for name, values in pi.items()}
@@ -43,8 +49,14 @@ def base_parameter_table(study: Study) -> Table:
     for data in study.whole:
         ours |= _estimates(study, data, base)
     box, authors = study.black_box
-    where = "the authors' 1010" if authors else f"{box.samples} random (the authors' file is absent)"
-    shown = [f"{method}_{d.label}" for d in study.whole for method in ("ols", DEFAULT_METHOD)]
+    where = (
+        "the authors' 1010"
+        if authors
+        else f"{box.samples} random (the authors' file is absent)"
+    )
+    shown = [
+        f"{method}_{d.label}" for d in study.whole for method in ("ols", DEFAULT_METHOD)
+    ]
     names = (name.replace("-", "_") for name in shown)
     errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
     return Table(
@@ -61,26 +73,42 @@ def _others(data: Data) -> list[str]:
     return np.delete(list(names), data.model.rigid_indices).tolist()
 
 
-def _published(printed: Sequence[Mapping[str, str]], keys: list[str], base: int) -> pandas.DataFrame:
+def _published(
+    printed: Sequence[Mapping[str, str]], keys: list[str], base: int
+) -> pandas.DataFrame:
     """The paper's own columns, row by row as printed; its two fits' figures below."""
     names = [*keys[:base], *(row["coefficient"] for row in printed[base:])]
     fits = pandas.DataFrame(_PUBLISHED_FITS, [_CONDITION, _ERROR])
-    rows = pandas.concat([pandas.DataFrame(printed, names, dtype=object), fits]).reindex(keys)
-    return rows.assign(coefficient=rows["coefficient"].fillna(pandas.Series(keys, keys)))
+    rows = pandas.concat(
+        [pandas.DataFrame(printed, names, dtype=object), fits]
+    ).reindex(keys)
+    return rows.assign(
+        coefficient=rows["coefficient"].fillna(pandas.Series(keys, keys))
+    )
 
 
-def _estimates(study: Study, data: Data, base: tuple[str, ...]) -> dict[str, dict[str, float]]:
+def _estimates(
+    study: Study, data: Data, base: tuple[str, ...]
+) -> dict[str, dict[str, float]]:
     """Every method; after OLS its percent standard deviations."""
     task, rigid = study.task(data), data.model.rigid_indices
     keys = [*base, *_others(data)]
     out = {}
     for name, method in study.methods.items():
         theta = study.theta(method, data)
-        values = dict(zip(keys, [*(study.base @ theta[rigid]), *np.delete(theta, rigid)], strict=True))
+        values = dict(
+            zip(
+                keys,
+                [*(study.base @ theta[rigid]), *np.delete(theta, rigid)],
+                strict=True,
+            )
+        )
         values[_ERROR] = torque_errors(data.regression, theta)[1]
         out[f"{name}_{data.label}"] = values
         if name == "ols":
-            values[_CONDITION] = condition_number(replace(task, data=data.regression.least_squares()))
+            values[_CONDITION] = condition_number(
+                replace(task, data=data.regression.least_squares())
+            )
             pi, std = standard_deviations(task, data.regression.oversampling)
             percent = dict(zip(keys, 100.0 * std / np.abs(pi), strict=True))
             out[f"sigma_pct_ols_{data.label}"] = percent

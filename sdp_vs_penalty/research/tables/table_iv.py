@@ -7,7 +7,14 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Frozen, Study
-from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes, notes
+from sdp_vs_penalty.research.tables.table import (
+    Cell,
+    Row,
+    Table,
+    by_joint,
+    makes,
+    notes,
+)
 from sdp_vs_penalty.research.tables.table_i import SigmoidFriction
 
 #: Rows whose sensitivity to the filter is told.
@@ -25,21 +32,40 @@ def unseen_torque(study: Study) -> Table:
     estimates = _estimates(study)
     for data in study.judged:
         repeated = data is study.repeated
-        ending, label = ("repeatability", "measured, repeated") if repeated else (data.label, data.label)
+        ending, label = (
+            ("repeatability", "measured, repeated")
+            if repeated
+            else (data.label, data.label)
+        )
         for name, (method, effects) in estimates.items() if repeated else ():
             found = study.unseen(method, effects)
-            both = found.relative_error_percent, found.folds[found.worst - 1].relative_error_percent
-            rows.append(_row(f"{name}_measured", (found.rmse**2).tolist(), *both, "measured, unseen"))
+            both = (
+                found.relative_error_percent,
+                found.folds[found.worst - 1].relative_error_percent,
+            )
+            rows.append(
+                _row(
+                    f"{name}_measured",
+                    (found.rmse**2).tolist(),
+                    *both,
+                    "measured, unseen",
+                )
+            )
         for name, (method, effects) in estimates.items():
-            own = data if effects is None else replace(data, model=Model(robot, effects))
+            own = (
+                data if effects is None else replace(data, model=Model(robot, effects))
+            )
             mse, relative = own.errors(study.theta(method, own))
             rows.append(_row(f"{name}_{ending}", mse.tolist(), relative, None, label))
-    units = " and ".join(sorted({f"({unit.replace('*', ' ')})^2" for unit in robot.torque_units}))
+    units = " and ".join(
+        sorted({f"({unit.replace('*', ' ')})^2" for unit in robot.torque_units})
+    )
     where = "simulated" if study.repeated is None else "measured"
     errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
     said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
     return Table(
-        f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other motion",
+        f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other"
+        " motion",
         rows,
         _notes(study, rows),
         f"On unseen motion ({where}): {', '.join(said)}.",
@@ -47,13 +73,22 @@ def unseen_torque(study: Study) -> Table:
     )
 
 
-def _row(name: str, joints: Iterable[Cell], relative: Cell, worst: Cell, data: str) -> Row:
-    more = {"relative_error_percent": relative, "worst_fold_percent": worst, "data": data}
+def _row(
+    name: str, joints: Iterable[Cell], relative: Cell, worst: Cell, data: str
+) -> Row:
+    more = {
+        "relative_error_percent": relative,
+        "worst_fold_percent": worst,
+        "data": data,
+    }
     return {"estimate": name, **by_joint(joints), **more}
 
 
-def _estimates(study: Study) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:
-    """Published links first, then every method; with their effects, where these are others."""
+def _estimates(
+    study: Study,
+) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:
+    """Published links first, then every method; with their effects, where these are
+    others."""
     robot, friction = study.problem.robot, study.experiment.friction
     published = study.published_links
     out: dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]] = {
@@ -61,8 +96,13 @@ def _estimates(study: Study) -> dict[str, tuple[str | Estimator, tuple[Effect, .
     }
     if friction is not None and "p_hat" in out:
         amplitude, shapes = friction[:, :1], friction[:, 1:]
-        effects = (*study.problem.model("rigid_body").effects, SigmoidFriction(robot, shapes))
-        others = (amplitude * [1.0, 0.0, 0.0]).ravel()  # of phi_2 and phi_3 nothing is left to correct
+        effects = (
+            *study.problem.model("rigid_body").effects,
+            SigmoidFriction(robot, shapes),
+        )
+        others = (
+            amplitude * [1.0, 0.0, 0.0]
+        ).ravel()  # of phi_2 and phi_3 nothing is left to correct
         out["p_hat_table_I"] = Frozen(published["p_hat"], others), effects
     return out | {name: (method, None) for name, method in study.methods.items()}
 
@@ -70,29 +110,38 @@ def _estimates(study: Study) -> dict[str, tuple[str | Estimator, tuple[Effect, .
 def _judgement(study: Study) -> str:
     count, duration = study.experiment.validation
     said = (
-        f"Simulated rows: estimated from that trajectory, judged on {count} other random trajectories "
-        f"of {duration:g} s."
+        f"Simulated rows: estimated from that trajectory, judged on {count} other"
+        f" random trajectories of {duration:g} s."
     )
     if study.repeated is None:
         return said
     return (
-        f"{said} Measured rows: unseen motion of the real run, {FOLDS} folds by phase, each estimated "
-        "without a stretch of the motion and all its repetitions. Rows named repeatability: estimated "
-        f"from the first {CUT[0]:g} s of the run, judged from {CUT[1]:g} s on, where it repeats "
-        "its beginning."
+        f"{said} Measured rows: unseen motion of the real run, {FOLDS} folds by phase,"
+        " each estimated without a stretch of the motion and all its repetitions. Rows"
+        f" named repeatability: estimated from the first {CUT[0]:g} s of the run,"
+        f" judged from {CUT[1]:g} s on, where it repeats its beginning."
     )
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    printed, sigmoid, published, sensitivity = "table_IV" in study.problem.published, "", "", ""
+    printed, sigmoid, published, sensitivity = (
+        "table_IV" in study.problem.published,
+        "",
+        "",
+        "",
+    )
     if study.experiment.friction is not None:
         sigmoid = (
-            "p_hat_table_I keeps the published sigmoid friction as well; in the simulation that is the "
-            "truth, and its MSE the noise that is left behind the filters."
+            "p_hat_table_I keeps the published sigmoid friction as well; in the"
+            " simulation that is the truth, and its MSE the noise that is left behind"
+            " the filters."
         )
     if printed:
         where = "whose data are not public"
-        published = f"The published rows are of the paper's own trajectories and filters, {where}."
+        published = (
+            "The published rows are of the paper's own trajectories and filters,"
+            f" {where}."
+        )
     if printed and study.run is not None:
         sensitivity = _sensitivity(study, rows)
     more = {"sigmoid": sigmoid, "published": published, "sensitivity": sensitivity}
@@ -108,10 +157,19 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
     behind = replace(study.problem, preprocessing=wide)
     other = Study(behind, study.budget, study.progress, study.workers)
-    own, estimates = {row["estimate"]: row["relative_error_percent"] for row in rows}, _estimates(other)
-    wider = {name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN}
-    errors = [f"{name} {own[f'{name}_measured']:.3g} and {wider[name]:.3g} %" for name in _SHOWN]
+    own, estimates = (
+        {row["estimate"]: row["relative_error_percent"] for row in rows},
+        _estimates(other),
+    )
+    wider = {
+        name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN
+    }
+    errors = [
+        f"{name} {own[f'{name}_measured']:.3g} and {wider[name]:.3g} %"
+        for name in _SHOWN
+    ]
     return (
-        f"The filter matters: behind {settings.torque_cutoff:g} and {wide.torque_cutoff:g} Hz the "
-        f"errors on unseen motion are {', '.join(errors)}."
+        f"The filter matters: behind {settings.torque_cutoff:g} and"
+        f" {wide.torque_cutoff:g} Hz the errors on unseen motion are"
+        f" {', '.join(errors)}."
     )

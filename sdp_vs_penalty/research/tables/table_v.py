@@ -1,7 +1,9 @@
-"""Table V, and the runs that Figures 5 to 7 share: physics engines against the identified model.
+"""Table V, and the runs that Figures 5 to 7 share: physics engines against the
+identified model.
 
-Joints follow velocities; an engine says which torque that took and where the arm went, the identified
-model which torque it should have taken. Published engines stand beside those at hand.
+Joints follow velocities; an engine says which torque that took and where the arm went,
+the identified model which torque it should have taken. Published engines stand beside
+those at hand.
 """
 
 from collections.abc import Callable
@@ -35,10 +37,11 @@ METHOD = "lmi-sdp"
 class EngineRun:
     """One engine along one motion, beside the model of the same links.
 
-    t (N,) middle of each step [s], of which its torque is the mean; torque, model (N, n) of the engine
-    and of recursive Newton-Euler [N m, N]; error (N, n) torque less the model's, or less what was
-    measured and is not friction; position [m], angle [rad] (N,) : distance and rotation of the last
-    link's joint frame from where the commanded motion puts it, at the end of each step.
+    t (N,) middle of each step [s], of which its torque is the mean; torque, model (N,
+    n) of the engine and of recursive Newton-Euler [N m, N]; error (N, n) torque less
+    the model's, or less what was measured and is not friction; position [m], angle
+    [rad] (N,) : distance and rotation of the last link's joint frame from where the
+    commanded motion puts it, at the end of each step.
     """
 
     engine: str
@@ -50,31 +53,42 @@ class EngineRun:
     angle: Array
 
 
-#: Of every engine its run along one motion, or why there is none: absent, or it rejects a link.
+#: Of every engine its run along one motion, or why there is none: absent, or it rejects
+#: a link.
 Played = dict[type[Engine], EngineRun | str]
 
 
 def sinusoids(robot: Robot) -> Course:
-    """q_j(t) = middle_j - a_j cos(w_j t): sinusoidal velocities, from rest, over 90 % of every joint's
-    range and to half of its velocity limit."""
+    """q_j(t) = middle_j - a_j cos(w_j t): sinusoidal velocities, from rest, over 90 %
+    of every joint's range and to half of its velocity limit."""
     lower, upper, velocity = joint_limits(robot)
     a, middle = 0.5 * 0.9 * (upper - lower), 0.5 * (lower + upper)
     w = 0.5 * velocity / a
 
     def states(t: Array) -> tuple[Array, Array, Array]:
         angle = np.outer(t, w)
-        return middle - a * np.cos(angle), a * w * np.sin(angle), a * w**2 * np.cos(angle)
+        return (
+            middle - a * np.cos(angle),
+            a * w * np.sin(angle),
+            a * w**2 * np.cos(angle),
+        )
 
     return states
 
 
 def play(
-    kind: type[Engine], robot: Robot, links: Array, motion: Course, duration: float, step: float = 1e-3
+    kind: type[Engine],
+    robot: Robot,
+    links: Array,
+    motion: Course,
+    duration: float,
+    step: float = 1e-3,
 ) -> EngineRun:
-    """Let an engine that is present follow a motion. Raises InputError where it rejects a link.
+    """Let an engine that is present follow a motion. Raises InputError where it rejects
+    a link.
 
-    The velocity commanded for a step is the motion's mean velocity over it, so that an engine that
-    obeys ends each step exactly where the motion does.
+    The velocity commanded for a step is the motion's mean velocity over it, so that an
+    engine that obeys ends each step exactly where the motion does.
     """
     steps = np.arange(round(duration / step) + 1)
     q, t = motion(steps * step)[0], np.asarray((steps[:-1] + 0.5) * step, float)
@@ -83,24 +97,35 @@ def play(
     there = robot.poses(q[1:])[:, robot.n - 1]
     away = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
     turned = Rotation.from_matrix(np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3])
-    return EngineRun(kind.name, t, torque, model, torque - model, away, turned.magnitude())
+    return EngineRun(
+        kind.name, t, torque, model, torque - model, away, turned.magnitude()
+    )
 
 
-def inverse_dynamics_error(kind: type[Engine], robot: Robot, links: Array) -> float | None:
-    """Largest torque difference [N m] to Pinocchio in 100 random states; None without inverse dynamics.
+def inverse_dynamics_error(
+    kind: type[Engine], robot: Robot, links: Array
+) -> float | None:
+    """Largest torque difference [N m] to Pinocchio in 100 random states; None without
+    inverse dynamics.
 
-    Positions over the joint range; velocities and accelerations normal, 1 rad/s and 1 rad/s^2.
+    Positions over the joint range; velocities and accelerations normal, 1 rad/s and 1
+    rad/s^2.
     """
     q = robot.random_configurations(100, seed=0)
     dq, ddq = np.random.default_rng(0).normal(size=(2, 100, robot.n))
     torque = kind(robot, links).inverse_dynamics(q, dq, ddq)
     if torque is None:
         return None
-    return float(np.abs(torque - robot.inverse_dynamics(np.asarray(links).ravel(), q, dq, ddq)).max())
+    return float(
+        np.abs(
+            torque - robot.inverse_dynamics(np.asarray(links).ravel(), q, dq, ddq)
+        ).max()
+    )
 
 
 def sinusoidal_runs(study: Study) -> Played:
-    """Sinusoidal velocities over the range, with the links identified from the simulated run."""
+    """Sinusoidal velocities over the range, with the links identified from the
+    simulated run."""
     motion = sinusoids(study.problem.robot)
     return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
 
@@ -108,7 +133,8 @@ def sinusoidal_runs(study: Study) -> Played:
 def measured_runs(study: Study) -> Played:
     """The motion of the real run, with the links identified from it.
 
-    error : engine plus identified friction less measured torque, below the torque filter's cut-off.
+    error : engine plus identified friction less measured torque, below the torque
+    filter's cut-off.
     """
     data = study.measured
     assert data is not None
@@ -121,16 +147,21 @@ def measured_runs(study: Study) -> Played:
 
     def less_measured(run: EngineRun) -> EngineRun:
         at = interpolated(run.t, t, reference)
-        # From rest to the run's velocity, within the first 0.1 s, is no motion of the robot's.
+        # From rest to the run's velocity, within the first 0.1 s, is no motion of the
+        # robot's.
         return replace(run, error=(run.torque - at)[run.t > 0.1])
 
     spline = CubicSpline(t, rows.motion.q)
     motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
     found = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
-    return {kind: x if isinstance(x, str) else less_measured(x) for kind, x in found.items()}
+    return {
+        kind: x if isinstance(x, str) else less_measured(x) for kind, x in found.items()
+    }
 
 
-def _played(study: Study, data: Data, motion: Course, duration: float, step: float) -> Played:
+def _played(
+    study: Study, data: Data, motion: Course, duration: float, step: float
+) -> Played:
     """Every engine with the links identified from a data set."""
     links, out = study.links(METHOD, data), Played()
     for name, kind in engine_types().items():
@@ -147,9 +178,11 @@ def _played(study: Study, data: Data, motion: Course, duration: float, step: flo
 
 @makes("V", "panda")
 def engines(study: Study) -> Table:
-    """Table V: physics engines with the identified model, published ones and those at hand.
+    """Table V: physics engines with the identified model, published ones and those at
+    hand.
 
-    Rows: the paper's engines inside V-REP, then each of ours on simulated and real motion.
+    Rows: the paper's engines inside V-REP, then each of ours on simulated and real
+    motion.
     """
     n, rows = study.problem.robot.n, []
     for row in study.problem.published["table_V"]:
@@ -157,7 +190,9 @@ def engines(study: Study) -> Table:
         rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
     for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
         rows += [_row(study, data, *each) for each in study.once(runs).items()]
-    formulations = "; ".join(f"{name}: {kind.formulation}" for name, kind in engine_types().items())
+    formulations = "; ".join(
+        f"{name}: {kind.formulation}" for name, kind in engine_types().items()
+    )
     return Table(
         f"Table V: physics engines with the identified {study.problem.title}",
         rows,
@@ -166,7 +201,9 @@ def engines(study: Study) -> Table:
     )
 
 
-_NO_RUN: Row = dict.fromkeys(("position_error_mm", "angle_error_mrad", "inverse_dynamics_error"))
+_NO_RUN: Row = dict.fromkeys(
+    ("position_error_mm", "angle_error_mrad", "inverse_dynamics_error")
+)
 
 
 def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> Row:
@@ -180,4 +217,9 @@ def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> 
         means, deviations = (list(map(of, run.error.T)) for of in (np.mean, np.std))
     about = {"motion": data.label, **figures, "status": status}
     name = f"{kind.name} {kind.version() or ''}".rstrip()
-    return {"engine": name, **by_joint(means), **by_joint(deviations, "std_joint"), **about}
+    return {
+        "engine": name,
+        **by_joint(means),
+        **by_joint(deviations, "std_joint"),
+        **about,
+    }

@@ -1,4 +1,5 @@
-"""Motion that was not trained on: how much data a method needs for it, and what lowers its errors."""
+"""Motion that was not trained on: how much data a method needs for it, and what lowers
+its errors."""
 
 import math
 from collections.abc import Callable
@@ -16,13 +17,28 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
-from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Data, Study, halves, refitted, torque_errors
-from sdp_vs_penalty.research.tables.table import Cell, Row, Table, by_joint, makes, notes
+from sdp_vs_penalty.research.tables.study import (
+    CUT,
+    FOLDS,
+    Data,
+    Study,
+    halves,
+    refitted,
+    torque_errors,
+)
+from sdp_vs_penalty.research.tables.table import (
+    Cell,
+    Row,
+    Table,
+    by_joint,
+    makes,
+    notes,
+)
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 
-#: With a joint prior: the observations that `lmi-sdp` adds, so that each optimiser stands in the table
-#: with them and without.
+#: With a joint prior: the observations that `lmi-sdp` adds, so that each optimiser
+#: stands in the table with them and without.
 _METHODS = (
     *("ols", "ols, joint prior", "lmi-sdp-plain", "lmi-sdp-plain, joint prior"),
     *("penalty", "penalty, joint prior", "lmi-sdp", "lmi-sdp-entropic"),
@@ -35,10 +51,13 @@ _Window = tuple[Regression, Regression]
 @makes("data", slow=True)
 def data_needed(study: Study) -> Table:
     """Data table: how much measured motion each method needs."""
-    # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to judge on), and
-    # how many of each.
+    # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to
+    # judge on), and how many of each.
     lengths, most = (1, 2, 4, 7, 9), 6
-    rows, sources = list[Row](), [(study.simulated, _time_windows(study.simulated, most))]
+    rows, sources = (
+        list[Row](),
+        [(study.simulated, _time_windows(study.simulated, most))],
+    )
     if study.measured is not None:
         real = study.measured
         sources.append((real, _phase_windows(real, most, 0.5 * min(lengths))))
@@ -47,39 +66,55 @@ def data_needed(study: Study) -> Table:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
             about = {"data": data.label, "seconds": length, "windows": len(windows)}
-            rows += [{**about, "method": m, **_errors(study, data, windows, m)} for m in _METHODS]
-    last = [row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))]
+            rows += [
+                {**about, "method": m, **_errors(study, data, windows, m)}
+                for m in _METHODS
+            ]
+    last = [
+        row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))
+    ]
     said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
     return Table(
         f"How much data each method needs: {study.problem.title}",
         rows,
         notes("data", most=most),
-        f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion: {', '.join(said)}.",
+        f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion:"
+        f" {', '.join(said)}.",
         digits=3,
     )
 
 
-def _phase_windows(real: Data, most: int, cell: float) -> Callable[[int], list[_Window]]:
-    """Windows around the motion's period, which is cut into cells [s]; judged on what lies beyond the
-    filters' reach of them."""
+def _phase_windows(
+    real: Data, most: int, cell: float
+) -> Callable[[int], list[_Window]]:
+    """Windows around the motion's period, which is cut into cells [s]; judged on what
+    lies beyond the filters' reach of them."""
     whole = phase_folds(real.train, real.preprocessing, 1)
     count, clear = round(whole.clocks[0].length / cell), math.ceil(whole.guard / cell)
     split = PhaseFolds(whole.clocks, count)
-    cells = compress_cells(FilteredRuns.of(real.train, real.preprocessing), real.model, split)
+    cells = compress_cells(
+        FilteredRuns.of(real.train, real.preprocessing), real.model, split
+    )
     starts = np.linspace(0, count, most, endpoint=False).round().astype(int)
 
     def chosen(length: int) -> list[_Window]:
         size = round(length / cell)
         around = [(start + np.arange(count)) % count for start in starts]
-        return [(cells.select(x[:size]), cells.select(x[size + clear : count - clear])) for x in around]
+        return [
+            (cells.select(x[:size]), cells.select(x[size + clear : count - clear]))
+            for x in around
+        ]
 
     return chosen
 
 
 def _time_windows(data: Data, most: int) -> Callable[[int], list[_Window]]:
-    """Consecutive one-second blocks of the training run, evenly spread; those cut short are left out."""
+    """Consecutive one-second blocks of the training run, evenly spread; those cut short
+    are left out."""
     seconds = round(float(data.train.t[-1] - data.train.t[0]))
-    blocks = compress(FilteredRuns.of(data.train, data.preprocessing), data.model, seconds)
+    blocks = compress(
+        FilteredRuns.of(data.train, data.preprocessing), data.model, seconds
+    )
     rows = np.zeros(len(blocks.blocks))
     for factor in blocks.factors:
         rows[factor.block] += factor.rows
@@ -88,13 +123,16 @@ def _time_windows(data: Data, most: int) -> Callable[[int], list[_Window]]:
     def chosen(length: int) -> list[_Window]:
         ends = (first, last + 1 - length) if first <= last + 1 - length else ()
         starts = np.unique(np.linspace(*ends, most).round().astype(int)) if ends else ()
-        return [(blocks.select(k + np.arange(length)), data.test_regression) for k in starts]
+        return [
+            (blocks.select(k + np.arange(length)), data.test_regression) for k in starts
+        ]
 
     return chosen
 
 
 def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Row:
-    """Held-out errors [%] of one method over the windows: as estimated, and of the links alone."""
+    """Held-out errors [%] of one method over the windows: as estimated, and of the
+    links alone."""
     pairs = []
     for train, test in windows:
         task = make_task(study.problem, data.model, train, seed=study.seed)
@@ -106,19 +144,28 @@ def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Ro
         links[task.links] = theta[task.links]
         refit = refitted(test.least_squares(), links)
         pairs.append([torque_errors(test, x)[1] for x in (theta, refit)])
-    found = pandas.DataFrame(pairs, columns=["error_percent", "links_error_percent"], dtype=float)
+    found = pandas.DataFrame(
+        pairs, columns=["error_percent", "links_error_percent"], dtype=float
+    )
     words = "median", "min", "max"
-    return {f"{name}_{word}": errors.agg(word) for name, errors in found.items() for word in words}
+    return {
+        f"{name}_{word}": errors.agg(word)
+        for name, errors in found.items()
+        for word in words
+    }
 
 
-_TRIED = tuple(dict.fromkeys(("ols", "lmi-sdp-plain", "lmi-sdp-entropic", DEFAULT_METHOD)))
+_TRIED = tuple(
+    dict.fromkeys(("ols", "lmi-sdp-plain", "lmi-sdp-entropic", DEFAULT_METHOD))
+)
 #: What joins the problem's effects, one after the other.
 _ADDED = ("", "presliding_hysteresis", "presliding_hysteresis, torque_gain:6")
 
 
 @makes("unseen", "panda", slow=True)
 def unseen(study: Study) -> Table:
-    """Unseen table: errors on motion that was not trained on, fold by fold, and what lowers them."""
+    """Unseen table: errors on motion that was not trained on, fold by fold, and what
+    lowers them."""
     if study.run is None:
         raise InputError(
             "table unseen is about the real run, which is not at hand",
@@ -136,8 +183,8 @@ def unseen(study: Study) -> Table:
         f"Errors on unseen motion of {study.problem.title}",
         rows,
         notes("unseen", folds=FOLDS, cut=CUT),
-        f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {friction:.3g} % with pre-sliding "
-        f"hysteresis, {all_of_it:.3g} % with a gain on joint 6 as well.",
+        f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {friction:.3g} % with"
+        f" pre-sliding hysteresis, {all_of_it:.3g} % with a gain on joint 6 as well.",
         digits=3,
         caption=f"Measured: the authors' real run ({len(study.run.t)} samples).",
     )
@@ -149,13 +196,19 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]
     effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
     result = study.unseen(method, effects)
     train, test = halves(run)
-    again = compare(identify(problem, train, method, effects=effects, seed=study.seed), test)[0]
+    again = compare(
+        identify(problem, train, method, effects=effects, seed=study.seed), test
+    )[0]
     judged: list[tuple[str, Fold | CrossValidation | Comparison]] = [
         *((f"{f.start:.2f}-{f.stop:.2f} s", f) for f in result.folds),
         ("all", result),
         ("repeatability", again),
     ]
-    about = {"data": "measured", "method": method, "added_effects": f"+ {added}" if added else ""}
+    about = {
+        "data": "measured",
+        "method": method,
+        "added_effects": f"+ {added}" if added else "",
+    }
     return [
         about
         | {"judged_on": name, "relative_error_percent": x.relative_error_percent}

@@ -1,13 +1,16 @@
-"""Internal joint wrenches: the force and moment that a joint bears, of which torque is one part.
+"""Internal joint wrenches: the force and moment that a joint bears, of which torque is
+one part.
 
-The wrench w_j = (force [N], moment about the joint frame's origin [N m]), in the axes of joint j's
-frame, is what the parent link exerts on everything that joint j carries (recursive Newton-Euler;
-Luh, Walker, Paul 1980). Its component along the axis is the joint's torque; the other five load the
-bearings. All six are linear in the standard parameters, w_j = Y_j(q, dq, ddq) theta, but only the
-torque is a function of the base parameters: estimates with equal torques can bear different
-wrenches. How different is answered by :func:`wrench_intervals`, over all feasible parameters at once.
-The paper's supplementary material shows on a spatial 2R why that matters: parameters that reproduce
-every torque can bear impossible loads. They come from the relaxed retrieval: torques and no physics.
+The wrench w_j = (force [N], moment about the joint frame's origin [N m]), in the axes
+of joint j's frame, is what the parent link exerts on everything that joint j carries
+(recursive Newton-Euler; Luh, Walker, Paul 1980). Its component along the axis is the
+joint's torque; the other five load the bearings. All six are linear in the standard
+parameters, w_j = Y_j(q, dq, ddq) theta, but only the torque is a function of the base
+parameters: estimates with equal torques can bear different wrenches. How different is
+answered by :func:`wrench_intervals`, over all feasible parameters at once. The paper's
+supplementary material shows on a spatial 2R why that matters: parameters that reproduce
+every torque can bear impossible loads. They come from the relaxed retrieval: torques
+and no physics.
 """
 
 from collections.abc import Iterator
@@ -37,7 +40,9 @@ from sdp_vs_penalty.solvers.extremes import Slice
 COMPONENTS = dict(fx="N", fy="N", fz="N", nx="N*m", ny="N*m", nz="N*m")
 
 
-def wrench_regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+def wrench_regressor(
+    robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+) -> Array:
     """Y with w_j = Y[:, j] theta, shape (N, n, 6, 10 n), for states of shape (N, n)."""
     q, dq, ddq = (np.ascontiguousarray(np.atleast_2d(x), float) for x in (q, dq, ddq))
     model = robot._model
@@ -47,7 +52,9 @@ def wrench_regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) 
     for k in range(len(q)):
         pin.rnea(model, data, q[k], dq[k], ddq[k])
         for link in range(robot.n):
-            own = pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1]) @ frames[link]
+            own = (
+                pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1]) @ frames[link]
+            )
             joint, down = link, np.eye(6)
             while joint >= 0:
                 out[k, joint, :, link] = down @ own
@@ -60,8 +67,9 @@ def wrench_regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) 
 class WrenchIntervals:
     """For M instants, n joints and six components, (M, n, 6) each [N, N m].
 
-    lower, upper : attained by parameters with equal torques within the convex constraints;
-    lower_bound, upper_bound : certified from the dual, no such parameters lie outside.
+    lower, upper : attained by parameters with equal torques within the convex
+    constraints; lower_bound, upper_bound : certified from the dual, no such parameters
+    lie outside.
     """
 
     lower: Array
@@ -71,36 +79,48 @@ class WrenchIntervals:
 
     @property
     def slack(self) -> float:
-        """Largest distance between attained and certified ends, relative to the widest interval."""
+        """Largest distance between attained and certified ends, relative to the widest
+        interval."""
         widest = float((self.upper_bound - self.lower_bound).max())
-        worst = float(np.maximum(self.lower - self.lower_bound, self.upper_bound - self.upper).max())
+        worst = float(
+            np.maximum(
+                self.lower - self.lower_bound, self.upper_bound - self.upper
+            ).max()
+        )
         return worst / widest if widest > 0.0 else 0.0
 
 
 def wrench_intervals(
     feasible: Slice, regressor: Array, progress: Progress = no_progress
 ) -> WrenchIntervals:
-    """The smallest and largest value of every wrench component, of regressor (M, n, 6, 10 n), over the
-    parameters of a slice (:class:`Slice` with the base parameters for equalities: equal torques).
+    """The smallest and largest value of every wrench component, of regressor (M, n, 6,
+    10 n), over the parameters of a slice (:class:`Slice` with the base parameters for
+    equalities: equal torques).
 
     Two SDPs a component, each certified.
     """
     ends = np.empty((4, *regressor.shape[:3]))
     for index in np.ndindex(*regressor.shape[:3]):
         progress(f"wrench intervals: instant {index[0] + 1} of {len(regressor)}")
-        least, most = feasible.minimum(regressor[index]), feasible.maximum(regressor[index])
+        least, most = (
+            feasible.minimum(regressor[index]),
+            feasible.maximum(regressor[index]),
+        )
         ends[:, *index] = least.value, most.value, least.bound, most.bound
     return WrenchIntervals(*ends)
 
 
-def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) -> Iterator[Array]:
-    """Links (n, 10) of the first ``count`` relaxed retrievals that reproduce the base parameters pi (b,)
-    to 1e-8 of the largest and are physically inconsistent.
+def unfeasible_retrievals(
+    problem: Problem, pi: Array, count: int, boxed: bool
+) -> Iterator[Array]:
+    """Links (n, 10) of the first ``count`` relaxed retrievals that reproduce the base
+    parameters pi (b,) to 1e-8 of the largest and are physically inconsistent.
 
-    Non-linear least squares |pi(p) - pi|^2 in barycentric parameters p from random starts without
-    triangle inequality or shape: what the paper's retrieval is without its conditional constraints.
-    boxed : keep the box bounds of the problem's tables, which leave the 2R's c1x, c1z, c2y, c2z open;
-    otherwise nothing is bounded. What is open starts within 1 kg, m or kg m^2 of zero.
+    Non-linear least squares |pi(p) - pi|^2 in barycentric parameters p from random
+    starts without triangle inequality or shape: what the paper's retrieval is without
+    its conditional constraints. boxed : keep the box bounds of the problem's tables,
+    which leave the 2R's c1x, c1z, c2y, c2z open; otherwise nothing is bounded. What is
+    open starts within 1 kg, m or kg m^2 of zero.
     """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
     box, size, found = problem.box.reshape(-1, 2), float(np.abs(pi).max()), 0
@@ -122,7 +142,10 @@ def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) 
             max_nfev=1000,
         )
         links = links_of(end.x)
-        if np.abs(end.fun).max() <= 1e-8 and inertia.consistency_margin(links).min() < 0.0:
+        if (
+            np.abs(end.fun).max() <= 1e-8
+            and inertia.consistency_margin(links).min() < 0.0
+        ):
             yield links
             found += 1
         if found == count:
@@ -133,9 +156,9 @@ def unfeasible_retrievals(problem: Problem, pi: Array, count: int, boxed: bool) 
 class WrenchStudy:
     """Wrenches (M, n, 6) along the exciting trajectory at t (M,), and the intervals.
 
-    feasible : of each method's estimate; penalty_runs : of the exact penalty from other starts;
-    boxed, unbounded : of relaxed retrievals that reproduce the torques and are inconsistent, with and
-    without the box bounds.
+    feasible : of each method's estimate; penalty_runs : of the exact penalty from other
+    starts; boxed, unbounded : of relaxed retrievals that reproduce the torques and are
+    inconsistent, with and without the box bounds.
     """
 
     t: Array
@@ -150,28 +173,39 @@ class WrenchStudy:
 def wrench_study(study: Study) -> WrenchStudy:
     problem, x = study.problem, study.experiment
     t = np.linspace(0.0, x.trajectory.duration, study.effort.instants + 2)[1:-1]
-    Y, model = wrench_regressor(problem.robot, *x.trajectory.states(t)), problem.model("rigid_body")
+    Y, model = (
+        wrench_regressor(problem.robot, *x.trajectory.states(t)),
+        problem.model("rigid_body"),
+    )
     links, bound = x.links.ravel(), problem.parameter_bound(model)
     feasible = Slice(problem.constraints(model), study.base, links, bound)
     intervals = wrench_intervals(feasible, Y, study.progress)
     study.progress("relaxed retrievals")
     pi, count = study.base @ links, study.effort.retrievals
     boxed, unbounded = (
-        [Y @ found.ravel() for found in unfeasible_retrievals(problem, pi, count, boxed)]
+        [
+            Y @ found.ravel()
+            for found in unfeasible_retrievals(problem, pi, count, boxed)
+        ]
         for boxed in (True, False)
     )
     estimates = {"published p_hat": published_links(problem, "p_hat")}
-    estimates |= {k: study.links(m, study.simulated) for k, m in study.methods.items() if k != "ols"}
+    estimates |= {
+        k: study.links(m, study.simulated)
+        for k, m in study.methods.items()
+        if k != "ols"
+    }
     named = {name: Y @ found.ravel() for name, found in estimates.items()}
     runs = [Y @ found.ravel() for found in penalty_links(study)]
     return WrenchStudy(t, Y @ links, named, runs, boxed, unbounded, intervals)
 
 
 def penalty_links(study: Study) -> list[Array]:
-    """Links (n, 10) that the exact penalty finds from scattered feasible starts, as many as the paper's
-    runs, one run each.
+    """Links (n, 10) that the exact penalty finds from scattered feasible starts, as
+    many as the paper's runs, one run each.
 
-    A start lies near the boundary of the feasible set, where a random linear function is least.
+    A start lies near the boundary of the feasible set, where a random linear function
+    is least.
     """
     task, found = study.task(study.simulated), []
     p = len(task.bound)
@@ -203,15 +237,26 @@ def wrench_table(study: Study) -> Table:
         # How far feasible parameters of equal torque can be from the true wrench.
         "interval_deviation": np.maximum(high - w.true, w.true - low).max(axis=0),
     }
-    columns |= {name: np.abs(value - w.true).max(axis=0) for name, value in w.feasible.items()}
+    columns |= {
+        name: np.abs(value - w.true).max(axis=0) for name, value in w.feasible.items()
+    }
     columns["spread_of_penalty_runs"] = np.ptp(w.penalty_runs, axis=0).max(axis=0)
-    columns["spread_of_estimates"] = np.ptp(list(w.feasible.values()), axis=0).max(axis=0)
-    for name, found in (("unfeasible_in_box", w.boxed), ("unfeasible_unbounded", w.unbounded)):
+    columns["spread_of_estimates"] = np.ptp(list(w.feasible.values()), axis=0).max(
+        axis=0
+    )
+    for name, found in (
+        ("unfeasible_in_box", w.boxed),
+        ("unfeasible_unbounded", w.unbounded),
+    ):
         if found:
             errors = [np.abs(x - w.true).max(axis=0) for x in found]
             columns[f"{name}_median"] = np.median(errors, axis=0)
             columns[f"{name}_max"] = np.max(errors, axis=0)
-    of = [(j + 1, *component) for j in range(study.problem.robot.n) for component in COMPONENTS.items()]
+    of = [
+        (j + 1, *component)
+        for j in range(study.problem.robot.n)
+        for component in COMPONENTS.items()
+    ]
     rows = pandas.DataFrame(of, columns=["joint", "component", "unit"])
     groups = {"runs": w.penalty_runs, "boxed": w.boxed, "unbounded": w.unbounded}
     counts = {name: len(each) for name, each in groups.items()}

@@ -8,5 +8,6 @@ from sdp_vs_penalty.simulation.engines.engine import Engine
 
 @cache
 def engine_types() -> dict[str, type[Engine]]:
-    """Every engine that this package knows, by name; ``version()`` says whether it is at hand."""
+    """Every engine that this package knows, by name; ``version()`` says whether it is
+    at hand."""
     return classes(__name__, __path__, Engine)

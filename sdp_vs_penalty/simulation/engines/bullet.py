@@ -1,4 +1,5 @@
-"""Bullet (Coumans) through PyBullet: generalised coordinates, impulses at velocity level."""
+"""Bullet (Coumans) through PyBullet: generalised coordinates, impulses at velocity
+level."""
 
 import ctypes
 import os
@@ -15,8 +16,8 @@ from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
 
 class Bullet(Engine):
-    """Loaded from our URDF with URDF_USE_INERTIA_FROM_FILE, without which it makes up inertias from
-    collision shapes; velocity motors."""
+    """Loaded from our URDF with URDF_USE_INERTIA_FROM_FILE, without which it makes up
+    inertias from collision shapes; velocity motors."""
 
     name, package = "Bullet", "pybullet"
     formulation = "generalised coordinates (Featherstone), sequential impulses"
@@ -32,11 +33,17 @@ class Bullet(Engine):
                 path = Path(folder, "robot.urdf")
                 path.write_bytes(make_urdf(self.robot, self.content))
                 self.body = self.bullet.loadURDF(
-                    str(path), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE
+                    str(path),
+                    useFixedBase=True,
+                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
                 )
         # Bullet damps every body and joint by default.
         free = dict.fromkeys(("linearDamping", "angularDamping", "jointDamping"), 0.0)
-        free |= {"jointLowerLimit": 1.0, "jointUpperLimit": -1.0, "maxJointVelocity": 1e6}
+        free |= {
+            "jointLowerLimit": 1.0,
+            "jointUpperLimit": -1.0,
+            "maxJointVelocity": 1e6,
+        }
         for k in range(-1, self.robot.n):
             self.bullet.changeDynamics(self.body, k, **free)
         self.bullet.setGravity(*self.robot.gravity)
@@ -53,16 +60,25 @@ class Bullet(Engine):
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         bullet, joints = self.bullet, list(range(self.robot.n))
         told = {"targetVelocities": velocity.tolist(), "forces": [np.inf] * len(joints)}
-        bullet.setJointMotorControlArray(self.body, joints, bullet.VELOCITY_CONTROL, **told)
+        bullet.setJointMotorControlArray(
+            self.body, joints, bullet.VELOCITY_CONTROL, **told
+        )
         bullet.stepSimulation()
-        torque = np.array([state[3] for state in bullet.getJointStates(self.body, joints)])
+        torque = np.array(
+            [state[3] for state in bullet.getJointStates(self.body, joints)]
+        )
         link = bullet.getLinkState(self.body, joints[-1], computeForwardKinematics=1)
-        return torque, np.reshape(bullet.getMatrixFromQuaternion(link[5]), (3, 3)), link[4]
+        return (
+            torque,
+            np.reshape(bullet.getMatrixFromQuaternion(link[5]), (3, 3)),
+            link[4],
+        )
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Bullet's C code prints its build time and remarks on the console, past Python's sys.stdout."""
+    """Bullet's C code prints its build time and remarks on the console, past Python's
+    sys.stdout."""
     saved = [os.dup(1), os.dup(2)]
     try:
         with open(os.devnull, "w") as sink:

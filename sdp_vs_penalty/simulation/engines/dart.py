@@ -1,4 +1,5 @@
-"""DART (Lee et al., J. Open Source Software 2018): generalised coordinates, Lie group formulation."""
+"""DART (Lee et al., J. Open Source Software 2018): generalised coordinates, Lie group
+formulation."""
 
 from typing import Any
 
@@ -10,7 +11,8 @@ from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 
 
 class Dart(Engine):
-    """Loaded from our URDF; joints are of the actuator type VELOCITY in its hybrid dynamics."""
+    """Loaded from our URDF; joints are of the actuator type VELOCITY in its hybrid
+    dynamics."""
 
     name, package = "DART", "dartpy"
     formulation = "generalised coordinates, semi-implicit Euler"
@@ -25,7 +27,9 @@ class Dart(Engine):
         text = make_urdf(self.robot, self.content).decode()
         self.skeleton: Any = loader.parseSkeletonString(text, "")
         if self.skeleton is None:
-            raise InputError(f"DART rejects the robot {self.robot.name}", "leave that engine out")
+            raise InputError(
+                f"DART rejects the robot {self.robot.name}", "leave that engine out"
+            )
         self.world: Any = dartpy.simulation.World()
         self.world.addSkeleton(self.skeleton)
         self.world.setGravity(np.array(self.robot.gravity))
@@ -44,7 +48,9 @@ class Dart(Engine):
 
         for k in range(self.skeleton.getNumJoints()):
             if self.skeleton.getJoint(k).getNumDofs():
-                self.skeleton.getJoint(k).setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
+                self.skeleton.getJoint(k).setActuatorType(
+                    dartpy.dynamics.ActuatorType.VELOCITY
+                )
         self.world.setTimeStep(step)
         self.skeleton.setPositions(start)
         self.skeleton.setVelocities(np.zeros(self.robot.n))
@@ -52,5 +58,9 @@ class Dart(Engine):
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         self.skeleton.setCommands(velocity)
         self.world.step(False)
-        pose = self.skeleton.getBodyNode(f"link{self.robot.n}").getWorldTransform().matrix()
+        pose = (
+            self.skeleton.getBodyNode(f"link{self.robot.n}")
+            .getWorldTransform()
+            .matrix()
+        )
         return np.array(self.skeleton.getForces()), pose[:3, :3], pose[:3, 3]

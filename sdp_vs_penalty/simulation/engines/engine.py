@@ -1,7 +1,9 @@
-"""What a physics engine is asked: to load a robot, to say its torques, and to follow joint velocities.
+"""What a physics engine is asked: to load a robot, to say its torques, and to follow
+joint velocities.
 
-A file in this folder that defines a subclass of :class:`Engine` is its registration. The robot
-reaches an engine the way a user would bring it there: as the URDF or MJCF that this package exports.
+A file in this folder that defines a subclass of :class:`Engine` is its registration.
+The robot reaches an engine the way a user would bring it there: as the URDF or MJCF
+that this package exports.
 """
 
 from abc import ABC, abstractmethod
@@ -20,7 +22,8 @@ from sdp_vs_penalty.robot.robot import Robot
 class Engine(ABC):
     """A robot of rigid links inside one engine, without friction, limits or contacts.
 
-    Subclasses set the class attributes and do all importing in :meth:`version` and :meth:`load`.
+    Subclasses set the class attributes and do all importing in :meth:`version` and
+    :meth:`load`.
     """
 
     name: ClassVar[str]
@@ -32,17 +35,22 @@ class Engine(ABC):
     install: ClassVar[str] = install_command("engines")
 
     def __init__(self, robot: Robot, links: ArrayLike) -> None:
-        """links (n, 10) standard parameters. Raises InputError naming the link that it rejects."""
+        """links (n, 10) standard parameters. Raises InputError naming the link that it
+        rejects."""
         if robot.mechanism is not None:
             what = "engines take no robot with joints that follow others"
             raise InputError(what, "choose another robot")
         self.robot = robot
         #: (n, 10) about the joint frames.
         self.links = about_joints(robot, np.asarray(links, float).reshape(robot.n, 10))
-        for k, (joint, link) in enumerate(zip(robot.joints, self.links, strict=True), start=1):
+        for k, (joint, link) in enumerate(
+            zip(robot.joints, self.links, strict=True), start=1
+        ):
             if link[0] <= 0.0:
                 where = f"link {k} (on joint {joint.name!r})"
-                raise InputError("it has no mass, which physics engines refuse", "give it one", where)
+                raise InputError(
+                    "it has no mass, which physics engines refuse", "give it one", where
+                )
         self.load()
 
     @classmethod
@@ -58,7 +66,8 @@ class Engine(ABC):
         """Build the robot inside the engine."""
 
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
-        """Torques (N, n) for states (N, n); None where the engine has no inverse dynamics."""
+        """Torques (N, n) for states (N, n); None where the engine has no inverse
+        dynamics."""
         found = [self.torque(*rows) for rows in zip(q, dq, ddq, strict=True)]
         return None if found[0] is None else np.array(found, float)
 
@@ -66,13 +75,19 @@ class Engine(ABC):
         """Of one state (n,)."""
         return None
 
-    def follow(self, start: Array, velocities: Array, step: float) -> tuple[Array, Array]:
-        """Drive the joints from rest at ``start`` (n,) at the velocities (N, n), one each ``step`` [s].
+    def follow(
+        self, start: Array, velocities: Array, step: float
+    ) -> tuple[Array, Array]:
+        """Drive the joints from rest at ``start`` (n,) at the velocities (N, n), one
+        each ``step`` [s].
 
-        Returns the motors' torque (N, n) over each step [N m, N], and the pose (N, 4, 4) of the last
-        link's joint frame after it.
+        Returns the motors' torque (N, n) over each step [N m, N], and the pose (N, 4,
+        4) of the last link's joint frame after it.
         """
-        torque, pose = np.empty_like(velocities), np.tile(np.eye(4), (len(velocities), 1, 1))
+        torque, pose = (
+            np.empty_like(velocities),
+            np.tile(np.eye(4), (len(velocities), 1, 1)),
+        )
         self.begin(start, step)
         for k, velocity in enumerate(velocities):
             torque[k], pose[k, :3, :3], pose[k, :3, 3] = self.stepped(velocity)
@@ -84,8 +99,8 @@ class Engine(ABC):
 
     @abstractmethod
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        """One step at these velocities (n,): the motors' torque (n,), and rotation (3, 3) and position
-        (3,) of the last link's joint frame after it."""
+        """One step at these velocities (n,): the motors' torque (n,), and rotation (3,
+        3) and position (3,) of the last link's joint frame after it."""
 
     @property
     def content(self) -> Content:

@@ -1,15 +1,26 @@
-"""Open Dynamics Engine (Smith): maximal coordinates, the one formulation here that is really different.
+"""Open Dynamics Engine (Smith): maximal coordinates, the one formulation here that is
+really different.
 
-Every link is a free body with six degrees of freedom; joints are constraints whose forces a linear
-complementarity solver finds. Nothing keeps the joints together but these forces, so that they drift
-apart and are pulled back (error reduction parameter). Debian's package libode8 is called through its
-C interface; it has no loader of URDF, so that bodies and joints are made here.
+Every link is a free body with six degrees of freedom; joints are constraints whose
+forces a linear complementarity solver finds. Nothing keeps the joints together but
+these forces, so that they drift apart and are pulled back (error reduction parameter).
+Debian's package libode8 is called through its C interface; it has no loader of URDF, so
+that bodies and joints are made here.
 """
 
 import ctypes
 import ctypes.util
 from contextlib import suppress
-from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_uint, c_void_p
+from ctypes import (
+    POINTER,
+    Structure,
+    byref,
+    c_char_p,
+    c_double,
+    c_int,
+    c_uint,
+    c_void_p,
+)
 from functools import cache, partial
 from typing import Any
 
@@ -57,7 +68,8 @@ _SIGNATURES = {
 
 @cache
 def _library() -> Any | None:
-    """libode with its signatures set, or None where it is absent or in single precision."""
+    """libode with its signatures set, or None where it is absent or in single
+    precision."""
     found = None
     for name in filter(None, (ctypes.util.find_library("ode"), "libode.so.8")):
         with suppress(OSError):
@@ -77,7 +89,8 @@ def _library() -> Any | None:
 
 
 class Ode(Engine):
-    """Joint motors at commanded velocity; torque from the constraint forces (dJointFeedback)."""
+    """Joint motors at commanded velocity; torque from the constraint forces
+    (dJointFeedback)."""
 
     name = "ODE"
     formulation = "maximal coordinates, constraint forces, semi-implicit Euler"
@@ -98,15 +111,21 @@ class Ode(Engine):
             p = inertia.barycentric_from_standard(link)
             xx, xy, yy, xz, yz, zz = p[4:]
             mass = _Mass()
-            ode.dMassSetParameters(byref(mass), p[0], 0.0, 0.0, 0.0, xx, yy, zz, xy, xz, yz)
+            ode.dMassSetParameters(
+                byref(mass), p[0], 0.0, 0.0, 0.0, xx, yy, zz, xy, xz, yz
+            )
             if not ode.dMassCheck(byref(mass)):
                 where = f"link {k + 1} (on joint {self.robot.joints[k].name!r})"
                 what = "ODE refuses its inertia, which is not positive definite"
-                raise InputError(what, "identify with a minimum thickness (lmi-sdp-thickness)", where)
+                raise InputError(
+                    what, "identify with a minimum thickness (lmi-sdp-thickness)", where
+                )
             self.masses.append(mass)
             self.centres[k] = p[1:4]
 
-    def follow(self, start: Array, velocities: Array, step: float) -> tuple[Array, Array]:
+    def follow(
+        self, start: Array, velocities: Array, step: float
+    ) -> tuple[Array, Array]:
         try:
             return super().follow(start, velocities, step)
         finally:
@@ -123,10 +142,15 @@ class Ode(Engine):
             self.bodies.append(body := c_void_p(ode.dBodyCreate(world)))
             rows = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
             ode.dBodySetRotation(body, (c_double * 12)(*rows.ravel()))
-            ode.dBodySetPosition(body, *(frame[:3, :3] @ self.centres[k] + frame[:3, 3]))
+            ode.dBodySetPosition(
+                body, *(frame[:3, :3] @ self.centres[k] + frame[:3, 3])
+            )
             ode.dBodySetMass(body, byref(self.masses[k]))
             kind = "Hinge" if joint.kind == "revolute" else "Slider"
-            made, parent = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None)), joint.parent
+            made, parent = (
+                c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None)),
+                joint.parent,
+            )
             ode.dJointAttach(made, body, None if parent < 0 else self.bodies[parent])
             if kind == "Hinge":
                 ode.dJointSetHingeAnchor(made, *frame[:3, 3])
@@ -150,7 +174,9 @@ class Ode(Engine):
     def _frame(self, k: int, body: c_void_p) -> Array:
         """(4, 4) of a joint's frame from its body's pose."""
         frame = np.eye(4)
-        rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,)).reshape(3, 4)
+        rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,)).reshape(
+            3, 4
+        )
         frame[:3, :3] = rows[:, :3]
         position = np.ctypeslib.as_array(self.ode.dBodyGetPosition(body), (3,))
         frame[:3, 3] = position - frame[:3, :3] @ self.centres[k]

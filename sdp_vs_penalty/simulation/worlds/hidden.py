@@ -1,7 +1,9 @@
-"""What can be hidden in a world: a change of its torque, what the library should call it, and how large.
+"""What can be hidden in a world: a change of its torque, what the library should call
+it, and how large.
 
-Names, symbols and signs are those that ``sdp-vs-penalty list effects`` prints; the equations are stated
-here a second time, on the true motion and the true robot, as in the sources that are named.
+Names, symbols and signs are those that ``sdp-vs-penalty list effects`` prints; the
+equations are stated here a second time, on the true motion and the true robot, as in
+the sources that are named.
 """
 
 from __future__ import annotations
@@ -17,22 +19,29 @@ from scipy.signal import lfilter
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation.worlds.world import Array, TrueMotion, World, bristles, misplaced
+from sdp_vs_penalty.simulation.worlds.world import (
+    Array,
+    TrueMotion,
+    World,
+    bristles,
+    misplaced,
+)
 
 Change = Callable[[World, TrueMotion, float], Array]
 Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 
-#: Root mean square of the hidden torque over the raw noise of the joint that it moves most.
+#: Root mean square of the hidden torque over the raw noise of the joint that it moves
+#: most.
 LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """change : (N, n) torque that an effect of a size adds; joints : from 0, none for the whole robot;
-    number : the library's parameter at size 1, None where it has no single one; shift : (N,) by how
-    much the joint's link stands elsewhere than its encoder says, where that is how it acts; effect : the
-    library's name of it, which the tables of makers say; channel : whether it acts on what all others
-    make."""
+    """change : (N, n) torque that an effect of a size adds; joints : from 0, none for
+    the whole robot; number : the library's parameter at size 1, None where it has no
+    single one; shift : (N,) by how much the joint's link stands elsewhere than its
+    encoder says, where that is how it acts; effect : the library's name of it, which
+    the tables of makers say; channel : whether it acts on what all others make."""
 
     joints: tuple[int, ...]
     change: Change
@@ -48,9 +57,12 @@ class Hidden:
         """(N, n) what it adds at its size."""
         return self.change(world, m, self.size)
 
-    def sized(self, world: World, motions: Sequence[TrueMotion], factor: float) -> Hidden:
-        """With a root mean square of ``factor`` times the raw noise on the joint that it moves most;
-        three rounds, as some effects are not linear. As it is, where it moves nothing."""
+    def sized(
+        self, world: World, motions: Sequence[TrueMotion], factor: float
+    ) -> Hidden:
+        """With a root mean square of ``factor`` times the raw noise on the joint that
+        it moves most; three rounds, as some effects are not linear. As it is, where it
+        moves nothing."""
         out = self
         for _ in range(3):
             added = np.concatenate([out.torque(world, m) for m in motions])
@@ -63,7 +75,11 @@ class Hidden:
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; joints count from 1."""
         size = None if self.number is None else self.number * self.size
-        about = {"effect": self.effect, "joints": [j + 1 for j in self.joints], "size": size}
+        about = {
+            "effect": self.effect,
+            "joints": [j + 1 for j in self.joints],
+            "size": size,
+        }
         return {**about, "shape": dict(self.shape), **self.details}
 
 
@@ -77,7 +93,11 @@ def torques(world: World, m: TrueMotion, hidden: Sequence[Hidden]) -> list[Array
 
 
 def at_joint(
-    joint: int, law: Callable[[World, TrueMotion], Array], number: float | None = 1.0, /, **shape: float
+    joint: int,
+    law: Callable[[World, TrueMotion], Array],
+    number: float | None = 1.0,
+    /,
+    **shape: float,
 ) -> Hidden:
     """A torque of one joint, law(world, motion) (N,) times the size."""
 
@@ -87,9 +107,11 @@ def at_joint(
     return Hidden((joint,), change, number, shape)
 
 
-def plain(law: Callable[[World, int, TrueMotion], Array], signed: bool = False) -> Maker:
-    """The maker of a torque of one joint without constants, law(world, joint, motion) (N,) times the
-    size; signed : either way round."""
+def plain(
+    law: Callable[[World, int, TrueMotion], Array], signed: bool = False
+) -> Maker:
+    """The maker of a torque of one joint without constants, law(world, joint, motion)
+    (N,) times the size; signed : either way round."""
 
     def make(w: World, j: int, rng: np.random.Generator) -> Hidden:
         side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
@@ -98,9 +120,11 @@ def plain(law: Callable[[World, int, TrueMotion], Array], signed: bool = False) 
     return make
 
 
-def shifted(joint: int, shift: Change, number: float, size: float, rates: bool = True) -> Hidden:
-    """The link of a joint stands at q + shift, where q is what motor and encoder do; rates : whether its
-    velocity and acceleration differ too."""
+def shifted(
+    joint: int, shift: Change, number: float, size: float, rates: bool = True
+) -> Hidden:
+    """The link of a joint stands at q + shift, where q is what motor and encoder do;
+    rates : whether its velocity and acceleration differ too."""
 
     def change(world: World, m: TrueMotion, size: float) -> Array:
         moved = displaced(m, joint, shift(world, m, size))
@@ -146,8 +170,11 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
     return at_joint(j, law, vs=vs, delta=2.0)
 
 
-def _presliding(w: World, j: int, rng: Generator, low: float = 0.001, high: float = 0.01) -> Hidden:
-    """Dahl 1968: friction follows the travel since the reversal instead of jumping, if it does so."""
+def _presliding(
+    w: World, j: int, rng: Generator, low: float = 0.001, high: float = 0.01
+) -> Hidden:
+    """Dahl 1968: friction follows the travel since the reversal instead of jumping, if
+    it does so."""
     d = _unit(w, j) * log_uniform(rng, low, high)
     law = lambda w, m: _behind(m.t, m.dq[:, j], d) - w.dry.jumps * sign(w, j, m)  # noqa: E731
     return at_joint(j, law, d=d)
@@ -165,14 +192,21 @@ def _sigmoid(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _power(w: World, j: int, rng: Generator) -> Hidden:
-    alpha = float(rng.uniform(0.3, 0.7) if rng.random() < 0.5 else rng.uniform(1.5, 2.5))
-    return at_joint(j, lambda w, m: np.sign(m.dq[:, j]) * np.abs(m.dq[:, j]) ** alpha, alpha=alpha)
+    alpha = float(
+        rng.uniform(0.3, 0.7) if rng.random() < 0.5 else rng.uniform(1.5, 2.5)
+    )
+    return at_joint(
+        j, lambda w, m: np.sign(m.dq[:, j]) * np.abs(m.dq[:, j]) ** alpha, alpha=alpha
+    )
 
 
 def _coupling(w: World, j: int, rng: Generator) -> Hidden:
     """Janot et al., IEEE TCST 2014; between turning joints, as wrists are."""
     if w.arm.n < 2:
-        raise InputError("effect joint_coupling needs a robot with two joints or more", "leave it out")
+        raise InputError(
+            "effect joint_coupling needs a robot with two joints or more",
+            "leave it out",
+        )
     i = j - 1 if j > 0 else 1
     form, side = int(rng.integers(1, 5)), float(rng.choice([-1.0, 1.0]))
     width = float(np.median(w.dry.width))
@@ -196,7 +230,8 @@ def _warming(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
-    """Carlson, Robertsson, Johansson, 2015: grease thins exponentially with its temperature."""
+    """Carlson, Robertsson, Johansson, 2015: grease thins exponentially with its
+    temperature."""
     warm, viscous = float(rng.uniform(8.0, 40.0)), bool(rng.random() < 0.5)
 
     def law(w: World, m: TrueMotion) -> Array:
@@ -207,15 +242,21 @@ def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _transmission(w: World, j: int, rng: Generator) -> Hidden:
-    """A motor of a differential wrist turns with a combination of two neighbours (Wang et al. 2019).
+    """A motor of a differential wrist turns with a combination of two neighbours (Wang
+    et al. 2019).
 
-    Dry friction only: of the viscous kind the joints' own friction absorbs all but a cross term, from
-    which no ratio can be told."""
+    Dry friction only: of the viscous kind the joints' own friction absorbs all but a
+    cross term, from which no ratio can be told."""
     pairs = [i for i in range(w.arm.n - 1) if w.arm.rotary[i : i + 2].all()]
     if not pairs:
-        raise InputError("effect transmission_friction needs neighbours that turn", "leave it out")
+        raise InputError(
+            "effect transmission_friction needs neighbours that turn", "leave it out"
+        )
     first = min(pairs, key=lambda i: abs(i - j))
-    law, ratio = int(rng.choice([2, 3, 4])), float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
+    law, ratio = (
+        int(rng.choice([2, 3, 4])),
+        float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0])),
+    )
     d, vs = log_uniform(rng, 0.002, 0.01), log_uniform(rng, 0.05, 0.25)
     width, c = float(np.median(w.dry.width)), np.zeros(w.arm.n)
     c[first], c[first + 1] = 1.0, ratio
@@ -233,11 +274,14 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
 def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
     """Friction of loaded teeth with Dahl's memory."""
     d = _unit(w, j) * log_uniform(rng, 0.002, 0.01)
-    return at_joint(j, lambda w, m: np.abs(w.rigid(m)[:, j]) * _behind(m.t, m.dq[:, j], d), d=d)
+    return at_joint(
+        j, lambda w, m: np.abs(w.rigid(m)[:, j]) * _behind(m.t, m.dq[:, j], d), d=d
+    )
 
 
 def _slip(w: World, j: int, rng: Generator) -> Hidden:
-    """Al-Bender et al., IEEE TAC 2005: springs in parallel, each with a slider of its own travel."""
+    """Al-Bender et al., IEEE TAC 2005: springs in parallel, each with a slider of its
+    own travel."""
     d = _unit(w, j) * log_uniform(rng, 0.001, 0.004)
     travel, weight = d * np.array([1.0, 4.0, 16.0]), rng.dirichlet(np.ones(3))
 
@@ -254,8 +298,14 @@ def _slip(w: World, j: int, rng: Generator) -> Hidden:
 def _position(w: World, j: int, rng: Generator) -> Hidden:
     """Popovic, Goldenberg 1998: dry friction that varies along the range."""
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    k = float(rng.integers(1, 4)) if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
-    return at_joint(j, lambda w, m: np.cos(k * m.q[:, j] + phase) * sign(w, j, m), None, k=k)
+    k = (
+        float(rng.integers(1, 4))
+        if w.arm.rotary[j]
+        else 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
+    )
+    return at_joint(
+        j, lambda w, m: np.cos(k * m.q[:, j] + phase) * sign(w, j, m), None, k=k
+    )
 
 
 #: By the library's name of each.
@@ -263,14 +313,21 @@ FRICTION: Mapping[str, Maker] = {
     "viscous_friction": plain(lambda w, j, m: m.dq[:, j]),
     "coulomb_friction": plain(sign),
     # A size for each direction: Armstrong-Helouvry et al., Automatica 1994, sec. 2.
-    "asymmetric_viscous_friction": plain(lambda w, j, m: np.abs(m.dq[:, j]), signed=True),
-    "asymmetric_coulomb_friction": plain(lambda w, j, m: np.abs(sign(w, j, m)), signed=True),
+    "asymmetric_viscous_friction": plain(
+        lambda w, j, m: np.abs(m.dq[:, j]), signed=True
+    ),
+    "asymmetric_coulomb_friction": plain(
+        lambda w, j, m: np.abs(sign(w, j, m)), signed=True
+    ),
     "stribeck_friction": _stribeck,
     "presliding_hysteresis": _presliding,
     "sigmoid_friction": _sigmoid,
     "power_law_friction": _power,
-    # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS 2010.
-    "load_dependent_friction": plain(lambda w, j, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m)),
+    # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS
+    # 2010.
+    "load_dependent_friction": plain(
+        lambda w, j, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m)
+    ),
     "joint_coupling": _coupling,
     "drift_friction": _warming,
     "warming_friction": _by_temperature,
@@ -288,7 +345,8 @@ def _drift(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _ripple(w: World, j: int, rng: Generator) -> Hidden:
-    """Teeth and poles: 2 to 40 waves a turn; a prismatic joint's screw has a lead of 8 to 70 mm."""
+    """Teeth and poles: 2 to 40 waves a turn; a prismatic joint's screw has a lead of 8
+    to 70 mm."""
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     turns = float(rng.integers(2, 41))
     k = turns if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
@@ -332,7 +390,8 @@ def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
-    """Spong 1987, the link at rest on its spring: it lags by c times the torque that it needs."""
+    """Spong 1987, the link at rest on its spring: it lags by c times the torque that it
+    needs."""
 
     def shift(w: World, m: TrueMotion, c: float) -> Array:
         lag = np.zeros(len(m.t))
@@ -344,10 +403,11 @@ def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _backlash(w: World, j: int, rng: Generator) -> Hidden:
-    """Nordin, Gutman 2002: between impacts the link rests on the flank that its torque presses it to.
+    """Nordin, Gutman 2002: between impacts the link rests on the flank that its torque
+    presses it to.
 
-    Flanks that yield a little let it change over within a fiftieth of the largest torque; what the
-    impact itself does is left out."""
+    Flanks that yield a little let it change over within a fiftieth of the largest
+    torque; what the impact itself does is left out."""
 
     def shift(w: World, m: TrueMotion, b: float) -> Array:
         tau = w.rigid(m)[:, j]
@@ -369,12 +429,15 @@ def _tilt(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _wrench(w: World, j: int, rng: Generator) -> Hidden:
-    """A constant force and moment on the last link, at its joint: motors carry -J^T (F, M)."""
+    """A constant force and moment on the last link, at its joint: motors carry -J^T (F,
+    M)."""
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
         data = w.built.createData()
-        return np.array([-size * (w.arm.last_jacobian(w.built, data, q).T @ force) for q in m.q])
+        return np.array(
+            [-size * (w.arm.last_jacobian(w.built, data, q).T @ force) for q in m.q]
+        )
 
     return Hidden((), change, None)
 
@@ -394,7 +457,8 @@ def _payload(w: World, j: int, rng: Generator) -> Hidden:
 
 
 def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
-    """Joints beside where the kinematics have them, by some .1 mm and .2 mrad an axis at size 1."""
+    """Joints beside where the kinematics have them, by some .1 mm and .2 mrad an axis
+    at size 1."""
     seed = int(rng.integers(2**32))
 
     def change(w: World, m: TrueMotion, size: float) -> Array:

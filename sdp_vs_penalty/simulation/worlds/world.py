@@ -1,6 +1,8 @@
-"""An arm by Pinocchio itself, the true robot, its motion, and its dry friction on a fine grid of time.
+"""An arm by Pinocchio itself, the true robot, its motion, and its dry friction on a
+fine grid of time.
 
-Sources: Dahl, AIAA Journal 1976; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 1995 (LuGre).
+Sources: Dahl, AIAA Journal 1976; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC
+1995 (LuGre).
 """
 
 from collections.abc import Callable
@@ -17,9 +19,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Arm:
-    """model : Pinocchio's; rotary (n,) : whether a joint turns; last : the model's joint that bears the
-    last link; follows (L, n), shift (L,) : the positions of its joints are follows q + shift, of those q
-    that move by themselves."""
+    """model : Pinocchio's; rotary (n,) : whether a joint turns; last : the model's
+    joint that bears the last link; follows (L, n), shift (L,) : the positions of its
+    joints are follows q + shift, of those q that move by themselves."""
 
     model: Any
     rotary: NDArray[np.bool_]
@@ -34,7 +36,8 @@ class Arm:
 
     @property
     def unit_speed(self) -> Array:
-        """(n,) what 1 rad/s of a turning joint corresponds to: on a prismatic one 0.5 m/s."""
+        """(n,) what 1 rad/s of a turning joint corresponds to: on a prismatic one 0.5
+        m/s."""
         return np.where(self.rotary, 1.0, 0.5)
 
     def inverse_dynamics(self, model: Any, q: Array, dq: Array, ddq: Array) -> Array:
@@ -43,19 +46,25 @@ class Arm:
         return inverse_dynamics(model, q @ B.T + self.shift, dq @ B.T, ddq @ B.T) @ B
 
     def last_jacobian(self, model: Any, data: Any, q: Array) -> Array:
-        """(6, n) of the last link's joint at q (n,): linear, then angular velocity, in world axes."""
+        """(6, n) of the last link's joint at q (n,): linear, then angular velocity, in
+        world axes."""
         pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
         J = pin.getJointJacobian(model, data, self.last, pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
 
 
-def misplaced(model: Any, metres: float, degrees: float, rng: np.random.Generator) -> Any:
-    """The arm as it was built: every joint's frame is off by normal errors of these sizes an axis."""
+def misplaced(
+    model: Any, metres: float, degrees: float, rng: np.random.Generator
+) -> Any:
+    """The arm as it was built: every joint's frame is off by normal errors of these
+    sizes an axis."""
     built = pin.Model(model)
     for i in range(1, model.njoints):
         slip = metres * rng.normal(size=3)
         turn = np.deg2rad(degrees) * rng.normal(size=3)
-        built.jointPlacements[i] = model.jointPlacements[i] * pin.SE3(pin.exp3(turn), slip)
+        built.jointPlacements[i] = model.jointPlacements[i] * pin.SE3(
+            pin.exp3(turn), slip
+        )
     return built
 
 
@@ -70,7 +79,8 @@ PAUSE = 30.0  # s between runs
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the encoders show."""
+    """t (N,) s on the clock of the sitting; q, dq, ddq (N, n): the motors', which the
+    encoders show."""
 
     t: Array
     q: Array
@@ -90,22 +100,31 @@ class DryFriction:
         return True
 
     def share(self, t: Array, dq: Array) -> Array:
-        """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at >= 1 kHz."""
+        """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at
+        >= 1 kHz."""
         return np.tanh(dq / self.width)
 
 
-def bristles(t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]) -> Array:
+def bristles(
+    t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]
+) -> Array:
     """(N, n) z with dz/dt = dq / d - |dq| z / (d g(dq)), d : travel, g : level.
 
-    Between two samples dq is taken as constant, for which the equation is solved exactly: the step is
-    stable however stiff d is. At a reversal the step is split at the instant of rest.
+    Between two samples dq is taken as constant, for which the equation is solved
+    exactly: the step is stable however stiff d is. At a reversal the step is split at
+    the instant of rest.
     """
     step = float(t[1] - t[0])
     a, b = dq[:-1], dq[1:]
     turns = a * b < 0.0
-    rest = np.where(turns, a / np.where(turns, a - b, 1.0), 1.0)  # share of the step before rest
+    rest = np.where(
+        turns, a / np.where(turns, a - b, 1.0), 1.0
+    )  # share of the step before rest
     parts = []
-    for v, length in ((np.where(turns, 0.5 * a, 0.5 * (a + b)), rest), (0.5 * b, 1.0 - rest)):
+    for v, length in (
+        (np.where(turns, 0.5 * a, 0.5 * (a + b)), rest),
+        (0.5 * b, 1.0 - rest),
+    ):
         goal = np.sign(v) * level(v)
         parts.append((np.exp(-np.abs(v) * length * step / (travel * level(v))), goal))
     z = np.zeros_like(dq)
@@ -120,9 +139,10 @@ def bristles(t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class World:
-    """arm : as the URDF says; built : Pinocchio's model as it is; coulomb, viscous, offset (n,) :
-    friction and what stays the same in both directions; noise (n,) : standard deviation of what a log
-    adds; warm_up : of the gears [s]; more (N, n) : what else the sensors carry along one motion."""
+    """arm : as the URDF says; built : Pinocchio's model as it is; coulomb, viscous,
+    offset (n,) : friction and what stays the same in both directions; noise (n,) :
+    standard deviation of what a log adds; warm_up : of the gears [s]; more (N, n) :
+    what else the sensors carry along one motion."""
 
     arm: Arm
     built: Any
@@ -144,13 +164,16 @@ class World:
 
     def friction(self, m: TrueMotion) -> Array:
         """(N, n) dry, viscous, and what stays the same in both directions."""
-        return np.asarray(self.coulomb * self.share(m) + self.viscous * m.dq + self.offset)
+        return np.asarray(
+            self.coulomb * self.share(m) + self.viscous * m.dq + self.offset
+        )
 
     def share(self, m: TrueMotion) -> Array:
         """(N, n) dry friction over the Coulomb torque."""
         return self.dry.share(m.t, m.dq)
 
     def temperature(self, t: Array) -> Array:
-        """(N, n) of the gears [degrees Celsius]: the farther out, the smaller and the warmer."""
+        """(N, n) of the gears [degrees Celsius]: the farther out, the smaller and the
+        warmer."""
         rise = np.linspace(10.0, 25.0, self.arm.n)
         return 22.0 + np.outer(-np.expm1(-t / self.warm_up), rise)
