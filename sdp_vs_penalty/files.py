@@ -434,9 +434,9 @@ class Plain:
         kinds = _kinds(cls)  # type: ignore[arg-type]
         required = [
             f
-            for f in fields(cls)
+            for f in fields(cls)  # type: ignore[arg-type]
             if f.default is MISSING and f.default_factory is MISSING
-        ]  # type: ignore[arg-type]
+        ]
         there = {f.name for f in required} | {
             k for k in kinds if data.get(k) is not None
         }

@@ -118,8 +118,8 @@ def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
     asked = inspect.Parameter(
         "check", inspect.Parameter.KEYWORD_ONLY, default=True, annotation="bool"
     )
-    checked.__signature__ = given.replace(
+    checked.__signature__ = given.replace(  # type: ignore[attr-defined]
         parameters=[*given.parameters.values(), asked]
-    )  # type: ignore[attr-defined]
+    )
     checked.__doc__ = f"{(verb.__doc__ or '').rstrip()}{_DOC}"
     return checked
