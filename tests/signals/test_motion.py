@@ -5,9 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from random_robots import seeds
+from drawn import given, seeds, st
 from small_runs import SETTINGS, periodic, run_of
 
 from sdp_vs_penalty.data import concatenate
