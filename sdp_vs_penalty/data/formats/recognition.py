@@ -66,8 +66,6 @@ UNITS: dict[str, float] = {
 #: Our names (t, q1 ..., or q for a block) to the file's; factors by our names, where
 #: they are not 1.
 Recognised: TypeAlias = tuple[dict[str, str], dict[str, float]]
-#: A joint's position beyond which it is in degrees, not in radians: two turns [rad].
-LARGEST_ANGLE = 4.0 * np.pi
 #: Columns of names, of a log that says in each row which joint is which.
 _JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
 
@@ -339,7 +337,7 @@ def _units_of_logger(
         if unit == "angle" and columns and table is not None:
             values = np.concatenate([table.values(name) for name in columns.values()])
             largest = float(np.abs(values).max(initial=0.0))
-            unit = "deg" if largest > LARGEST_ANGLE else "rad"
+            unit = "deg" if largest > 4.0 * np.pi else "rad"  # of two turns
             why = f"its first values reach {largest:.3g}"
         if columns and unit in UNITS | {"A": 1.0}:
             units.append(f"{group} in {unit}, {why}")
