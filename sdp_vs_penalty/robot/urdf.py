@@ -28,9 +28,6 @@ _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prism
 #: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and
 #: overflow on the way.
 LARGEST_NUMBER = 1e9
-#: A mass [kg] and a moment [kg m^2] below which a number is none of a robot's, and is
-#: lost in squares.
-_LEAST = {"kg": 1e-15, "kg m^2": 1e-30}
 #: Links of one file: humanoids with two hands have 200, and a chain of all must not
 #: exhaust the stack.
 _MOST_LINKS = 500
@@ -104,14 +101,15 @@ def read_inertial(link: Any) -> Array:
     if element is None:
         return np.zeros(10)
     mass, tensor = _numbers(element.find("mass"), "value", 0.0), element.find("inertia")
-    if 0.0 < abs(mass[0]) < _LEAST["kg"]:
+    # Smaller numbers are none of a robot's [kg, kg m^2], and are lost in squares.
+    least_mass, least_moment = 1e-15, 1e-30
+    if 0.0 < abs(mass[0]) < least_mass:
         what = f"line {element.sourceline}: a mass of {mass[0]:g} kg is no link's"
         raise InputError(what, "write 0, or the mass in kg")
     moments = [
         _numbers(tensor, name.lower(), 0.0)[0] for name in inertia.PARAMETERS[4:]
     ]
-    # Whatever the unit, this is a zero: its square is none any more.
-    moments = [x if abs(x) >= _LEAST["kg m^2"] else 0.0 for x in moments]
+    moments = [x if abs(x) >= least_moment else 0.0 for x in moments]
     about_com = inertia.standard_from_barycentric([*mass, 0.0, 0.0, 0.0, *moments])
     return inertia.transform(pose_of(element)) @ about_com
 
