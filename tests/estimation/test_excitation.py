@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from drawn import given, settings, st
 from scipy import special
+from unchecked import identify
 
 from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.estimation import Limits, excitation, separation
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.robot import Robot
