@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import check as check_data
+from sdp_vs_penalty.checks.issue import EXPLANATION, FACT
 from sdp_vs_penalty.data.files import as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -67,7 +68,16 @@ def refuse_meaningless(
             run,
         )
     for run, f in found:
-        warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
+        if f.nature == FACT:
+            warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
+    for name in dict.fromkeys(run for run, _ in found):
+        words = [f.what for run, f in found if run == name and f.nature == EXPLANATION]
+        if words:
+            more = f" (and {len(words) - 1} more)" if len(words) > 1 else ""
+            warn(
+                f"warning: {name}: it looks as if {words[0].rstrip('.')}{more}; the log"
+                " is taken as it is. `check` says how sure that is and what to do"
+            )
     hashes = [run.data_hash for run in measurements.runs()]
     whole = reports if len(hashes) == len(reports) else []
     return {

@@ -98,6 +98,7 @@ def sections(html: str) -> dict[str, Any]:
     return out
 
 
+@pytest.mark.nightly
 def test_figures_are_what_they_were(made, two_link):
     """Of two models; of a search that found curves; of models that lack links or
     friction."""
