@@ -1,4 +1,5 @@
 """Make this folder's table and figure: python results/global/make.py [--budget paper]
+[--jobs N]
 
 Needs SDP_VS_PENALTY_DATA for the measured rows, the extra [plot] for the figure and
 [solvers] for the column of CVXPY. The table alone: sdp-vs-penalty tables global.
@@ -10,6 +11,7 @@ from pathlib import Path
 import matplotlib
 
 from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.research.figures import save
 from sdp_vs_penalty.research.figures.global_optimum import draw_global_optima
 from sdp_vs_penalty.research.tables import build_tables
@@ -22,10 +24,11 @@ HERE = Path(__file__).parent
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--budget", default="quick", choices=("quick", "paper"))
-    budget = parser.parse_args().budget
+    parser.add_argument("--jobs", default=1, type=int)
+    options = parser.parse_args()
     matplotlib.use("Agg")
     for name, folder in (("panda", HERE), ("two_link", HERE / "two_link")):
-        study = Study(load_problem(name), budget)
+        study = Study(load_problem(name), options.budget, workers=Workers(options.jobs))
         folder.mkdir(exist_ok=True)
         (table,) = build_tables(["global"], study)
         table.write(folder)
