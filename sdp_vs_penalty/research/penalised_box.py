@@ -21,15 +21,13 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import combinations, count
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.research.penalised_optimum import (
-    HELD,
-    SLACK_START,
     PenalisedOptimum,
     PenalisedProblem,
     solve_certified,
@@ -38,15 +36,11 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, linear
 
-#: Where a table leaves a coordinate of a centre of mass open [m].
-_FARTHEST = 10.0
-#: A cell is cut no nearer to its end than this share of it.
-_CUT = 0.2
-#: The inner share of the box in which a start lies.
-_INSIDE = 0.01
-_PAIRS = [(0, 1), (0, 2), (1, 2)]
-#: Q's entries in the order of an inertia's: xx, xy, yy, xz, yz, zz.
-_PLACE = {(0, 0): 0, (0, 1): 1, (1, 1): 2, (0, 2): 3, (1, 2): 4, (2, 2): 5}
+
+def _place(a: int, b: int) -> int:
+    """Of entry (a, b) of Q among xx, xy, yy, xz, yz, zz, an inertia's order."""
+    low, high = sorted((a, b))
+    return high * (high + 1) // 2 + low
 
 
 @dataclass(frozen=True)
@@ -71,12 +65,23 @@ class BoxedOptimum:
 class BoxedProblem:
     """The published problem with its box on barycentric inertias."""
 
+    #: Where a table leaves a coordinate of a centre of mass open [m].
+    farthest = 10.0
+    #: A cell is cut no nearer to its end than this share of it.
+    nearest_cut = 0.2
+    #: The share of the box at its ends in which no start lies.
+    margin = 0.01
+
     def __init__(self, problem: PenalisedProblem) -> None:
         self.problem, self.task = problem, problem.task
         self.links = problem.task.links
         box = problem.task.box[: len(self.links)]
-        self.c_low = np.where(np.isfinite(box[:, 1:4, 0]), box[:, 1:4, 0], -_FARTHEST)
-        self.c_high = np.where(np.isfinite(box[:, 1:4, 1]), box[:, 1:4, 1], _FARTHEST)
+        self.c_low = np.where(
+            np.isfinite(box[:, 1:4, 0]), box[:, 1:4, 0], -self.farthest
+        )
+        self.c_high = np.where(
+            np.isfinite(box[:, 1:4, 1]), box[:, 1:4, 1], self.farthest
+        )
         self.inertia_box = box[:, 4:]
         skipped = ("centre of mass", "moments")
         self.hard = [c for c in problem.hard if c.family not in skipped]
@@ -118,7 +123,10 @@ class BoxedProblem:
         """Strictly inside a cell: its middle, nominal masses, inertias inside the box
         and slacks that make them consistent."""
         problem, n = self.problem, len(self.links)
-        theta, slack = problem.interior.copy(), SLACK_START * np.minimum(limit, 1.0)
+        theta, slack = (
+            problem.interior.copy(),
+            problem.slack_start * np.minimum(limit, 1.0),
+        )
         mass, c, width = theta[self.links[:, 0]], 0.5 * (low + high), high - low
         q = mass[:, None, None] * (
             c[:, :, None] * c[:, None] + np.eye(3) * width[:, None] ** 2 / 8.0
@@ -127,8 +135,8 @@ class BoxedProblem:
         about = inertia.barycentric_from_standard(problem.interior[self.links])[:, 4:]
         about = np.clip(
             about,
-            lower + _INSIDE * (upper - lower),
-            upper - _INSIDE * (upper - lower),
+            lower + self.margin * (upper - lower),
+            upper - self.margin * (upper - lower),
         )
         moments = np.linalg.eigvalsh(inertia.inertia_matrix(about))
         needed = moments[:, 2] - 0.5 * moments.sum(axis=1)
@@ -158,11 +166,11 @@ class BoxedProblem:
         for a in range(3):
             rows += [_row({1 + a: 1.0, 0: -low[a]}), _row({1 + a: -1.0, 0: high[a]})]
         for a in range(3):
-            place = 10 + _PLACE[a, a]
+            place = 10 + _place(a, a)
             both, product = low[a] + high[a], low[a] * high[a]
             rows.append(_row({place: -1.0, 1 + a: both, 0: -product}))
-        for a, b in _PAIRS:
-            place = 10 + _PLACE[a, b]
+        for a, b in combinations(range(3), 2):
+            place = 10 + _place(a, b)
             for x, y, sign in (
                 (low[a], low[b], 1.0),
                 (high[a], high[b], 1.0),
@@ -266,7 +274,7 @@ class BoxedProblem:
             if out and (best := out[-1].best) is not None:
                 same = self.problem.optimum(best.theta, weight, out[-1].lower)
                 held = BoxedOptimum(same, out[-1].lower, out[-1].root_lower, 0)
-                if held.gap <= HELD:
+                if held.gap <= self.problem.held_gap:
                     out.append(held)
                     continue
             found = self.branch_and_bound(weight, gap, most_cells)
@@ -298,7 +306,11 @@ class BoxedProblem:
             k, a = np.unravel_index(np.argmax(excess), excess.shape)
             c = self.centres(found.theta)[k, a]
             width = high[k, a] - low[k, a]
-            c = np.clip(c, low[k, a] + _CUT * width, high[k, a] - _CUT * width)
+            c = np.clip(
+                c,
+                low[k, a] + self.nearest_cut * width,
+                high[k, a] - self.nearest_cut * width,
+            )
             for below in (True, False):
                 new_low, new_high = low.copy(), high.copy()
                 (new_high if below else new_low)[k, a] = c
@@ -319,8 +331,8 @@ def _lifted(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constrain
     """[[Q, h], [h^T, m]] >= 0."""
     coefficients = np.zeros((10, 4, 4))
     coefficients[:4] = inertia.PSEUDO_INERTIA_BASIS[:4]
-    for (a, b), place in _PLACE.items():
-        coefficients[4 + place, [a, b], [b, a]] = 1.0
+    for a, b in np.ndindex(3, 3):
+        coefficients[4 + _place(a, b), a, b] = 1.0
     indices = np.concatenate([link[:4], q])
     return linear("lifted", name, indices, coefficients, np.zeros((4, 4)), "psd")
 
@@ -329,8 +341,8 @@ def _about_centre(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Con
     """Sigma' - Q >= 0."""
     coefficients = np.zeros((12, 3, 3))
     coefficients[:6] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
-    for (a, b), place in _PLACE.items():
-        coefficients[6 + place, [a, b], [b, a]] = -1.0
+    for a, b in np.ndindex(3, 3):
+        coefficients[6 + _place(a, b), a, b] = -1.0
     indices = np.concatenate([link[4:], q])
     return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
 

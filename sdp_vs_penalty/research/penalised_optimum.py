@@ -39,7 +39,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -56,21 +56,6 @@ from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.small_cones import SmallCones
 
-#: What the penalty takes the place of; "trace" is a consequence of the box.
-SOFT = ("pseudo-inertia", "total mass", "centre of mass cone")
-#: A link counts as violated, and a penalty as not exact, above this [kg m^2, kg, m].
-VIOLATED = 1e-6
-#: The bound on moments about the frame is this many times what the box implies, where
-#: the box is left out.
-_MARGIN = 10.0
-#: Of a link's ten parameters those of its moments of inertia.
-MOMENTS = [4, 6, 9]
-#: Up to this gap an optimum at a smaller weight is one at a larger weight as well.
-HELD = 1e-6
-#: Where the slacks start, as a share of what they may be.
-SLACK_START = 0.1
-_ACCURACY = 1e-10
-
 
 @dataclass(frozen=True)
 class PenalisedOptimum:
@@ -78,8 +63,12 @@ class PenalisedOptimum:
 
     theta (p,); value : the published objective there; lower : certified bound of the
     relaxation, below every value; loss : f at theta; triangle (n,) : what each link
-    violates [kg m^2]; worst : largest violation of all kinds.
+    violates [kg m^2]; worst : largest violation of all kinds; scale : what the gap is
+    relative to, the objective, of an exact fit a trace of the data.
     """
+
+    #: A demand is violated above this [kg m^2, kg, m].
+    tolerance: ClassVar[float] = 1e-6
 
     theta: Array
     weight: float
@@ -88,7 +77,6 @@ class PenalisedOptimum:
     loss: float
     triangle: Array
     worst: float
-
     scale: float
 
     @property
@@ -97,8 +85,13 @@ class PenalisedOptimum:
         return (self.value - self.lower) / self.scale
 
     @property
+    def is_violated(self) -> bool:
+        """Whether any demand is."""
+        return self.worst > self.tolerance
+
+    @property
     def n_links_violated(self) -> int:
-        return int(np.sum(self.triangle > VIOLATED))
+        return int(np.sum(self.triangle > self.tolerance))
 
 
 class PenalisedProblem:
@@ -108,6 +101,18 @@ class PenalisedProblem:
     Slacks stand behind theta: one a link, then one an entry of each soft demand.
     """
 
+    #: What the penalty takes the place of; "trace" is a consequence of the box.
+    soft_families = ("pseudo-inertia", "total mass", "centre of mass cone")
+    #: The bound on moments about the frame is this many times what the box implies,
+    #: where the box is left out.
+    moment_margin = 10.0
+    #: Of a link's ten parameters those of its moments of inertia.
+    moments = (4, 6, 9)
+    #: Up to this gap an optimum at a smaller weight is one at a larger weight as well.
+    held_gap = 1e-6
+    #: Where the slacks start, as a share of what they may be.
+    slack_start = 0.1
+
     def __init__(self, task: Task, two_step: bool) -> None:
         self.task, self.two_step = task, two_step
         self.data = _links_distance(task) if two_step else task.data
@@ -115,9 +120,11 @@ class PenalisedProblem:
         free = task.model.rigid_indices if two_step else np.arange(self.p)
         self.published = PenalisedLoss(task, self.data, free)
         convex = task.constraints.convex
-        self.hard = [c for c in convex if c.family not in (*SOFT, "trace")]
+        self.hard = [
+            c for c in convex if c.family not in (*self.soft_families, "trace")
+        ]
         self.hard += self._moment_limits
-        self.demands = [c for c in convex if c.family in SOFT[1:]]
+        self.demands = [c for c in convex if c.family in self.soft_families[1:]]
         self.interior = interior_point(
             task, ConstraintSet((*self.hard, *self.consistency, *self.demands))
         )
@@ -131,14 +138,14 @@ class PenalisedProblem:
     def bound(self) -> Array:
         """(p,) of theta, moments by a margin wider than the box implies."""
         bound = self.task.bound.copy()
-        bound[self.task.links[:, 4:]] *= _MARGIN
+        bound[self.task.links[:, 4:]] *= self.moment_margin
         return bound
 
     @property
     def _moment_limits(self) -> list[Constraint]:
         """Moments about the frame below their bounds: keeps the set from being open to
         infinity where the data do not see them."""
-        moments = self.task.links[:, MOMENTS]
+        moments = self.task.links[:, list(self.moments)]
         return [
             Constraint(
                 "moments", f"link {k}", "nonnegative", m, self.bound[m], -np.eye(3)
@@ -151,7 +158,7 @@ class PenalisedProblem:
         """(p, n) what a unit of each link's slack takes from theta': 2 j."""
         out = np.zeros((self.p, self.n))
         for k, link in enumerate(self.task.links):
-            out[link[MOMENTS], k] = 2.0
+            out[link[list(self.moments)], k] = 2.0
         return out
 
     @cached_property
@@ -203,7 +210,7 @@ class PenalisedProblem:
     def solve(self, weight: float) -> PenalisedOptimum:
         """The relaxation at a weight xi >= 0, certified."""
         limit = self.slack_limits(weight)
-        slack = SLACK_START * np.minimum(limit, 1.0)
+        slack = self.slack_start * np.minimum(limit, 1.0)
         start = np.append(self.interior + self.links_slack @ slack[: self.n], slack)
         bound = np.append(self.bound + self.links_slack @ limit[: self.n], limit)
         constraints = (*self.hard, *self.consistency, *self.soft, *self.between(limit))
@@ -220,7 +227,7 @@ class PenalisedProblem:
             if out:
                 before = out[-1]
                 same = self.optimum(before.theta, weight, before.lower)
-                if same.gap <= HELD:
+                if same.gap <= self.held_gap:
                     out.append(same)
                     continue
             found = self.solve(weight)
@@ -297,18 +304,18 @@ class PenalisedProblem:
         return largest
 
     def exact_weight_by_bisection(self, relative: float = 1e-3) -> float:
-        """The least weight whose optimum violates nothing by more than VIOLATED; 0 where
+        """The least weight whose optimum violates nothing beyond rounding; 0 where
         none does. It does not look at the multipliers."""
-        if self.solve(0.0).worst <= VIOLATED:
+        if not self.solve(0.0).is_violated:
             return 0.0
         low = high = 1.0
-        while self.solve(high).worst > VIOLATED:
+        while self.solve(high).is_violated:
             low, high = high, 4.0 * high
-        while low == high or self.solve(low).worst <= VIOLATED:
+        while low == high or not self.solve(low).is_violated:
             low, high = 0.25 * low, low
         while high > low * (1.0 + relative):
             middle = float(np.sqrt(low * high))
-            if self.solve(middle).worst > VIOLATED:
+            if self.solve(middle).is_violated:
                 low = middle
             else:
                 high = middle
@@ -331,13 +338,14 @@ def solve_certified(
     constraints: Iterable[Constraint],
     start: Array,
     bound: Array,
+    accuracy: float = 1e-10,
 ) -> Fit:
     """minimise |R x - rho|^2 + floor^2 + linear x subject to the constraints, by our own
     interior-point method, with what its certificate needs."""
     demands = ConstraintSet(tuple(constraints))
     cones = SmallCones(None, demands, len(start))
     cones.linear = linear
-    found = minimise(cones, data, [start], _ACCURACY)
+    found = minimise(cones, data, [start], accuracy)
     if found is None:
         raise InputError(
             "the penalised problem's interior point is not inside of its constraints",

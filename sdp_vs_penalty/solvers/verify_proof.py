@@ -11,7 +11,7 @@ or, of kind "infeasible", that there is no such x. Any y, S_i and T_i in the con
 |r|^2 >= 2 <y, r> - <y, y>, <S, F> >= 0, -log det F >= log det T + d - <T, F> for F, T > 0.
 
 What holds may still say nothing: a proof is vacuous from a gap (upper - lower) / loss(theta) of 1 on,
-and above LOOSE it shows no optimum.
+and above a thousandth it shows no optimum.
 """
 
 import hashlib
@@ -25,8 +25,6 @@ from fractions import Fraction
 FORMAT = "sdp-vs-penalty proof 2"
 MAX_BYTES, MAX_DIGITS, MAX_ROWS, LARGEST = 2**25, 4000, 100, 10**308
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][-+]?[0-9]{1,3})?|-?[0-9]+/[1-9][0-9]*")
-#: No optimum is shown where the interval is wider than this share of the loss.
-LOOSE = Fraction(1, 1000)
 # What is where: one of some types, a number, or [n, what], a list; a letter stands for
 # one length.
 VECTOR, TEXT, CONES = ["s", NUMBER], (str,), ("psd", "soc", "nonnegative")
@@ -269,15 +267,16 @@ def in_words(x):
     return f"{Decimal(x.numerator) / Decimal(x.denominator):.1e}"
 
 
-def weakness(proof):
-    """Why a proof that holds shows no optimum; "" where it does."""
+def weakness(proof, loosest=Fraction(1, 1000)):
+    """Why a proof that holds shows no optimum; "" where it does. loosest: the largest gap
+    of one that does."""
     gap = relative_gap(proof)
     if gap is None or gap >= 1:
         share = "" if gap is None else f", {in_words(gap)} times the loss wide,"
         ends = (in_words(Fraction(proof[name])) for name in ("lower", "upper"))
         return f"vacuous: [{', '.join(ends)}]{share} says nothing of the optimum"
-    if gap > LOOSE:
-        most = in_words(LOOSE)
+    if gap > loosest:
+        most = in_words(loosest)
         return f"loose: its gap is {in_words(gap)} of the loss, more than {most}"
     return ""
 

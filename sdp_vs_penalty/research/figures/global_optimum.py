@@ -7,13 +7,8 @@ import numpy as np
 
 from sdp_vs_penalty.research.figures import style
 from sdp_vs_penalty.research.figures.style import legend_below, new_figure
-from sdp_vs_penalty.research.tables.global_optimum import ANNEALED, WEIGHTS, Searched
+from sdp_vs_penalty.research.tables.global_optimum import Searched, Searches
 from sdp_vs_penalty.robot.arrays import Array
-
-#: Violations below this are drawn here: "none" [kg m^2].
-_NONE = 1e-8
-#: Weights and excesses are drawn linearly up to here.
-_LINEAR_WEIGHT, _LINEAR_EXCESS = 0.1, 1.0
 
 
 def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
@@ -25,7 +20,7 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
         _draw_violation(column[1], found)
         column[0].set_title(f"{found.label} run, {found.name}")
         for axis in column:
-            axis.set_xscale("symlog", linthresh=_LINEAR_WEIGHT)
+            axis.set_xscale("symlog", linthresh=0.1)
             axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
             axis.axvspan(0.0, 40.0, color=style.GREY, alpha=0.15, linewidth=0)
             axis.axvline(
@@ -54,34 +49,35 @@ def _draw_objective(axis: Any, found: Searched) -> None:
     }
     for label, (values, color, line) in lines.items():
         excess = 100.0 * (np.array(values) / base - 1.0)
-        axis.plot(WEIGHTS, excess, color=color, linestyle=line, label=label)
+        axis.plot(Searches.weights, excess, color=color, linestyle=line, label=label)
     _dots(axis, 100.0 * (found.annealed[..., 0] / base - 1.0))
-    axis.set_yscale("symlog", linthresh=_LINEAR_EXCESS)
+    axis.set_yscale("symlog", linthresh=1.0)
     axis.axhline(0.0, color=style.GREY, linewidth=0.6)
 
 
 def _draw_violation(axis: Any, found: Searched) -> None:
-    worst = np.maximum([x.worst for x in found.free], _NONE)
-    axis.plot(WEIGHTS, worst, color=style.BLACK, label="certified optimum")
+    none = 1e-8  # where "none" is drawn [kg m^2, kg or m]
+    worst = np.maximum([x.worst for x in found.free], none)
+    axis.plot(Searches.weights, worst, color=style.BLACK, label="certified optimum")
     boxed = [np.nan if x.best is None else x.best.worst for x in found.boxed]
     axis.plot(
-        WEIGHTS,
-        np.maximum(boxed, _NONE),
+        Searches.weights,
+        np.maximum(boxed, none),
         color=style.BLUE,
         linestyle="--",
         label="certified, box on inertias",
     )
-    _dots(axis, np.maximum(found.annealed[..., 2], _NONE))
+    _dots(axis, np.maximum(found.annealed[..., 2], none))
     axis.set_yscale("log")
     ticks = [1e-8, 1e-6, 1e-4, 1e-2, 1.0]
     axis.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
-    axis.set_ylim(0.5 * _NONE, 20.0)
+    axis.set_ylim(0.5 * none, 20.0)
 
 
 def _dots(axis: Any, values: Array) -> None:
     for k, run in enumerate(values):
         axis.plot(
-            ANNEALED,
+            Searches.annealed,
             run,
             linestyle="",
             marker="o",

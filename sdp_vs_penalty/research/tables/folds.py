@@ -9,9 +9,6 @@ import numpy as np
 from sdp_vs_penalty.estimation.resampling import CrossValidation
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Two-sided coverage of every interval here.
-COVERAGE = 0.95
-
 
 @dataclass(frozen=True)
 class Interval:
@@ -39,13 +36,13 @@ def fold_errors(result: CrossValidation) -> Array:
     return np.array([fold.relative_error_percent for fold in result.folds])
 
 
-def interval_of(values: Array) -> Interval:
+def interval_of(values: Array, coverage: float = 0.95) -> Interval:
     """The interval of the mean of values (k,), taken as independent."""
     from scipy import stats
 
     k, mean = len(values), float(np.mean(values))
     error = float(np.std(values, ddof=1)) / math.sqrt(k)
-    half = float(stats.t.ppf(0.5 + 0.5 * COVERAGE, k - 1)) * error
+    half = float(stats.t.ppf(0.5 + 0.5 * coverage, k - 1)) * error
     return Interval(mean, mean - half, mean + half, mean / error if error else 0.0)
 
 

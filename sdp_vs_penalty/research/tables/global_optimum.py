@@ -3,6 +3,7 @@ certified."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,15 +23,31 @@ from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
 from sdp_vs_penalty.robot.arrays import Array
 
-#: The paper's weights, smaller ones, and larger ones until every penalty is exact.
-WEIGHTS = (0.0, 0.1, 10.0, 20.0, 30.0, 40.0, 100.0, 300.0, 1000.0)
-#: Those at which annealing is run, as published and then on.
-ANNEALED = (*PenaltyPaper.weights, 100.0, 1000.0)
-#: Branch and bound ends at this gap, or after so many relaxations.
-_GAP, _MOST_CELLS = 1e-3, 40
-#: Independent runs of annealing, and of the local search alone.
-_RUNS = {"quick": 3, "paper": 10}
-_STARTS = {"quick": 2, "paper": 10}
+
+@dataclass(frozen=True)
+class Searches:
+    """How many independent runs of annealing, and of the local search alone; branch and
+    bound ends at a gap, or after so many relaxations."""
+
+    #: The paper's weights, smaller ones, and larger ones until every penalty is exact;
+    #: and those at which annealing is run, as published and then on.
+    weights: ClassVar = (0.0, 0.1, 10.0, 20.0, 30.0, 40.0, 100.0, 300.0, 1000.0)
+    annealed: ClassVar = (*PenaltyPaper.weights, 100.0, 1000.0)
+
+    annealing_runs: int
+    local_runs: int
+    gap: float = 1e-3
+    most_cells: int = 40
+
+    @classmethod
+    def of(cls, budget: str) -> "Searches":
+        """Those of a budget."""
+        return cls(10, 10) if budget == "paper" else cls(3, 2)
+
+
+def is_rounding(loss: float) -> bool:
+    """Whether a loss is too small for shares of it to mean anything."""
+    return loss <= 1e-12
 
 
 @dataclass(frozen=True)
@@ -40,7 +57,7 @@ class Searched:
     free : the optimum without the box on inertias; boxed : with it; cvxpy : the former
     by CVXPY and Clarabel, NaN without them; annealed, multi_start (runs, weights, 3) :
     penalised objective, loss and worst violation where each run of annealing, and of
-    the local search alone, ends inside the box, at the weights of ANNEALED.
+    the local search alone, ends inside the box, at the weights of Searches.annealed.
     """
 
     label: str
@@ -57,6 +74,12 @@ class Searched:
     @property
     def name(self) -> str:
         return "two-step" if self.two_step else "one-step"
+
+    def excess_percent(self, optimum: PenalisedOptimum) -> float:
+        """Its loss over the feasible optimum's; 0 where that is rounding."""
+        if is_rounding(self.feasible_loss):
+            return 0.0
+        return 100.0 * (optimum.loss / self.feasible_loss - 1.0)
 
 
 @dataclass(frozen=True)
@@ -75,7 +98,7 @@ def global_optima(study: Study) -> Table:
     """Global optimum of the published penalised objective over its weight, certified."""
     searched = study.once(penalised_optima)
     rows = [row for found in searched for row in _rows(found)]
-    runs, evaluations = _RUNS[study.budget], _evaluations(study)
+    searches, evaluations = Searches.of(study.budget), _evaluations(study)
     exact = [
         f"{x.label}, {x.name}: {x.exact_by_theory:.5g} by the largest multiplier,"
         f" {x.exact_by_bisection:.5g} by bisection"
@@ -86,8 +109,8 @@ def global_optima(study: Study) -> Table:
         rows,
         notes(
             "global",
-            runs=runs,
-            starts=_STARTS[study.budget],
+            runs=searches.annealing_runs,
+            starts=searches.local_runs,
             evaluations=evaluations,
             exact="; ".join(exact),
         ),
@@ -114,9 +137,12 @@ def _evaluations(study: Study) -> int:
 
 def _searched(item: _Item) -> Searched:
     problem = PenalisedProblem(item.task, item.two_step)
-    free = problem.solve_all(WEIGHTS)
-    boxed = BoxedProblem(problem).branch_all(WEIGHTS, _GAP, _MOST_CELLS)
-    by_cvxpy = cvxpy_optima(problem, WEIGHTS)
+    searches = Searches.of(item.budget)
+    free = problem.solve_all(Searches.weights)
+    boxed = BoxedProblem(problem).branch_all(
+        Searches.weights, searches.gap, searches.most_cells
+    )
+    by_cvxpy = cvxpy_optima(problem, Searches.weights)
     return Searched(
         item.label,
         item.two_step,
@@ -125,10 +151,16 @@ def _searched(item: _Item) -> Searched:
         problem.exact_weight_by_bisection(),
         free,
         boxed,
-        np.array([by_cvxpy.get(weight, np.nan) for weight in WEIGHTS]),
-        search_runs(problem, ANNEALED, item.evaluations, _RUNS[item.budget]),
+        np.array([by_cvxpy.get(weight, np.nan) for weight in Searches.weights]),
         search_runs(
-            problem, ANNEALED, item.evaluations, _STARTS[item.budget], annealing=False
+            problem, Searches.annealed, item.evaluations, searches.annealing_runs
+        ),
+        search_runs(
+            problem,
+            Searches.annealed,
+            item.evaluations,
+            searches.local_runs,
+            annealing=False,
         ),
     )
 
@@ -160,11 +192,10 @@ def search_runs(
 def _rows(found: Searched) -> list[Row]:
     rows = []
     for k, (weight, free, boxed) in enumerate(
-        zip(WEIGHTS, found.free, found.boxed, strict=True)
+        zip(Searches.weights, found.free, found.boxed, strict=True)
     ):
         annealed = _best(found.annealed, weight)
         started = _best(found.multi_start, weight)
-        excess = 100.0 * (free.loss / found.feasible_loss - 1.0)
         rows.append(
             {
                 "data": found.label,
@@ -174,7 +205,7 @@ def _rows(found: Searched) -> list[Row]:
                 "lower_bound": free.lower,
                 "gap": free.gap,
                 "cvxpy_optimum": found.cvxpy[k],
-                "excess_loss_percent": excess if found.feasible_loss > _ZERO else 0.0,
+                "excess_loss_percent": found.excess_percent(free),
                 "links_violated": free.n_links_violated,
                 "worst_violation": free.worst,
                 "box_optimum": np.nan if boxed.best is None else boxed.best.value,
@@ -190,20 +221,16 @@ def _rows(found: Searched) -> list[Row]:
     return rows
 
 
-#: A loss below this is rounding: an excess over it means nothing.
-_ZERO = 1e-12
-
-
 def _best(runs: Array, weight: float) -> float | None:
     """The lowest objective of all runs; None at a weight at which none was run."""
-    if weight not in ANNEALED:
+    if weight not in Searches.annealed:
         return None
-    return float(runs[:, ANNEALED.index(weight), 0].min())
+    return float(runs[:, Searches.annealed.index(weight), 0].min())
 
 
 def _above(value: float | None, lower: float) -> float | None:
     """By how much a value is above a lower bound [%]; None above a bound of zero."""
-    if value is None or lower <= _ZERO:
+    if value is None or is_rounding(lower):
         return None
     return 100.0 * (value / lower - 1.0)
 
@@ -212,10 +239,8 @@ def _headline(searched: Sequence[Searched]) -> str:
     said = []
     largest = max(PenaltyPaper.weights)
     for found in searched:
-        free = found.free[WEIGHTS.index(largest)]
-        excess = 0.0
-        if found.feasible_loss > _ZERO:
-            excess = 100.0 * (free.loss / found.feasible_loss - 1.0)
+        free = found.free[Searches.weights.index(largest)]
+        excess = found.excess_percent(free)
         said.append(
             f"{found.label}, {found.name} {excess:.3f} %, {free.n_links_violated} links"
         )
