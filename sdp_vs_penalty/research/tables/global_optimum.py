@@ -20,7 +20,7 @@ from sdp_vs_penalty.research.penalised_optimum import (
     cvxpy_optima,
 )
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
+from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -93,7 +93,7 @@ class _Item:
     evaluations: int
 
 
-@makes("global", slow=True)
+@register_table("global", slow=True)
 def global_optima(study: Study) -> Table:
     """Global optimum of the published penalised objective over its weight, certified."""
     searched = study.once(penalised_optima)

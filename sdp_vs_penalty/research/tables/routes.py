@@ -17,7 +17,7 @@ from sdp_vs_penalty.research.tables.folds import (
     interval_of,
 )
 from sdp_vs_penalty.research.tables.study import FOLDS, Data, Frozen, Result, Study
-from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
+from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 
 #: The rows that solve one problem: torque loss, 20 mm, bodies, no prior on anything.
 SDP, PENALTY = "SDP", "penalty, one-step"
@@ -54,7 +54,7 @@ def routes_of(study: Study) -> Mapping[str, str | Estimator]:
     }
 
 
-@makes("routes", "panda", slow=True)
+@register_table("routes", "panda", slow=True)
 def routes(study: Study) -> Table:
     """One problem, two routes: SDP and penalty on the same constraints, and the paper's.
 
