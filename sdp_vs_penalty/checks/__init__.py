@@ -15,7 +15,7 @@ from sdp_vs_penalty.checks import residual, rules
 from sdp_vs_penalty.checks.constants import RUN
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.long_runs import LONG, issues_of_run, windows_of
+from sdp_vs_penalty.checks.long_runs import is_long, issues_of_run, windows_of
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.rules import Glance, mended
@@ -59,7 +59,7 @@ class Report(Shown):
     @property
     def is_long(self) -> bool:
         """Whether windows stand for the run: it is not repaired then."""
-        return self.mended.samples > LONG
+        return is_long(self.mended)
 
     @property
     def problems(self) -> tuple[Issue, ...]:

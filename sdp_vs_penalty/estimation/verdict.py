@@ -8,8 +8,10 @@ on motion that is mostly new, and links that can exist. A diagnosis names what i
 missing; the grade is the same with and without it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -33,6 +35,8 @@ GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")
 #: A joint's error counts as noise up to so many noise floors (standard deviations): its
 #: variance is then at most four times that of the noise.
 ABOVE_NOISE = 2.0
+#: Up to so many noise floors an error is noise: what is left is the floor's own error.
+IS_NOISE = 1.2
 #: Relative torque error beyond the noise [%] above which a model is not to be used; up
 #: to CHANGES a prediction is good. Identified models of real arms reach 0.2 to 9 %
 #: (dVRK, Panda, UR10, TX40, published and ours).
@@ -94,6 +98,19 @@ class Verdict(Plain):
         """One line for the header of a file."""
         reasons = " ".join(str(line) for line in self.lines)
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
+
+    def with_missing(self, said: str) -> Verdict:
+        """The same with what a diagnosis says in place of what errors alone say."""
+        fit = next((line for line in self.lines if line.about == FIT), None)
+        over = self.error_over_noise
+        alone = fit and _left(fit, None if over is None else np.array(over))
+        lines = [
+            replace(line, text=line.text.replace(alone, said))
+            if alone and line.about == MISSING
+            else line
+            for line in self.lines
+        ]
+        return replace(self, lines=tuple(lines))
 
     def to_dict(self) -> dict[str, Any]:
         return {"grade": self.grade, "headline": self.headline, **super().to_dict()}
@@ -231,7 +248,14 @@ def _prediction(
 def _left(fit: Line, over: Array | None) -> str:
     """What errors alone say of what is missing."""
     if fit.grade == "good":
-        return "Nothing that these measurements show: every joint's error is noise."
+        worst = 1 if over is None else int(np.argmax(over)) + 1
+        if over is None or over[worst - 1] <= IS_NOISE:
+            return "Nothing that these measurements show: every joint's error is noise."
+        times = formatting.number(over[worst - 1], 2)
+        return (
+            "Nothing that these measurements show clearly: no joint errs more than"
+            f" {ABOVE_NOISE:g} times its noise (joint {worst} most, {times} times)."
+        )
     if over is None:
         return "Not known without a noise floor; `diagnose` names causes."
     above = (np.flatnonzero(over > ABOVE_NOISE) + 1).tolist()

@@ -46,6 +46,7 @@ def verb(
             "gain_uncertainty": gain_uncertainty,
         }
         how |= {"noise_from": given.whole, "progress": progress}
+        how["judged_recordings"] = given.judged_recordings
         result = run(estimate, given.train, given.test, **how)
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     asked = {
