@@ -13,7 +13,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import residual, rules
 from sdp_vs_penalty.checks.constants import RUN
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.issue import FACT, Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.long_runs import is_long, issues_of_run, windows_of
 from sdp_vs_penalty.checks.regression_data import RegressionData
@@ -31,6 +31,9 @@ from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
+
+#: Issues that say in which unit positions are.
+POSITION_UNITS = "positions in degrees", "position unit"
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +56,7 @@ class Report(Shown):
 
     @property
     def meaningless(self) -> bool:
-        """Whether to identify from these data as they are would mean nothing."""
+        """Whether nothing sensible can be identified from these data: a fact says so."""
         return any(f.severity == "error" for f in self.issues)
 
     @property
@@ -235,7 +238,11 @@ def _check_run(
                 far_outside(problem.robot, run.q),
                 "certain: `identify` refuses it",
             )
-            issues.append(_stopped("position range", error, sure, far))
+            units = [k for k, f in enumerate(issues) if f.kind in POSITION_UNITS]
+            for k in units:  # the range says so, whatever the torques say
+                issues[k] = replace(issues[k], nature=FACT, severity="error")
+            if not units:
+                issues.append(_stopped("position range", error, sure, far))
     return replace(report, issues=_gravest_first(issues))
 
 
@@ -276,7 +283,7 @@ def _channels(
         residual.two_arms(log, net)
     ):  # another arm, or load, makes steps of its own
         net = replace(net, events=())
-    stated, certain = search.told(net)
+    stated = search.told(net)
     left = [*residual.size(log, net), *residual.find(log, net), *apart]
     if any(i.kind == "torque channel kind" for i in left):
         scales = "torque gain", "torque unit"
@@ -290,18 +297,15 @@ def _channels(
     issues += [*stated, *rules.coarse(glance, data.motion, settings), *left]
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
         issues += rules.beside(glance)
-    work, fixed = net.apply(run), certain.apply(report.fixed)
+    work = net.apply(run)
     for issue in left:
         if issue.repair is not None:
-            work, fixed = (
-                issue.repair(work),
-                issue.repair(fixed) if issue.mends else fixed,
-            )
+            work = issue.repair(work)
     if thorough:
         moved = problem.with_gravity(net.gravity)
         issues += residual.not_excited(moved, FilteredRuns.of(work, settings))
     # A report holds the rows, not what was worked out of them.
     arm = (Likelihood(problem, data), net) if log.spare > 0.0 else None
     return Report(
-        report.run, tuple(issues), work, fixed, log.score(net).unexplained, arm
+        report.run, tuple(issues), work, report.fixed, log.score(net).unexplained, arm
     )

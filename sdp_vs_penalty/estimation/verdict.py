@@ -35,8 +35,6 @@ GRADES: tuple[Grade, ...] = ("do not use", "usable", "good")
 #: A joint's error counts as noise up to so many noise floors (standard deviations): its
 #: variance is then at most four times that of the noise.
 ABOVE_NOISE = 2.0
-#: Up to so many noise floors an error is noise: what is left is the floor's own error.
-IS_NOISE = 1.2
 #: Relative torque error beyond the noise [%] above which a model is not to be used; up
 #: to CHANGES a prediction is good. Identified models of real arms reach 0.2 to 9 %
 #: (dVRK, Panda, UR10, TX40, published and ours).
@@ -248,13 +246,10 @@ def _prediction(
 def _left(fit: Line, over: Array | None) -> str:
     """What errors alone say of what is missing."""
     if fit.grade == "good":
-        worst = 1 if over is None else int(np.argmax(over)) + 1
-        if over is None or over[worst - 1] <= IS_NOISE:
-            return "Nothing that these measurements show: every joint's error is noise."
-        times = formatting.number(over[worst - 1], 2)
+        times = formatting.number(1.0 if over is None else float(np.max(over)), 2)
         return (
-            "Nothing that these measurements show clearly: no joint errs more than"
-            f" {ABOVE_NOISE:g} times its noise (joint {worst} most, {times} times)."
+            "Nothing that these measurements show: no joint errs more than"
+            f" {times} times its noise."
         )
     if over is None:
         return "Not known without a noise floor; `diagnose` names causes."
