@@ -10,13 +10,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import residual, rules
-from sdp_vs_penalty.checks.constants import PARTS, RUN
-from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.constants import RUN
+from sdp_vs_penalty.checks.issue import FACT, Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.long_runs import LONG, issues_of_run, windows_of
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.rules import Glance, mended
@@ -24,7 +23,6 @@ from sdp_vs_penalty.checks.search import Search
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque, far_outside
-from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.problem.load import as_problem
@@ -33,6 +31,9 @@ from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, joined
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 __all__ = ["Issue", "Report", "check"]
+
+#: Issues that say in which unit positions are.
+POSITION_UNITS = "positions in degrees", "position unit"
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,8 +56,13 @@ class Report(Shown):
 
     @property
     def meaningless(self) -> bool:
-        """Whether to identify from these data as they are would mean nothing."""
+        """Whether nothing sensible can be identified from these data: a fact says so."""
         return any(f.severity == "error" for f in self.issues)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether windows stand for the run: it is not repaired then."""
+        return self.mended.samples > LONG
 
     @property
     def problems(self) -> tuple[Issue, ...]:
@@ -151,28 +157,48 @@ def check(
     if measurements.n != problem.robot.n:
         raise other_robot(measurements.n, problem.robot.n, measurements.names[0])
     settings = preprocessing or problem.preprocessing
-    reports: list[Report] = []
+    windows: list[Report] = []
+    of_run: list[tuple[Measurements, slice]] = []
     for run in measurements.runs():
-        windows = [run]
-        if (
-            run.samples > PARTS * PART
-        ):  # half as many windows, whose rows count from their first
-            name = run.names[0]
-            try:
-                check_usable(name, run)
-            except InputError as error:
-                issue = _stopped("unusable rows", error, "certain: read from the file")
-                reports.append(Report(name, (issue,), run, run))
-                continue
-            starts = np.linspace(0, run.samples - PART, PARTS // 2).astype(int).tolist()
-            windows = [
-                run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on")
-                for k in starts
-            ]
-        reports += [
-            _check_run(problem, window, settings, thorough) for window in windows
-        ]
-    return of_one_arm(reports)
+        first = len(windows)
+        windows += _check_windows(problem, run, settings, thorough)
+        of_run.append((run, slice(first, len(windows))))
+    windows = of_one_arm(windows)
+    reports = [_report_of_run(run, windows[part]) for run, part in of_run]
+    return [replace(r, issues=_gravest_first(r.issues)) for r in reports]
+
+
+def _check_windows(
+    problem: Problem, run: Measurements, settings: Preprocessing, thorough: bool
+) -> list[Report]:
+    """A report of the run, or one of each window of a long run whose rows are usable."""
+    windows = windows_of(run)
+    if len(windows) > 1:
+        try:
+            check_usable(run.names[0], run)
+        except InputError as error:
+            issue = _stopped("unusable rows", error, "certain: read from the file")
+            return [Report(run.names[0], (issue,), run, run)]
+    return [_check_run(problem, window, settings, thorough) for window in windows]
+
+
+def _report_of_run(run: Measurements, windows: Sequence[Report]) -> Report:
+    """One report of a run from those of its windows.
+
+    The unexplained share is the mean of the windows'. A long run is not repaired: its
+    repaired copies are the run itself.
+    """
+    if len(windows) == 1:
+        return windows[0]
+    shares = [w.unexplained for w in windows if w.unexplained is not None]
+    return Report(
+        run=run.names[0],
+        issues=tuple(issues_of_run([(w.run, w.issues) for w in windows])),
+        mended=run,
+        fixed=run,
+        unexplained=sum(shares) / len(shares) if shares else None,
+        arm=next((w.arm for w in windows if w.arm is not None), None),
+    )
 
 
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
@@ -212,7 +238,11 @@ def _check_run(
                 far_outside(problem.robot, run.q),
                 "certain: `identify` refuses it",
             )
-            issues.append(_stopped("position range", error, sure, far))
+            units = [k for k, f in enumerate(issues) if f.kind in POSITION_UNITS]
+            for k in units:  # the range says so, whatever the torques say
+                issues[k] = replace(issues[k], nature=FACT, severity="error")
+            if not units:
+                issues.append(_stopped("position range", error, sure, far))
     return replace(report, issues=_gravest_first(issues))
 
 
@@ -253,7 +283,7 @@ def _channels(
         residual.two_arms(log, net)
     ):  # another arm, or load, makes steps of its own
         net = replace(net, events=())
-    stated, certain = search.told(net)
+    stated = search.told(net)
     left = [*residual.size(log, net), *residual.find(log, net), *apart]
     if any(i.kind == "torque channel kind" for i in left):
         scales = "torque gain", "torque unit"
@@ -267,18 +297,15 @@ def _channels(
     issues += [*stated, *rules.coarse(glance, data.motion, settings), *left]
     if not any(i.kind in ("encoder offset", "positions in degrees") for i in stated):
         issues += rules.beside(glance)
-    work, fixed = net.apply(run), certain.apply(report.fixed)
+    work = net.apply(run)
     for issue in left:
         if issue.repair is not None:
-            work, fixed = (
-                issue.repair(work),
-                issue.repair(fixed) if issue.mends else fixed,
-            )
+            work = issue.repair(work)
     if thorough:
         moved = problem.with_gravity(net.gravity)
         issues += residual.not_excited(moved, FilteredRuns.of(work, settings))
     # A report holds the rows, not what was worked out of them.
     arm = (Likelihood(problem, data), net) if log.spare > 0.0 else None
     return Report(
-        report.run, tuple(issues), work, fixed, log.score(net).unexplained, arm
+        report.run, tuple(issues), work, report.fixed, log.score(net).unexplained, arm
     )

@@ -74,6 +74,8 @@ RUN = 50
 #: A spike leaves its neighbours by so many times their usual scatter, and this share of
 #: the range.
 SPIKE = (40.0, 0.25)
+#: Identification goes on with a log of which a smaller share is no measurement.
+MOST_LOST = 0.1
 #: The filters need so many samples a period of the fastest motion.
 SAMPLES_A_PERIOD = 30.0
 

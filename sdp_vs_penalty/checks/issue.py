@@ -7,6 +7,9 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 
+#: The two natures of an issue.
+FACT, EXPLANATION = "fact", "explanation"
+
 
 @dataclass(frozen=True)
 class Issue:
@@ -18,6 +21,8 @@ class Issue:
     what, remedy : one sentence each. certainty : "certain", "likely" or "possible", and why.
     repair : where mending is safe, how (``remedy`` in words); figures : the numbers behind it.
     gravity : where gravity points instead [m/s^2], for an issue about it.
+    nature : FACT, which is read from the file, or EXPLANATION, which a model of the arm
+        gives: it competes with other explanations and is never an error.
     """
 
     kind: str
@@ -29,6 +34,11 @@ class Issue:
     repair: Callable[[Measurements], Measurements] | None = None
     figures: Mapping[str, Any] = field(default_factory=dict)
     gravity: tuple[float, ...] | None = None
+    nature: str = FACT
+
+    def __post_init__(self) -> None:
+        if self.nature == EXPLANATION and self.severity == "error":
+            raise ValueError(f"{self.kind}: an explanation is never an error")
 
     @classmethod
     def of(
@@ -41,6 +51,7 @@ class Issue:
         remedy: str,
         repair: Callable[[Measurements], Measurements] | None = None,
         where: str = "",
+        nature: str = FACT,
         **figures: Any,
     ) -> "Issue":
         """About some joints (from 0), whose names ``{where}`` is in ``what`` if it is
@@ -57,16 +68,18 @@ class Issue:
             remedy,
             repair,
             {**numbers, **figures},
+            nature=nature,
         )
 
     @property
     def mends(self) -> bool:
-        """Whether `check --fix` repairs it: there is a repair, and no doubt."""
-        return self.repair is not None and self.certainty.startswith("certain")
+        """Whether `check --fix` repairs it: it is a fact with a repair."""
+        is_certain = self.certainty.startswith("certain")
+        return self.nature == FACT and self.repair is not None and is_certain
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; joints count from 1."""
-        names = ("kind", "severity", "where", "what", "certainty", "remedy")
+        names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")
         plain = {name: getattr(self, name) for name in names}
         return {**plain, "can_fix": self.mends, "figures": dict(self.figures)}
 

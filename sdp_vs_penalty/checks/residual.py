@@ -13,12 +13,13 @@ order: a gain, a zero, or the ten parameters of a load on the last link.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, Score, jackknifed
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations import UNITS
@@ -30,10 +31,11 @@ from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array, or_least
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
+explanation = partial(Issue.of, nature=EXPLANATION)
 #: A one-off event lasts at most so long [s].
 _WIDTH = 1.0
 _SURE = (
-    "certain: signs, orders, gains, zeros, delays, units and gravity were tried; none"
+    "likely: signs, orders, gains, zeros, delays, units and gravity were tried; none"
     " explains it"
 )
 
@@ -48,9 +50,9 @@ def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         100.0 * score.unexplained**0.5,
     )
     if dark > c.UNRELATED:
-        yield Issue.of(
+        yield explanation(
             "torque not explained",
-            "error",
+            "warning",
             (),
             f"No inertia and friction of this arm explain {100.0 * dark:.0f} % of the"
             " torque energy.",
@@ -70,7 +72,7 @@ def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
             what = f"leaves more than such arms do ({total:.2g} % of all torques)"
         left = ", ".join(f"{percent[j]:.2g} %" for j in joints)
         if left:
-            yield Issue.of(
+            yield explanation(
                 "unexplained torque",
                 "warning",
                 joints,
@@ -102,7 +104,7 @@ def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
             np.min(np.abs(np.subtract(known, at))) > 3.0 * _WIDTH
             and most > c.TIMES * elsewhere > 0.0
         ):
-            yield Issue.of(
+            yield explanation(
                 "one-off event",
                 "warning",
                 [j],
@@ -148,7 +150,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
             f"the torque of {{where}} is {times} times what the joint is made for: in"
             " another unit."
         )
-        yield Issue.of("torque unit", "error", odd, what, sure, convert)
+        yield explanation("torque unit", "warning", odd, what, sure, convert)
         return
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
     known, weighs = (
@@ -180,7 +182,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         made = _size(rows.apart @ log.score(repair).theta) / _size(rows.rest(arm))
         large, small = min(measured, made) > most, measured < least
     far = over > c.EFFORT[1]
-    kind, severity, where, mend = "torque unit", "error", "all torque channels", None
+    kind, where, mend = "torque unit", "all torque channels", None
     right = "if right, correct the problem's masses"
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
         kind, where, share = "masses of the problem", "the problem", 100.0 * over
@@ -197,7 +199,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
             why, remedy = f"they are in {UNITS[factor]}", f"multiply by {factor:g}"
             mend = lambda r: replace(r, tau=r.tau * factor)  # noqa: E731
     elif small:
-        kind, severity = "torque channel kind", "warning"
+        kind = "torque channel kind"
         why = (
             "they are motor currents, or torques on the motor side of the gear. A model"
             " of them is"
@@ -210,9 +212,9 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     else:
         return
     what, ratio = f"the torques are {told}: {why}.", measured if known else None
-    yield Issue.of(
+    yield explanation(
         kind,
-        severity,
+        "warning",
         range(log.n),
         what,
         sure,
@@ -252,6 +254,7 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
             " runs that do",
             None,
             {"base_parameters": total, **counts(known.base), "names": dark},
+            nature=EXPLANATION,
         )
 
 
@@ -361,6 +364,7 @@ def compare(
                 "size": x,
                 "times": times,
             },
+            nature=EXPLANATION,
         ),
     )
 
@@ -405,7 +409,7 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
             issue,
             kind="two arms",
             where=place,
-            severity="error" if issue.figures["times"] > c.TIMES else "warning",
+            severity="warning",
             remedy="cut the run there and use each part by itself (--window)",
             figures={**issue.figures, "t": t},
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.constants import RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
-from sdp_vs_penalty.checks.issue import Issue, rows_text
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, rows_text
 from sdp_vs_penalty.data.formats.recognition import UNITS
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
@@ -64,6 +64,14 @@ class Glance:
     def movement(self) -> Movement:
         return Movement(self.run, self.standstill)
 
+    def rests(self, j: int) -> Rows:
+        """(N,) where joint j hardly moves a quarter of a second before and after: by
+        less than a share of the farthest that it comes in that time."""
+        t, q = self.run.t, self.run.q[:, j]
+        before, after = (np.abs(np.interp(t + s, t, q) - q) for s in (-0.25, 0.25))
+        far = np.maximum(before, after)
+        return np.asarray(far <= self.standstill * far.max())
+
     @cached_property
     def row_numbers(self) -> NDArray[np.int64]:
         """(N,) equal numbers for rows that are the same, bit by bit, in every column
@@ -93,12 +101,14 @@ class Glance:
         bad: Mapping[str, Rows] | Rows,
         what: str,
         sure: str = _READ,
-        brief: float = 0.0,
+        unusable: bool = False,
         remedy: str = "delete these rows",
         **figures: Any,
     ) -> Iterator[Issue]:
-        """Rows that are no measurements (of these channels): they go. A warning where
-        the longest lasts less than ``brief`` [s]."""
+        """Rows that are no measurements (of these channels): they go.
+
+        An error where identification cannot read them (``unusable``), or where they are
+        a large share of what was measured: otherwise a warning."""
         channels = bad if isinstance(bad, Mapping) else {"": bad}
         channels = {name: rows for name, rows in channels.items() if rows.any()}
         if not channels:
@@ -118,13 +128,30 @@ class Glance:
             "joints": sorted({int(name.lstrip("qtau")) for name in channels if name})
         }
         where = ", ".join(filter(None, (named, rows_text(np.flatnonzero(gone) + 2))))
-        severity, what = (
-            "warning" if seconds < brief else "error",
-            what.format(**figures),
-        )
+        refuses = unusable or self._lost_share(channels, gone) > c.MOST_LOST
         yield Issue(
-            kind, severity, where, what, sure, remedy, lambda r: r.rows(~gone), figures
+            kind=kind,
+            severity="error" if refuses else "warning",
+            where=where,
+            what=what.format(**figures),
+            certainty=sure,
+            remedy=remedy,
+            repair=lambda r: r.rows(~gone),
+            figures=figures,
         )
+
+    def _lost_share(self, channels: Mapping[str, Rows], gone: Rows) -> float:
+        """The share of the rows that are no measurements, or of a channel's energy
+        about its median that they make up: the larger."""
+        shares = [float(gone.mean())]
+        for name, _, x in self.channels:
+            if name in channels:
+                size = np.abs(x - np.median(x))
+                energy = np.square(size / or_one(size.max()))
+                shares.append(
+                    float(energy[channels[name]].sum() / or_one(energy.sum()))
+                )
+        return max(shares)
 
 
 def stepping(run: Measurements, where: Rows, steps: float | Array) -> Measurements:
@@ -151,7 +178,7 @@ def missing(g: Glance) -> Iterator[Issue]:
         "{rows} rows with values that are not finite numbers, or that no robot"
         " measures."
     )
-    yield from g.deleted("missing numbers", ~finite, what)
+    yield from g.deleted("missing numbers", ~finite, what, unusable=True)
 
 
 def time_unit(g: Glance) -> Iterator[Issue]:
@@ -240,7 +267,8 @@ def repeated_time(g: Glance) -> Iterator[Issue]:
     same = bool(np.all(np.diff(g.run.q, axis=0)[bad[1:]] == 0.0))
     how = "are copies of the row before" if same else "differ from the row before"
     what = f"{{rows}} rows with a repeated time; the values {how}."
-    yield from g.deleted("repeated time", bad, what, remedy="keep the first of each")
+    first = "keep the first of each"
+    yield from g.deleted("repeated time", bad, what, remedy=first, unusable=True)
 
 
 def uneven(g: Glance) -> Iterator[Issue]:
@@ -272,7 +300,7 @@ def uneven(g: Glance) -> Iterator[Issue]:
 
     yield Issue(
         "jittered time stamps",
-        "error" if spread > 1.0 else "warning",
+        "warning",
         "column t",
         f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly spaced:"
         f" they are {ratio:.0f} times smoother over the row number than over these"
@@ -397,7 +425,7 @@ def held_rows(g: Glance) -> Iterator[Issue]:
         "all channels repeat one row for up to {seconds:.3g} s, {parts} times: no"
         " packets came."
     )
-    yield from g.deleted("frozen packets", frozen, what, brief=STUCK_SECONDS)
+    yield from g.deleted("frozen packets", frozen, what)
     if frozen.any() or not g.step or np.ptp(g.steps) > 1e-3 * g.step:
         # own stamps: a logger a little faster than its source holds samples, too
         return
@@ -417,7 +445,7 @@ def held_rows(g: Glance) -> Iterator[Issue]:
         how, after = "packets were lost, the last one was written again", "skips ahead"
     yield Issue(
         "doubled rows",
-        "warning" if skips else "error",
+        "warning",
         rows_text(np.flatnonzero(same) + 2),
         f"{same.sum()} rows are copies of the row before, and the motion {after} after"
         f" them: {how}.",
@@ -484,29 +512,50 @@ def interpolated_rows(g: Glance) -> Iterator[Issue]:
 
 
 def zeros(g: Glance) -> Iterator[Issue]:
-    """Exact zeros in channels of fine steps: rows that a logger filled in because it
-    had no sample.
+    """Exact zeros that a logger filled in because it had no sample: its joint moves, the
+    channel comes back to where it was before, on the same side, and no other value of
+    it does so.
 
-    A zero near a sample beside it is a passage, however coarse the steps; a fill is
-    farther from those on both sides than the channel's usual step.
+    A torque that changes its sign passes through zero, in steps of its drive's
+    resolution exactly; a joint at rest, with its brake on, may need none; noise returns
+    to other values as often.
     """
     bad = {}
     for name, j, x in g.channels:
-        changes, other = np.abs(np.diff(x)), x[np.abs(x) >= 1e-300]
-        parts = [p for p in spans(np.abs(x) < 1e-300) if p[0] > 0 and p[1] < len(x)]
-        if g.moving[j] and parts and len(other) >= RUN:
-            least = max(
-                6.0 * float(np.median(changes[changes > 0.0])),
-                3.0 * lattice_step(other),
-            )
-            far = [(a, b) for a, b in parts if min(abs(x[a - 1]), abs(x[b])) > least]
-            bad[name] = _mask(len(x), far)
+        if g.moving[j] and np.count_nonzero(x) >= RUN and np.ptp(x) > 0.0:
+            filled = _filled(x)
+            bad[name] = filled if name.startswith("q") else filled & ~g.rests(j)
     what = (
         "{rows} rows of {named} are exactly zero, and jump there and back: nothing was"
         " measured."
     )
-    sure = "certain: the channel hardly ever takes any other value near zero"
+    sure = "certain: the channel jumps to no other value and back"
     yield from g.deleted("zeros", bad, what, sure)
+
+
+def _filled(x: Array) -> Rows:
+    """(N,) rows of zeros between samples far from zero on one side of it."""
+    changes = np.abs(np.diff(x))
+    least = max(
+        6.0 * float(np.median(changes[changes > 0.0])),
+        3.0 * lattice_step(x[x != 0.0]),
+    )
+    same = spans(np.concatenate([np.diff(x) == 0.0, [False]]))
+    held = [(a, b + 1) for a, b in same]
+    single = np.flatnonzero((changes[1:] > 0.0) & (changes[:-1] > 0.0)) + 1
+    parts = [*held, *((int(k), int(k) + 1) for k in single)]
+    filled, elsewhere = [], 0
+    for a, b in parts:
+        if a == 0 or b >= len(x):
+            continue
+        before, after = x[a - 1] - x[a], x[b] - x[a]
+        if before * after <= 0.0 or min(abs(before), abs(after)) <= least:
+            continue
+        if x[a] != 0.0:
+            elsewhere += 1
+        else:
+            filled.append((a, b))
+    return _mask(len(x), [] if elsewhere * TIMES > len(filled) else filled)
 
 
 def spikes(g: Glance) -> Iterator[Issue]:
@@ -562,7 +611,7 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
         added[rows] = lost * np.median(steps)
         yield Issue(
             "lost rows",
-            "error",
+            "warning",
             rows_text(rows + 3),
             f"at {len(rows)} places every joint skips ahead within one time step: about"
             f" {lost.sum():.0f} rows are missing and the clock was made again.",
@@ -672,8 +721,10 @@ def torques(g: Glance) -> Iterator[Issue]:
         if not np.ptp(x):
             what = f"{name} is {x[0]:g} {unit} in every row."
             remedy = "find out why the logger wrote a constant"
+            # Of a joint that rests, nothing else is to be expected.
+            severity = "error" if g.moving[j] else "note"
             yield Issue.of(
-                "dead channel", "error", [j], what, _READ, remedy, where=name
+                "dead channel", severity, [j], what, _READ, remedy, where=name
             )
             continue
         lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]
@@ -703,12 +754,13 @@ def torques(g: Glance) -> Iterator[Issue]:
     if unsigned:
         yield Issue.of(
             "torque magnitude",
-            "error",
+            "warning",
             unsigned,
             "{where} never changes sign: the logger wrote magnitudes.",
             "likely: a torque that is as near to zero as often is below it, too",
             "log the torque with its sign",
             where=", ".join(f"tau{j + 1}" for j in unsigned),
+            nature=EXPLANATION,
         )
 
 

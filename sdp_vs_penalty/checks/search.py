@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.issue import Issue, joints_text
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.repair import Repair
 from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Element, Number
@@ -199,17 +199,14 @@ class Search:
                 repair = number.at(x)
         return repair
 
-    def told(self, net: Repair) -> tuple[list[Issue], Repair]:
+    def told(self, net: Repair) -> list[Issue]:
         """An issue for each element of the net repair, with its interval and what it
-        explains; the repair without what is only likely."""
-        certain, out, after = net, list[Issue](), self.log.score(net).shares
+        explains."""
+        out, after = list[Issue](), self.log.score(net).shares
         for e in self.elements(net):
             gain = self.posterior(net) - self.posterior(e.without)
             change = np.log(self.log.score(e.without).shares / after)
-            j, word = (
-                int(np.argmax(change)),
-                "certain" if gain > c.LOUDEST else "likely",
-            )
+            j = int(np.argmax(change))
             before, now = (
                 100.0 * np.sqrt(after[j] * x) for x in (np.exp(change[j]), 1.0)
             )
@@ -240,26 +237,20 @@ class Search:
                 share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
                 gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
             mend = net.apply if e.mends else None
-            sure, where = f"{word}: {why}", e.place or joints_text(e.joints)
-            out.append(
-                Issue(
-                    e.kind,
-                    e.severity,
-                    where,
-                    what,
-                    sure,
-                    e.remedy,
-                    mend,
-                    figures,
-                    gravity,
-                )
+            issue = Issue(
+                kind=e.kind,
+                nature=EXPLANATION,
+                severity=e.severity,
+                where=e.place or joints_text(e.joints),
+                what=what,
+                certainty=f"likely: {why}",
+                remedy=e.remedy,
+                repair=mend,
+                figures=figures,
+                gravity=gravity,
             )
-            if not out[-1].mends:
-                certain = next(
-                    (x.without for x in self.elements(certain) if x.name == e.name),
-                    certain,
-                )
-        return out, certain
+            out.append(issue)
+        return out
 
 
 def _same_fit(a: Repair, b: Repair) -> bool:

@@ -169,7 +169,7 @@ class Degrees(Transformation):
             f" {reach:.4g}."
         )
         remedy = f"multiply {named} (and dq) by pi / 180"
-        yield Element(kind, "error", joints, what, remedy, without, cost, named)
+        yield Element(kind, "warning", joints, what, remedy, without, cost, named)
 
 
 class Clock(Transformation):
@@ -186,7 +186,7 @@ class Clock(Transformation):
             what = "the rows are in reverse order: friction would drive the motion."
             remedy, without = "reverse q and tau in time", repair.reset("reversed")
             yield Element(
-                "time reversed", "error", (), what, remedy, without, place="all rows"
+                "time reversed", "warning", (), what, remedy, without, place="all rows"
             )
         if (x := repair.rate) != 1.0:
             word, at = "fast" if x < 1.0 else "slow", lambda v: replace(repair, rate=v)
@@ -197,7 +197,7 @@ class Clock(Transformation):
             remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
             number = Number.factor(x, at, (min(_RATES), max(_RATES)))
             yield Element(
-                "clock rate", "error", (), what, remedy, number, place="column t"
+                "clock rate", "warning", (), what, remedy, number, place="column t"
             )
 
 
@@ -228,7 +228,7 @@ class Sign(Transformation):
                     f"joint {k} counts the other way, position and torque alike.",
                 )
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
-            yield Element(kind, "error", (j,), what, remedy, without, choices(log.n))
+            yield Element(kind, "warning", (j,), what, remedy, without, choices(log.n))
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
             every = len(alone) == log.n
             cost = c.ODDS if every else len(alone) * choices(log.n)
@@ -238,7 +238,7 @@ class Sign(Transformation):
             )
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
-            yield Element("torque sign", "error", alone, what, remedy, without, cost)
+            yield Element("torque sign", "warning", alone, what, remedy, without, cost)
 
 
 class Exchange(Transformation):
@@ -276,7 +276,7 @@ class Exchange(Transformation):
                 cost = (len(changed) - 1) * choices(log.n * (log.n - 1) // 2)
                 remedy = f"rename the columns of {columns}"
                 yield Element(
-                    kind, "error", changed, what, remedy, repair.reset(*names), cost
+                    kind, "warning", changed, what, remedy, repair.reset(*names), cost
                 )
 
 
@@ -323,7 +323,7 @@ class Mounting(Transformation):
             f"the weight in the torques points along ({seen}) m/s^2,"
             f" {np.degrees(angle):.0f} degrees away from the assumed ({told})."
         )
-        severity = "warning" if _earthly(given) and angle < c.GROSS else "error"
+        severity = "warning"
         figures = {"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]}
         yield Element(
             kind, severity, (), what, remedy, of, c.ODDS, "the base", False, figures
@@ -383,7 +383,7 @@ class Weight(Transformation):
             cost = choices(log.n // len(joints))
             yield Element(
                 "gravity removed",
-                "error",
+                "warning",
                 joints,
                 what,
                 remedy,
@@ -409,7 +409,6 @@ class Gain(Transformation):
             yield from map(at, (*_GAINS, best))
 
     def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
-        gross = c.GROSS / c.CALIBRATED * c.CALIBRATED_GAIN
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             x = abs(repair.gain[j])
             unit = next(
@@ -432,7 +431,7 @@ class Gain(Transformation):
             )
             yield Element(
                 kind,
-                "error" if abs(np.log(x)) > gross else "warning",
+                "warning",
                 (j,),
                 what,
                 f"multiply tau{j + 1} by {x:.3g}",
@@ -655,7 +654,7 @@ class Place(Transformation):
             )
             away = lambda v, text=text: text(-v)  # noqa: E731
             number = Number(x, back, unit * c.CALIBRATED, reach, away, snaps)
-            severity = "error" if abs(x) > unit * c.GROSS else "warning"
+            severity = "warning"
             what = (
                 f"the zero of joint {j + 1} is {away(x)} away from the robot's"
                 " kinematics."

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.rules import RULES, Glance
+from sdp_vs_penalty.checks.rules import RULES, Glance, torques
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 
@@ -220,3 +220,60 @@ def test_a_time_that_repeats_keeps_the_first_of_its_rows():
     other = clean.rows(rows)
     other.q[900] += 0.1
     assert "differ from the row before" in told(other)[0][0].what
+
+
+def silent_about_zeros(run: Measurements) -> bool:
+    """No rule calls a zero a row that was filled in, and nothing is an error."""
+    issues, _, fixed = mended(run, ROBOT, STANDSTILL)
+    kinds = [x.kind for x in issues]
+    is_error = any(x.severity == "error" for x in issues)
+    return "zeros" not in kinds and not is_error and len(fixed.t) == len(run.t)
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.02, 0.1, 0.5, 1.2])
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.3])
+def test_a_torque_in_steps_of_its_drive_passes_zero_exactly(step, noise):
+    """Coulomb's friction changes its sign within a sample or two."""
+    clean, rng = replace(motion(), dq=None), np.random.default_rng(5)
+    friction = 2.4 * np.sign(np.gradient(clean.q, axis=0))
+    friction[::7] *= 0.5
+    tau = friction + noise * rng.normal(size=friction.shape)
+    assert silent_about_zeros(replace(clean, tau=stepped(tau, step)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_noisy_torque_in_few_steps_returns_to_zero_as_to_others(seed):
+    clean, rng = replace(motion(), dq=None), np.random.default_rng(seed)
+    tau = clean.tau + 0.6 * rng.standard_t(3, size=clean.tau.shape)
+    assert silent_about_zeros(replace(clean, tau=stepped(tau, 0.4)))
+
+
+@pytest.mark.parametrize("step", [0.0, 0.05])
+def test_a_joint_at_rest_may_need_no_torque(step):
+    """Its brake is on while the other one moves: exactly zero, and back."""
+    clean = replace(motion(), dq=None)
+    q, tau = clean.q.copy(), stepped(clean.tau, step)
+    for k in range(500, 5500, 1000):
+        q[k : k + 500, 1] = q[k, 1]
+        q[k + 500 :, 1] += q[k, 1] - q[k + 500, 1]
+        tau[k + 100 : k + 400, 1] = 0.0
+    assert "zeros" not in [x.kind for x in told(replace(clean, q=q, tau=tau))[0]]
+
+
+def test_a_channel_that_never_changes_at_a_joint_that_rests_is_no_error():
+    clean = motion()
+    q, tau = clean.q.copy(), clean.tau.copy()
+    q[:, 1], tau[:, 1] = 0.3, 0.0
+    still = replace(clean, q=q, tau=tau, dq=None)
+    (dead,) = torques(Glance(still, ROBOT, STANDSTILL))
+    assert (dead.kind, dead.severity) == ("dead channel", "note")
+
+
+@pytest.mark.parametrize(("rows", "severity"), [(60, "warning"), (900, "error")])
+def test_only_many_rows_that_are_no_measurements_refuse_a_log(rows, severity):
+    """A tenth of them: less is a warning, which `--fix` repairs."""
+    clean = replace(motion(), dq=None)
+    q, tau = clean.q.copy(), clean.tau.copy()
+    q[2000 : 2000 + rows], tau[2000 : 2000 + rows] = q[2000], tau[2000]
+    (issue,) = told(replace(clean, q=q, tau=tau))[0]
+    assert (issue.kind, issue.severity) == ("frozen packets", severity)

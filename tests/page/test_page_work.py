@@ -49,11 +49,13 @@ def here() -> Iterator[Sessions]:
 
 
 def test_meaningless_runs_are_identified_only_when_asked_twice(here, hidden, tmp_path):
-    """Torques with the wrong sign: refused with the reason, as on the command line."""
+    """Most of a torque is spikes: refused with the reason, as on the command line."""
     run = hidden.runs[0]
-    files = saved(tmp_path, [replace(run, tau=-run.tau)], "flipped.csv")
+    tau = run.tau.copy()
+    tau[[500, 900, 1300], 1] += 1e4
+    files = saved(tmp_path, [replace(run, tau=tau)], "spikes.csv")
     s = opened(here, "two_link", **files)
-    refusal(lambda: do(s, s.identify), "flipped.csv: ", "wrong sign", "Identify anyway")
+    refusal(lambda: do(s, s.identify), "spikes.csv: ", "tau2", "Identify anyway")
     assert not s.history
     s.anyway = True
     do(s, s.identify)

@@ -62,9 +62,10 @@ def verb(
     mounting = [] if gravity is None else ["--gravity", gravity]
     meaningless = any(report.meaningless for report in reports)
     if fix is not None:
-        if len(reports) > len(data):
+        too_long = [path for path, r in zip(data, reports, strict=True) if r.is_long]
+        if too_long:
             remedy = "cut it into files of 250 000 rows"
-            raise InputError("--fix: a run is too long to be repaired", remedy)
+            raise InputError("--fix: too long to be repaired", remedy, too_long[0])
         folder = len(data) > 1 or not fix.suffix or fix.is_dir()
         copies = [fix / f"{path.stem}.csv" if folder else fix for path in data]
         for path, report, copy in zip(data, reports, copies, strict=True):

@@ -1,0 +1,50 @@
+"""A run too long to be judged at once: windows of it are judged, and it has one report."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.checks.constants import PARTS
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import PART
+
+#: Samples above which windows of a run stand for it.
+LONG = PARTS * PART
+
+
+def windows_of(run: Measurements) -> list[Measurements]:
+    """The run itself, or windows of PART samples spread evenly over a long one.
+
+    A window's rows count from its first sample, which its name says.
+    """
+    if run.samples <= LONG:
+        return [run]
+    starts = np.linspace(0, run.samples - PART, PARTS // 2).astype(int).tolist()
+    name = run.names[0]
+    return [
+        run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts
+    ]
+
+
+def issues_of_run(windows: Sequence[tuple[str, Sequence[Issue]]]) -> list[Issue]:
+    """The issues of a run from the names and issues of its windows.
+
+    An issue of several windows is listed once, in the words of the first of them where
+    it is gravest, and offers no repair.
+    """
+    found: dict[tuple[str, str], list[tuple[Issue, str]]] = {}
+    for name, issues in windows:
+        for issue in issues:
+            places = found.setdefault((issue.kind, issue.where), [])
+            places.append((issue, name))
+    return [_in_windows(places, len(windows)) for places in found.values()]
+
+
+def _in_windows(places: Sequence[tuple[Issue, str]], n_windows: int) -> Issue:
+    """An issue as it is where it is gravest, with a word on how many windows show it."""
+    grave = ("error", "warning", "note").index
+    issue, window = min(places, key=lambda place: grave(place[0].severity))
+    which = f"Seen in {len(places)} of {n_windows} stretches; in {window}: "
+    return replace(issue, what=which + issue.what, repair=None)
