@@ -1,7 +1,6 @@
 """The arm without its payload, instant by instant: torque, and the payload's columns."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Effect, Motion
 from sdp_vs_penalty.effects.model import Model
@@ -142,7 +141,7 @@ class ArmModel:
             constant = self._torque(effect, theta, none, none, none)[0]
             stiffness = self._torque(effect, theta, one, none, none)[0] - constant
             armature = self._torque(effect, theta, none, none, one)[0] - constant
-        except (InputError, AttributeError, AssertionError) as error:
+        except (ValueError, AttributeError, AssertionError) as error:
             raise self._refusal(effect) from error
         before = self._table
         self._table = table
@@ -166,13 +165,13 @@ class ArmModel:
 
     def _nodes(self) -> Array:
         """(entries,) the velocities of the table."""
-        place: NDArray[np.float64] = np.arange(_ENTRIES) - (_ENTRIES - 1) / 2
-        return _FINEST * np.sinh(place / self._scale)
+        place = np.arange(_ENTRIES, dtype=float) - (_ENTRIES - 1) / 2
+        return np.asarray(_FINEST * np.sinh(place / self._scale), float)
 
     def _torque(
         self, effect: Effect, theta: Array, q: Array, dq: Array, ddq: Array
     ) -> Array:
         """(N, n) torque of one effect at states (N, n), true as the model's links are."""
-        clock = np.arange(len(q)) * 1e-3
+        clock = 1e-3 * np.arange(len(q), dtype=float)
         motion = Motion(clock, q, dq, ddq, sign_width=self.model.sign_width)
         return effect.torque(theta, motion)

@@ -67,7 +67,7 @@ class ChangeDetector:
         self._stride = max(1, round(c.CHANGE_STEP / period))
         step = self._stride * period
         self._half_step = 0.5 * step
-        self._mixed = round(delay / step)
+        self._mixed = int(np.ceil(delay / step + 0.5))
         self._fade = float(np.exp(-step / forgetting))
         self._places = max(4, round(c.CHANGE_REACH / step))
         self._matrices = np.zeros((self._places, WIDTH, WIDTH))
@@ -233,5 +233,3 @@ class ChangeDetector:
         out.clear()
         out.add(self.total.matrix, self.total.weight(self._correlation))
         out.solve()
-
-

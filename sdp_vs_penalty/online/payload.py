@@ -157,7 +157,7 @@ class PayloadEstimator:
         self._posterior = Posterior(self._prior)
         self._projection = ConeProjection()
         self._steps_per_update = max(1, round(10.0 * self.period / c.PROJECTION_PERIOD))
-        self._noise = noise
+        self.noise = noise
         self._gain_errors = known.uncertainty.gain_errors
         self._learning = self.period / drift if drift else 0.0
         self.drift_offset, self.drift_friction = np.zeros(n), np.zeros(n)
@@ -178,7 +178,7 @@ class PayloadEstimator:
         self._weight, self._part, self._resting = np.zeros((3, n))
         self._unsettled, self._load = np.zeros((2, n))
         self._weight_column = self._weight[:, None]
-        self._is_resting = np.zeros(n, bool)
+        self._is_resting, self._is_moving = np.zeros((2, n), bool)
         self._mass_weight = np.zeros(n)
         self._published = np.zeros(SIZE)
         self._gap = 0.0
@@ -243,6 +243,11 @@ class PayloadEstimator:
         ------
         InputError for other shapes, numbers that are none, or a clock that runs back.
         """
+        if len(q) != self._n or len(tau) != self._n:
+            raise InputError(
+                f"a sample of {len(q)} positions and {len(tau)} torques",
+                f"give {self._n} joints, in the model's order",
+            )
         np.copyto(self._new[: self._n], q)
         np.copyto(self._new[self._n :], tau)
         # A sum is finite only where all of it is.
@@ -333,20 +338,26 @@ class PayloadEstimator:
             np.multiply(self._load, c.LOAD_FRICTION, out=part)
             part *= part
             weight += part
-        np.divide(self._resting, self._noise.correlation, out=part)
+        np.divide(self._resting, self.noise.correlation, out=part)
         part += 1.0
         part *= self._excess
         weight *= part
         np.reciprocal(weight, out=weight)
 
     def _follow_drift(self, residual: Array) -> None:
-        """Move offsets and friction slowly towards what no payload explains."""
+        """Move offsets and friction slowly towards what no payload explains.
+
+        A residual counts one standard deviation at most, so that a payload that is not
+        known yet is not taken for drift.
+        """
         if self.is_carrying:
             np.subtract(residual, self._load, out=self._part)
         else:
             np.copyto(self._part, residual)
+        np.clip(self._part, -self.noise.std, self.noise.std, out=self._part)
         self._part *= self._learning
-        self._part *= ~self._is_resting
+        np.logical_not(self._is_resting, out=self._is_moving)
+        self._part *= self._is_moving
         self.drift_offset += self._part
         self._part *= self.arm.friction
         self._part /= self._friction_size
