@@ -1,8 +1,8 @@
 """A payload in the control loop: mass, centre of mass and inertia from a stream."""
 
-from sdp_vs_penalty.plugins import surface
+from sdp_vs_penalty.plugins import lazy_exports
 
-__getattr__ = surface(
+__getattr__ = lazy_exports(
     __name__,
     arm="ArmModel",
     change="ChangeDetector",
