@@ -270,9 +270,7 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(
         Invisible(name, (j,), 0.9) for name, j in (("payload", 1), ("payload", 2))
     )
     made = replace(twelve_found, effects=weak, invisible=invisible)
-    monkeypatch.setattr(
-        "sdp_vs_penalty.diagnosis.diagnose.diagnose", lambda *_, **__: made
-    )
+    monkeypatch.setattr("sdp_vs_penalty.api.diagnose", lambda *_, **__: made)
     few = run(f"{PROGRAM} diagnose model.json --data run.csv")
     every = run(f"{PROGRAM} diagnose model.json --data run.csv --verbose")
     assert [int(k) for k in re.findall(r"^\+ (\d+)\.", few, re.MULTILINE)] == [1, 2, 3]
