@@ -10,6 +10,7 @@ def verb(
     gravity: str | None = None,
     filters: str | None = None,
     bounds: str | None = None,
+    hold: str | None = None,
     window: str | None = None,
     known_load: list[str] | None = None,
     known: str | None = None,
@@ -29,15 +30,19 @@ def verb(
         as_told,
         parsed_known,
         parsed_known_load,
+        read_and_hold,
         runs_as_told,
     )
     from sdp_vs_penalty.estimation.pose import PoseOptions
     from sdp_vs_penalty.exporters.sdp import write_posed
 
-    robot = as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
         loads = [parsed_known_load(text) for text in known_load or []]
-        _, runs = runs_as_told(robot, data, window)
+        robot, (_, runs), _ = read_and_hold(
+            lambda held: as_told(problem, gravity, bounds, filters, held),
+            hold,
+            lambda robot: runs_as_told(robot, data, window),
+        )
         given = parsed_known(known)
         chosen = PoseOptions(
             effects, known_loads=loads, known=given, instruments=instruments

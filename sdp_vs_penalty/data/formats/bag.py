@@ -3,7 +3,7 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.merging import half_period, nearest_rows
-from sdp_vs_penalty.data.store import PART, Growing
+from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError, Remark, missing_extra
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -203,34 +203,47 @@ def _merged(
     clock = 0 if stamped else 1
     t = leading.values[:, clock]
     kept, within = np.ones(len(t), bool), half_period(t)
-    columns = dict[tuple[str, str], Array]()
-    for name in names:
-        for what in _FIELDS:
-            source = _source_of(streams, leading, name, what)
-            if source is None:
-                columns[name, what] = np.full(len(t), np.nan)
-            elif source is leading:
-                columns[name, what] = source.column(what, name)
-            else:
-                values = source.column(what, name)
-                order = np.argsort(source.values[:, clock], kind="stable")
-                other = source.values[order, clock]
-                nearest, near = nearest_rows(t, other, within)
-                columns[name, what] = values[order][nearest]
-                is_still = np.ptp(values) == 0.0
-                kept &= near | is_still | (what == "velocity")
-    lacking = {w for n, w in columns if not np.isfinite(columns[n, w]).any()}
+    # Of each stream the row that belongs to each of the leading one's.
+    rows = {id(leading): np.arange(len(t))}
+    sources = {
+        (name, what): _source_of(streams, leading, name, what)
+        for name in names
+        for what in _FIELDS
+    }
+    for (name, what), source in sources.items():
+        if source is None or source is leading:
+            continue
+        order = np.argsort(source.values[:, clock], kind="stable")
+        nearest, near = nearest_rows(t, source.values[order, clock], within)
+        rows[id(source)] = order[nearest]
+        is_still = np.ptp(source.column(what, name)) == 0.0
+        kept &= near | is_still | (what == "velocity")
     for what in ("position", "effort"):
-        if what in lacking:
+        if all(sources[name, what] is None for name in names):
             raise _weightless(path, streams, what)
     _say_what_is_skipped(path, streams, leading, names, int(np.sum(~kept)))
-    q, dq, tau = (
-        np.column_stack([columns[name, what][kept] for name in names])
-        for what in _FIELDS
-    )
-    t = t[kept] + float(first[clock] % (86_400 * 10**9)) / 1e9
-    speeds = dq if np.all(np.isfinite(dq)) else None
-    return Measurements(t, q, tau, speeds, None, (path.name,))
+    stays = np.flatnonzero(kept)
+
+    def block(what: str) -> Array:
+        """(N, n) one field of all joints, part by part: a long bag's lies on the disk."""
+        return joined(
+            np.column_stack(
+                [
+                    np.full(len(part), np.nan)
+                    if (source := sources[name, what]) is None
+                    else source.column(what, name)[rows[id(source)][part]]
+                    for name in names
+                ]
+            )
+            for _, part in parts(stays)
+        )
+
+    q, dq, tau = block("position"), block("velocity"), block("effort")
+    day = float(first[clock] % (86_400 * 10**9)) / 1e9
+    t = joined(t[part] + day for _, part in parts(stays))
+    finite = all(np.all(np.isfinite(part)) for _, part in parts(dq))
+    found = Measurements(t, q, tau, dq if finite else None, None, (path.name,))
+    return replace(found, joint_names=tuple(names))
 
 
 def _source_of(
