@@ -2,8 +2,9 @@
 [formats])."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.data.merging import half_period, nearest_rows
 from sdp_vs_penalty.data.store import PART, Growing, joined, parts
 from sdp_vs_penalty.errors import InputError, Remark, missing_extra
@@ -30,17 +31,48 @@ def read(path: Path, choice: Choice) -> Measurements:
     efforts of another topic. Time is the header's stamp, in seconds of its day, or the
     recorder's where stamps are zero.
     """
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise missing_extra("ROS bags and MCAP files need", "formats") from error
+    from sdp_vs_penalty.robot.isolated import parse_isolated
+
+    names = None if choice.joints is None else list(choice.joints)
     with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
-        _stay_inside(path)
-        with AnyReader(
-            [path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)
-        ) as reader:
-            return _read(path, reader, choice)
+        pieces = parse_isolated(
+            run_in_parts, path, names, choice.topic, prepare=message_types, seconds=60.0
+        )
+        try:
+            places = next(pieces)["places"].astype(int).tolist()
+            run = gathered(
+                Measurements.of(part["t"], part, (path.name,)) for part in pieces
+            )
+            return replace(run, joint_names=tuple((names or [])[k] for k in places))
+        except ImportError as error:
+            raise missing_extra("ROS bags and MCAP files need", "formats") from error
+
+
+@cache
+def message_types() -> Any:
+    """The messages of ROS 2, whose definitions take a tenth of a second to read."""
+    import rosbags.highlevel  # noqa: F401
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def run_in_parts(
+    path: str, joints: list[str] | None, topic: str | None
+) -> Iterator[dict[str, Array]]:
+    """The run of a bag in consecutive parts, by the names of its channels."""
+    from rosbags.highlevel import AnyReader
+
+    place = Path(path)
+    _stay_inside(place)
+    with AnyReader([place], default_typestore=message_types()) as reader:
+        run = _read(place, reader, Choice(joints, topic))
+    # Which of the robot's joints the bag has.
+    yield {
+        "places": np.array([(joints or []).index(n) for n in run.joint_names], float)
+    }
+    for part in run.parts():
+        yield {"t": part.t, **part.groups}
 
 
 def _stay_inside(path: Path) -> None:
@@ -97,7 +129,9 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         raise _which_topic(path, choice.topic, topics)
     streams, first = _streams(path, reader, connections)
     names, leading = _choose_joints(path, streams, choice)
-    return _merged(path, streams, leading, names, first)
+    run = _merged(path, streams, leading, list(names), first)
+    called = tuple(names.values()) if choice.joints is not None else ()
+    return replace(run, joint_names=called)
 
 
 def _which_topic(path: Path, topic: str | None, topics: Sequence[str]) -> InputError:
@@ -141,8 +175,9 @@ def _streams(
 
 def _choose_joints(
     path: Path, streams: Sequence[_Stream], choice: Choice
-) -> tuple[list[str], _Stream]:
-    """The joints to take, as the bag calls them, and the stream whose rows are kept.
+) -> tuple[dict[str, str], _Stream]:
+    """The joints to take, as the bag calls them and as the robot does, and the stream
+    whose rows are kept.
 
     Those of the robot behind one prefix; without a robot those of the first message
     with a position, in its order. A robot's joints of which the bag says nothing are
@@ -154,8 +189,9 @@ def _choose_joints(
         raise _weightless(path, streams, "position")
     names = list(choice.joints or max(placed, key=lambda s: len(s.names)).names)
     every = list(dict.fromkeys(name for s in placed for name in s.names))
+    called = names
     names = _with_prefix(names, every)
-    found = [name for name in names if name in every]
+    found = {n: own for n, own in zip(names, called, strict=True) if n in every}
     if 2 * len(found) <= len(names):
         there = ", ".join(sorted(every)) or "none"
         what = (
@@ -242,8 +278,7 @@ def _merged(
     day = float(first[clock] % (86_400 * 10**9)) / 1e9
     t = joined(t[part] + day for _, part in parts(stays))
     finite = all(np.all(np.isfinite(part)) for _, part in parts(dq))
-    found = Measurements(t, q, tau, dq if finite else None, None, (path.name,))
-    return replace(found, joint_names=tuple(names))
+    return Measurements(t, q, tau, dq if finite else None, None, (path.name,))
 
 
 def _source_of(
