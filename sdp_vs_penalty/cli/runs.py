@@ -22,7 +22,7 @@ from sdp_vs_penalty.robot.joint import parse_held
 NO_CHECK = "pass --no-check to"
 
 
-def as_told(
+def problem_from_options(
     source: str,
     gravity: str | None = None,
     bounds: str | None = None,
@@ -76,7 +76,7 @@ def read_and_hold(
     return problem, read(problem), hold
 
 
-def runs_as_told(
+def runs_from_options(
     problem: Problem, data: Sequence[Path], window: str | None
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
     """The runs, or a black box's answers, behind --data: whole, and what --window

@@ -26,7 +26,7 @@ from sdp_vs_penalty.robot.joint import (
     HeldJoint,
     Joint,
     Transmission,
-    following,
+    resolve_mimic_joints,
 )
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot, check_held
 
@@ -44,7 +44,7 @@ Parts = list[tuple[Any, Array]]
 
 
 @contextmanager
-def named(path: str | Path) -> Iterator[None]:
+def errors_located_in(path: str | Path) -> Iterator[None]:
     """What is wrong inside is said to be so in this file."""
     try:
         yield
@@ -141,15 +141,15 @@ def load_urdf(
     still = tuple[HeldJoint, ...]()
     if held:
         driven = load_urdf(path, gravity)[0].joint_names
-        with named(path):
+        with errors_located_in(path):
             places = check_held(driven, held)
         still = tuple(HeldJoint(driven[k], held[driven[k]], k) for k in places)
     root, tree, parts = _read(path, held)
-    with named(path):
+    with errors_located_in(path):
         nominal, massless = _weighed(parts)
         moving = {joint.name for joint in tree}
         followers = {n: f for n, f in _followers(root).items() if n in moving}
-        joints, mechanism = following(tree, followers, massless)
+        joints, mechanism = resolve_mimic_joints(tree, followers, massless)
         transmission = _transmission(root, [joint.name for joint in joints])
     name, given = root.get("name") or Path(path).stem, tuple(map(float, gravity))
     kept = [x for k, x in enumerate(nominal) if k not in massless]
@@ -184,7 +184,7 @@ def placed_links(
     """What each moving link that has a mass is made of. Raises InputError as
     :func:`load_urdf` does."""
     parts = _read(path, held)[2]
-    with named(path):
+    with errors_located_in(path):
         massless = _weighed(parts)[1]
     return [own for k, own in enumerate(parts) if k not in massless]
 
@@ -252,7 +252,7 @@ def _read(
                 parts.append([])
                 visit(child, len(joints) - 1, np.eye(4))
 
-    with named(path):
+    with errors_located_in(path):
         links, children, base = _tree(root)
         still = _with_followers(root, held or {})
         visit(base, -1, np.eye(4))

@@ -25,7 +25,7 @@ def verb(
 
     from sdp_vs_penalty.checks import check, of_one_arm
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import as_told, read_and_hold
+    from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.files import write_text
@@ -42,7 +42,7 @@ def verb(
     reports = []
     with console.progress("checking") as progress:
         robot, measured, hold = read_and_hold(
-            lambda held: as_told(problem, gravity, hold=held),
+            lambda held: problem_from_options(problem, gravity, hold=held),
             hold,
             lambda of: [
                 read_run(path, of.robot.n, of.robot.joint_names) for path in data
@@ -77,7 +77,7 @@ def verb(
         folder = len(data) > 1 or not fix.suffix or fix.is_dir()
         copies = [fix / f"{path.stem}.csv" if folder else fix for path in data]
         for path, report, copy in zip(data, reports, copies, strict=True):
-            save(report.fixed, copy)
+            save(report.repaired_certain, copy)
             console.written(copy)
             note = copy.with_name(f"{copy.stem}_changes.txt")
             write_text(note, report.changes(path.name))
@@ -87,7 +87,7 @@ def verb(
     )
     if fix is not None:
         console.next_step(["check", *copies, "--problem", problem, *mounting])
-    elif any(f.mends for report in reports for f in report.problems):
+    elif any(f.mends for report in reports for f in report.errors_and_warnings):
         beside = data[0].with_name(
             f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed"
         )

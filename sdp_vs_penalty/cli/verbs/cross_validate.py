@@ -23,7 +23,11 @@ def verb(
     --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import as_told, parsed_known, read_and_hold
+    from sdp_vs_penalty.cli.runs import (
+        parsed_known,
+        problem_from_options,
+        read_and_hold,
+    )
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.estimation.resampling import cross_validate
     from sdp_vs_penalty.formatting import number, plain_unit
@@ -31,7 +35,7 @@ def verb(
 
     with console.progress("reading the measurements") as progress:
         robot, (runs,), hold = read_and_hold(
-            lambda held: as_told(problem, gravity, hold=held),
+            lambda held: problem_from_options(problem, gravity, hold=held),
             hold,
             lambda of: [
                 load_measurements(*data, joints=of.robot.n, names=of.robot.joint_names)
@@ -41,7 +45,7 @@ def verb(
         how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler)}
         result = cross_validate(robot, runs, method, progress=progress, **how)
     console.say(result.verdict, style="bold")
-    console.explain(result.how)
+    console.paragraph(result.how)
     names = [
         f"{k}: {f.start:.3g}-{f.stop:.3g} s"
         for k, f in enumerate(result.folds, start=1)

@@ -27,21 +27,21 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import (
-        as_told,
         parsed_known,
         parsed_known_load,
+        problem_from_options,
         read_and_hold,
-        runs_as_told,
+        runs_from_options,
     )
-    from sdp_vs_penalty.estimation.pose import PoseOptions
+    from sdp_vs_penalty.estimation.build_problem import PoseOptions
     from sdp_vs_penalty.exporters.sdp import write_posed
 
     with console.progress("reading the measurements") as progress:
         loads = [parsed_known_load(text) for text in known_load or []]
         robot, (_, runs), _ = read_and_hold(
-            lambda held: as_told(problem, gravity, bounds, filters, held),
+            lambda held: problem_from_options(problem, gravity, bounds, filters, held),
             hold,
-            lambda robot: runs_as_told(robot, data, window),
+            lambda robot: runs_from_options(robot, data, window),
         )
         given = parsed_known(known)
         chosen = PoseOptions(

@@ -44,9 +44,11 @@ def verb(
     estimator = with_solver(method, solver)
     with console.progress("reading the measurements") as progress:
         robot, (whole, given), _ = runs.read_and_hold(
-            lambda held: runs.as_told(problem, gravity, bounds, filters, held),
+            lambda held: runs.problem_from_options(
+                problem, gravity, bounds, filters, held
+            ),
             hold,
-            lambda robot: runs.runs_as_told(robot, data, window),
+            lambda robot: runs.runs_from_options(robot, data, window),
         )
         begin = time.perf_counter()
         try:

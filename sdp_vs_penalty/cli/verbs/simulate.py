@@ -34,7 +34,7 @@ def verb(
     if follow:
         _follow(source, follow, drive, seed, out, json_)
         return
-    from sdp_vs_penalty.cli.runs import as_told
+    from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.simulation.hidden_runs import (
         RUN_FILES,
         refuse_foreign,
@@ -46,7 +46,7 @@ def verb(
             "simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv"
         )
     refuse_foreign(out)  # before the minutes that a simulation may take
-    robot = as_told(source, hold=hold) if hold else source
+    robot = problem_from_options(source, hold=hold) if hold else source
     made = simulate(robot, hide or (), level, seed)
     made.save(out)
     effects = ",".join(made.truth["model_effects"])
@@ -85,7 +85,7 @@ def _follow(
         made = follow(estimate, runs, drive=drive, seed=seed, progress=progress)  # type: ignore[arg-type]
     console.say(made.verdict, style="bold")
     console.table("Forward simulation against the measured motion (RMS)", *made.table())
-    console.explain(made.explained)
+    console.paragraph(made.explained)
     if made.free[0].spread is None:
         why = "the intervals hold inertias with which the arm cannot move"
         console.warn(f"No band for the free run: {why}.")

@@ -14,7 +14,12 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
 from sdp_vs_penalty.data.measurements import Measurements, gathered
 from sdp_vs_penalty.data.merging import half_period, nearest_rows
-from sdp_vs_penalty.data.store import PART, Growing, joined, parts
+from sdp_vs_penalty.data.store import (
+    PART,
+    AppendableArray,
+    concatenate_chunks,
+    iter_chunks,
+)
 from sdp_vs_penalty.errors import InputError, Remark, missing_extra
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -101,7 +106,7 @@ class _Stream:
     topic: str
     names: tuple[str, ...]
     fields: tuple[str, ...]
-    table: Growing = field(default_factory=Growing)
+    table: AppendableArray = field(default_factory=AppendableArray)
     rows: list[list[float]] = field(default_factory=list)
     values: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
@@ -262,7 +267,7 @@ def _merged(
 
     def block(what: str) -> Array:
         """(N, n) one field of all joints, part by part: a long bag's lies on the disk."""
-        return joined(
+        return concatenate_chunks(
             np.column_stack(
                 [
                     np.full(len(part), np.nan)
@@ -271,13 +276,13 @@ def _merged(
                     for name in names
                 ]
             )
-            for _, part in parts(stays)
+            for _, part in iter_chunks(stays)
         )
 
     q, dq, tau = block("position"), block("velocity"), block("effort")
     day = float(first[clock] % (86_400 * 10**9)) / 1e9
-    t = joined(t[part] + day for _, part in parts(stays))
-    finite = all(np.all(np.isfinite(part)) for _, part in parts(dq))
+    t = concatenate_chunks(t[part] + day for _, part in iter_chunks(stays))
+    finite = all(np.all(np.isfinite(part)) for _, part in iter_chunks(dq))
     return Measurements(t, q, tau, dq if finite else None, None, (path.name,))
 
 
