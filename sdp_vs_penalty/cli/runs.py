@@ -163,4 +163,5 @@ def runs_for(
     }:
         whole = concatenate([measured, tested])
     held_out = None if tested is None else windowed(tested, judge)
-    return Runs(windowed(measured, train), held_out, whole)
+    judged = measured if tested is None else tested
+    return Runs(windowed(measured, train), held_out, whole, judged)

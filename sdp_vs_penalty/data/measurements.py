@@ -188,11 +188,14 @@ class Runs:
     """train : to identify from, test : to judge on, windows of what was measured; None
     without a test.
 
-    whole : all of that, each run once, in which the noise is measured."""
+    whole : all of that, each run once, in which a search measures the noise;
+    judged_recordings : of what errors are shown of, without windows.
+    """
 
     train: Measurements
     test: Measurements | None
     whole: Measurements
+    judged_recordings: Measurements
 
     @property
     def judge(self) -> Measurements:
