@@ -19,8 +19,7 @@ from recorded import changed, refusal, said
 
 from sdp_vs_penalty import Estimate, load_problem
 from sdp_vs_penalty.effects import Model, Motion, parse_effects
-from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
+from sdp_vs_penalty.estimation import Certificate, Interval, Uncertainty
 from sdp_vs_penalty.exporters.export import export, formats
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
