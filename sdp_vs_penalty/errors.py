@@ -9,6 +9,52 @@ from typing import Any
 _LONGEST = 1500
 
 
+def printable(text: object) -> str:
+    r"""A text as one line without control characters: these, line ends, and bytes of a
+    file name that are no text are written as Python writes them.
+
+    >>> printable("a\x1b[2J\nb\udcff")
+    'a\\x1b[2J\\nb\\xff'
+    """
+    plain = str(text)
+    if plain.isprintable():
+        return plain
+    return "".join(c if c.isprintable() else _escaped(c) for c in plain)
+
+
+def _escaped(character: str) -> str:
+    number = ord(character)
+    if 0xDC80 <= number <= 0xDCFF:  # how Python keeps a byte of a name (PEP 383)
+        return f"\\x{number - 0xDC00:02x}"
+    return character.encode("unicode_escape").decode()
+
+
+def command_line(words: Iterable[object]) -> str:
+    r"""Words as a shell reads them, in one printable line that can be pasted.
+
+    >>> command_line(["check", "my run.csv", "$(reboot)", "a\nb"])
+    "check 'my run.csv' '$(reboot)' $'a\\x0ab'"
+    """
+    return " ".join(map(_shell_word, words))
+
+
+def _shell_word(word: object) -> str:
+    import shlex
+
+    text = str(word)
+    if text.isprintable():
+        return shlex.quote(text)
+    # Bash, zsh and POSIX.1-2024 read escapes in $'...', other bytes one by one.
+    content = text.encode("utf-8", "surrogateescape")
+    return f"$'{''.join(map(_shell_byte, content))}'"
+
+
+def _shell_byte(byte: int) -> str:
+    if 0x20 <= byte < 0x7F and byte not in b"\\'":
+        return chr(byte)
+    return f"\\x{byte:02x}"
+
+
 class InputError(ValueError):
     """What the user gave cannot be used.
 
@@ -24,9 +70,7 @@ class InputError(ValueError):
         self.what, self.remedy, self.where = what, remedy, where
         place = "" if where is None else f"{where}: "
         text = f"{place}{what}" + (f": {remedy}." if remedy else "")
-        # Names out of a broken file may hold anything; a sentence is one line that can
-        # be printed.
-        text = "".join(c if c.isprintable() else "?" for c in text)
+        text = printable(text)  # names out of a broken file may hold anything
         super().__init__(text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...")
 
     def within(self, where: Any) -> InputError:

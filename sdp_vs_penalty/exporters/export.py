@@ -1,11 +1,12 @@
 """Take a model elsewhere: simulators, controllers, tables."""
 
+import re
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 
 from sdp_vs_penalty import exporters
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.exporters.content import Options, verdict_line
 from sdp_vs_penalty.files import write_bytes
@@ -72,9 +73,9 @@ def export(
 def _with_verdict(made: bytes, suffix: str, estimate: Estimate) -> bytes:
     """A file with the verdict as a comment at its head, where its format has comments
     (.json holds it as a field; tables of numbers stay as they are)."""
-    said = verdict_line(estimate)
+    said = printable(verdict_line(estimate))
     if suffix in (".urdf", ".xml", ".sdf"):
-        comment = f"<!-- {said.replace('--', '- -')} -->\n".encode()
+        comment = f"<!-- {re.sub('-(?=-)', '- ', said)} -->\n".encode()
         declared = made.find(b"?>\n") + 3 if made.startswith(b"<?xml") else 0
         return made[:declared] + comment + made[declared:]
     head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(
