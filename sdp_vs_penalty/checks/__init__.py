@@ -17,8 +17,8 @@ from sdp_vs_penalty.checks.issue import FACT, Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.long_runs import LONG, issues_of_run, windows_of
 from sdp_vs_penalty.checks.regression_data import RegressionData
-from sdp_vs_penalty.checks.repair import Repair
-from sdp_vs_penalty.checks.rules import Glance, mended
+from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.rules import RunSummary, mended
 from sdp_vs_penalty.checks.search import Search
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
@@ -38,8 +38,8 @@ POSITION_UNITS = "positions in degrees", "position unit"
 
 @dataclass(frozen=True, repr=False)
 class Report(Shown):
-    """issues : of one run, the gravest first; mended : the run with every repair made,
-    those that are only likely included; fixed : with the certain ones only; unexplained
+    """issues : of one run, the gravest first; repaired_all : the run with every repair made,
+    those that are only likely included; repaired_certain : with the certain ones only; unexplained
     : share of the torques' energy that the arm's dynamics leave over, after mending,
     None where there is nothing to fit; arm : the rows and their net repair, where these
     had samples to spare for its parameters.
@@ -47,10 +47,10 @@ class Report(Shown):
 
     run: str
     issues: tuple[Issue, ...]
-    mended: Measurements
-    fixed: Measurements
+    repaired_all: Measurements
+    repaired_certain: Measurements
     unexplained: float | None = None
-    arm: tuple[Likelihood, Repair] | None = field(
+    arm: tuple[Likelihood, LogTransform] | None = field(
         default=None, compare=False, repr=False
     )
 
@@ -62,10 +62,10 @@ class Report(Shown):
     @property
     def is_long(self) -> bool:
         """Whether windows stand for the run: it is not repaired then."""
-        return self.mended.samples > LONG
+        return self.repaired_all.samples > LONG
 
     @property
-    def problems(self) -> tuple[Issue, ...]:
+    def errors_and_warnings(self) -> tuple[Issue, ...]:
         """Errors and warnings, without notes."""
         return tuple(f for f in self.issues if f.severity != "note")
 
@@ -73,11 +73,11 @@ class Report(Shown):
     def verdict(self) -> str:
         """How many problems there are, and how well the arm's dynamics explain the
         torque."""
-        found = formatting.count(len(self.problems), "problem")
+        found = formatting.count(len(self.errors_and_warnings), "problem")
         if self.unexplained is None:
             why = (
                 "nothing to identify from"
-                if self.mended.torque_logged
+                if self.repaired_all.torque_logged
                 else "no torque was logged"
             )
             return f"{self.run}: {found}; {why}"
@@ -98,7 +98,7 @@ class Report(Shown):
         """What a repaired copy of the file of this name differs in from it, and what is
         left to do."""
         done = [f for f in self.issues if f.mends]
-        left = [f for f in self.problems if not f.mends]
+        left = [f for f in self.errors_and_warnings if not f.mends]
         lines = [
             (
                 f"Repaired copy of {name}, in the order of repair:"
@@ -194,8 +194,8 @@ def _report_of_run(run: Measurements, windows: Sequence[Report]) -> Report:
     return Report(
         run=run.names[0],
         issues=tuple(issues_of_run([(w.run, w.issues) for w in windows])),
-        mended=run,
-        fixed=run,
+        repaired_all=run,
+        repaired_certain=run,
         unexplained=sum(shares) / len(shares) if shares else None,
         arm=next((w.arm for w in windows if w.arm is not None), None),
     )
@@ -205,7 +205,9 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting, its zeros, its gains and its load: where one
     run's differ, it is named."""
     out, whole = list(reports), [k for k, r in enumerate(reports) if r.arm]
-    for number, issue in residual.compare([(*r.arm, r.run) for r in reports if r.arm]):
+    for number, issue in residual.compare_runs(
+        [(*r.arm, r.run) for r in reports if r.arm]
+    ):
         report = out[k := whole[number]]
         if (issue.kind, issue.where) not in [(f.kind, f.where) for f in report.issues]:
             out[k] = replace(report, issues=_gravest_first([*report.issues, issue]))
@@ -224,7 +226,7 @@ def _check_run(
     issues, work, fixed = mended(run, problem.robot, settings.standstill)
     report = Report(run.names[0], (), work, fixed)
     try:
-        report = _channels(problem, report, settings, thorough)
+        report = judge_dynamics(problem, report, settings, thorough)
     except InputError as error:
         issues.append(
             _stopped("too little data", error, "certain: the filters need more")
@@ -253,17 +255,17 @@ def _stopped(
     return Issue.of(kind, "error", joints, what, sure, error.remedy, where=where)
 
 
-def _channels(
+def judge_dynamics(
     problem: Problem, report: Report, settings: Preprocessing, thorough: bool
 ) -> Report:
     """What a mended run's channels mean: the net repair that makes them one arm's, and
     what is left.
 
     Raises InputError for a run that is too short for any question."""
-    run = report.mended
+    run = report.repaired_all
     if len(run.t) < RUN:
         raise InputError(f"fewer than {RUN} usable rows", "record longer", run.names[0])
-    glance = Glance(run, problem.robot, settings.standstill)
+    glance = RunSummary(run, problem.robot, settings.standstill)
     issues = [*rules.idle(glance)]
     if not glance.moving.any():
         return replace(report, issues=tuple(issues))
@@ -283,8 +285,12 @@ def _channels(
         residual.two_arms(log, net)
     ):  # another arm, or load, makes steps of its own
         net = replace(net, events=())
-    stated = search.told(net)
-    left = [*residual.size(log, net), *residual.find(log, net), *apart]
+    stated = search.describe_faults(net)
+    left = [
+        *residual.torque_magnitude(log, net),
+        *residual.unexplained_torque(log, net),
+        *apart,
+    ]
     if any(i.kind == "torque channel kind" for i in left):
         scales = "torque gain", "torque unit"
         stated = [
@@ -307,5 +313,10 @@ def _channels(
     # A report holds the rows, not what was worked out of them.
     arm = (Likelihood(problem, data), net) if log.spare > 0.0 else None
     return Report(
-        report.run, tuple(issues), work, report.fixed, log.score(net).unexplained, arm
+        report.run,
+        tuple(issues),
+        work,
+        report.repaired_certain,
+        log.score(net).unexplained,
+        arm,
     )

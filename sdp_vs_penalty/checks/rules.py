@@ -18,7 +18,7 @@ from sdp_vs_penalty.data.formats.recognition import UNITS
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE, Measurements
 from sdp_vs_penalty.data.plausibility import beside_range
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.encoder import lattice_step
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -37,7 +37,7 @@ _READ, _CONTINUE = (
 
 
 @dataclass(frozen=True)
-class Glance:
+class RunSummary:
     """A run, the robot it is of, and the share of its speed below which the robot
     stands still."""
 
@@ -147,9 +147,9 @@ class Glance:
         for name, _, x in self.channels:
             if name in channels:
                 size = np.abs(x - np.median(x))
-                energy = np.square(size / or_one(size.max()))
+                energy = np.square(size / nonzero_or_one(size.max()))
                 shares.append(
-                    float(energy[channels[name]].sum() / or_one(energy.sum()))
+                    float(energy[channels[name]].sum() / nonzero_or_one(energy.sum()))
                 )
         return max(shares)
 
@@ -169,7 +169,7 @@ def _mask(count: int, parts: Any) -> Rows:
     return out
 
 
-def missing(g: Glance) -> Iterator[Issue]:
+def missing(g: RunSummary) -> Iterator[Issue]:
     parts = {"t": g.run.t[:, None], **g.run.groups}.items()  # nan compares false
     finite = np.all(
         [np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0
@@ -181,7 +181,7 @@ def missing(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("missing numbers", ~finite, what, unusable=True)
 
 
-def time_unit(g: Glance) -> Iterator[Issue]:
+def time_unit(g: RunSummary) -> Iterator[Issue]:
     """A clock that does not count seconds, and in another unit is that of a robot's
     motion."""
     q, (least, most) = g.run.q[:, g.moving], _STEPS
@@ -210,17 +210,17 @@ def time_unit(g: Glance) -> Iterator[Issue]:
     )
 
 
-def _goes_on(g: Glance, rows: NDArray[np.intp]) -> Rows:
+def _goes_on(g: RunSummary, rows: NDArray[np.intp]) -> Rows:
     """(K,) whether the moving arm comes no farther in steps of the clock than in those
     around them."""
     travel = np.linalg.norm(
-        np.diff(g.run.q / or_one(np.ptp(g.run.q, axis=0)), axis=0), axis=1
+        np.diff(g.run.q / nonzero_or_one(np.ptp(g.run.q, axis=0)), axis=0), axis=1
     )
     usual = np.array([np.median(travel[max(k - 10, 0) : k + 11]) for k in rows])
     return np.asarray(travel[rows] < 3.0 * usual + 1e-3)
 
 
-def backwards(g: Glance) -> Iterator[Issue]:
+def backwards(g: RunSummary) -> Iterator[Issue]:
     """Rows whose time lies before that of an earlier row."""
     bad = np.flatnonzero(g.steps < 0.0)
     if not len(bad):
@@ -262,7 +262,7 @@ def backwards(g: Glance) -> Iterator[Issue]:
     )
 
 
-def repeated_time(g: Glance) -> Iterator[Issue]:
+def repeated_time(g: RunSummary) -> Iterator[Issue]:
     bad = np.concatenate([[False], g.steps == 0.0])
     same = bool(np.all(np.diff(g.run.q, axis=0)[bad[1:]] == 0.0))
     how = "are copies of the row before" if same else "differ from the row before"
@@ -271,7 +271,7 @@ def repeated_time(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("repeated time", bad, what, remedy=first, unusable=True)
 
 
-def uneven(g: Glance) -> Iterator[Issue]:
+def uneven(g: RunSummary) -> Iterator[Issue]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q
     is smoother over the row number."""
     steps, q = g.steps, g.run.q[:, g.moving]
@@ -313,7 +313,7 @@ def uneven(g: Glance) -> Iterator[Issue]:
     )
 
 
-def jumps(g: Glance) -> Iterator[Issue]:
+def jumps(g: RunSummary) -> Iterator[Issue]:
     """Steps that are no jitter: of a clock that was set where the motion goes on,
     otherwise gaps."""
     long = np.flatnonzero(g.steps > max(TIMES * g.step, 0.02))
@@ -363,7 +363,7 @@ def jumps(g: Glance) -> Iterator[Issue]:
             yield Issue(kind, "warning", where, what, sure, remedy, repair, figures)
 
 
-def wrapped(g: Glance) -> Iterator[Issue]:
+def wrapped(g: RunSummary) -> Iterator[Issue]:
     """A revolute position that jumps by a turn from one row to the next."""
     steps = np.abs(np.diff(g.run.q, axis=0))
     turns = np.any(np.abs(steps - 2.0 * np.pi) < 0.3, axis=0) & (
@@ -382,7 +382,7 @@ def wrapped(g: Glance) -> Iterator[Issue]:
         )
 
 
-def repeated_run(g: Glance) -> Iterator[Issue]:
+def repeated_run(g: RunSummary) -> Iterator[Issue]:
     """Rows that come a second time, all at the same distance and one after the other.
 
     Where a motion repeats and its columns are coarse, single rows are equal by chance.
@@ -406,7 +406,7 @@ def repeated_run(g: Glance) -> Iterator[Issue]:
         yield from g.deleted("repeated run", again, what, lag=most)
 
 
-def held_rows(g: Glance) -> Iterator[Issue]:
+def held_rows(g: RunSummary) -> Iterator[Issue]:
     """Rows that are copies of the one before. Frozen packets: for long, and a joint has
     then come farther than in its usual step. Doubled rows: single ones while the arm
     moves, under an even clock; the motion goes on behind them, or skips ahead."""
@@ -456,7 +456,7 @@ def held_rows(g: Glance) -> Iterator[Issue]:
     )
 
 
-def end_stops(g: Glance) -> Iterator[Issue]:
+def end_stops(g: RunSummary) -> Iterator[Issue]:
     """Rows in which a joint is told to go beyond its range and does not: its stop holds
     it, whose torque no model has. Where it follows the command, the range is not where
     the stop is."""
@@ -479,7 +479,7 @@ def end_stops(g: Glance) -> Iterator[Issue]:
     )
 
 
-def interpolated_rows(g: Glance) -> Iterator[Issue]:
+def interpolated_rows(g: RunSummary) -> Iterator[Issue]:
     """Rows that lie on straight lines in every channel: a gap that was filled in."""
     if not g.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
@@ -511,7 +511,7 @@ def interpolated_rows(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("interpolated rows", _mask(len(inside), parts), what)
 
 
-def zeros(g: Glance) -> Iterator[Issue]:
+def zeros(g: RunSummary) -> Iterator[Issue]:
     """Exact zeros that a logger filled in because it had no sample: its joint moves, the
     channel comes back to where it was before, on the same side, and no other value of
     it does so.
@@ -558,7 +558,7 @@ def _filled(x: Array) -> Rows:
     return _mask(len(x), [] if elsewhere * TIMES > len(filled) else filled)
 
 
-def spikes(g: Glance) -> Iterator[Issue]:
+def spikes(g: RunSummary) -> Iterator[Issue]:
     """Single samples far from the median of seven: bits turned, packets torn. Half a
     second off every start and stop of the arm."""
     moves, t, bad = g.movement.at, g.run.t, {}
@@ -578,7 +578,7 @@ def spikes(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("spikes", bad, what, "certain: no joint moves like that")
 
 
-def lost_rows(g: Glance) -> Iterator[Issue]:
+def lost_rows(g: RunSummary) -> Iterator[Issue]:
     """All joints skip ahead within one step of an even clock: rows are missing that it
     does not show.
 
@@ -622,7 +622,7 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
         )
 
 
-def frozen(g: Glance, word: str, name: str) -> Iterator[Issue]:
+def frozen(g: RunSummary, word: str, name: str) -> Iterator[Issue]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow
     down before."""
     asked = [
@@ -641,7 +641,7 @@ def frozen(g: Glance, word: str, name: str) -> Iterator[Issue]:
     yield from g.deleted(f"frozen {word}", bad, what + "the channel was frozen.", sure)
 
 
-def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
+def _stuck(g: RunSummary, j: int, x: Array, position: bool) -> Rows:
     """(N,) where a channel of joint j is frozen: the same number for long, and then not
     the next one."""
     parts = spans(np.diff(x) == 0.0)
@@ -670,7 +670,7 @@ def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
     return _mask(len(x), found)
 
 
-def idle(g: Glance) -> Iterator[Issue]:
+def idle(g: RunSummary) -> Iterator[Issue]:
     """Joints that never move, or all of them."""
     sure, joints = (
         "certain: the positions change by noise only",
@@ -694,7 +694,7 @@ def idle(g: Glance) -> Iterator[Issue]:
         yield Issue.of("idle joints", "warning", joints, what, sure, remedy)
 
 
-def beside(g: Glance) -> Iterator[Issue]:
+def beside(g: RunSummary) -> Iterator[Issue]:
     if joints := beside_range(g.robot, g.run.q):
         yield Issue.of(
             "encoder offset",
@@ -706,7 +706,7 @@ def beside(g: Glance) -> Iterator[Issue]:
         )
 
 
-def torques(g: Glance) -> Iterator[Issue]:
+def torques(g: RunSummary) -> Iterator[Issue]:
     """Channels that never change, that stay exactly at their largest value while they
     are never constant elsewhere, or that lost their sign: whenever these come near
     zero, by a fifth of the largest, they come within a usual step of it: by chance with
@@ -764,7 +764,7 @@ def torques(g: Glance) -> Iterator[Issue]:
         )
 
 
-def coarse(g: Glance, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
+def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
     """Whether the motion's fastest part is sampled often enough to be differentiated
     twice, in positions fine enough for the accelerations of a motion behind the filter
     of these settings. Rounding errors renew themselves when the level changes; the part
@@ -812,7 +812,7 @@ def coarse(g: Glance, motion: Motion, settings: Preprocessing) -> Iterator[Issue
 
 
 #: In the order of mending; all but the first ask of RUN rows in which something moves.
-RULES: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
+RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
     missing,
     time_unit,
     backwards,
@@ -838,7 +838,7 @@ def mended(
     """The issues of a run's rows and clock; the run with all of them mended, and with
     the certain ones."""
     issues: list[Issue] = []
-    fixed, glance = run, Glance(run, robot, standstill)
+    fixed, glance = run, RunSummary(run, robot, standstill)
     for asked in RULES:
         if asked is not missing and (
             len(glance.run.t) < RUN or not glance.moving.any()
@@ -850,5 +850,5 @@ def mended(
                 # What is only likely is mended for the rules that follow, and deletes
                 # no row.
                 fixed = issue.repair(fixed) if issue.mends else fixed
-                glance = Glance(issue.repair(glance.run), robot, standstill)
+                glance = RunSummary(issue.repair(glance.run), robot, standstill)
     return issues, glance.run, fixed

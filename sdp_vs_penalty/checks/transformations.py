@@ -12,9 +12,9 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import At, Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
-from sdp_vs_penalty.checks.repair import Event, Repair
+from sdp_vs_penalty.checks.repair import Event, LogTransform
 from sdp_vs_penalty.data.formats.recognition import UNITS as NAMED
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -47,29 +47,29 @@ _EARTH = max(map(abs, STANDARD_GRAVITY))
 
 
 @dataclass(frozen=True)
-class Number:
+class FaultSize:
     """One number of a repair, 0 where the log is right; ``at`` gives the repair with
     another one.
 
     tolerance : what arms and loggers differ by themselves, in the number's own unit;
-    reach : how far to either side the best value is looked for; text : with unit; snaps
+    search_radius : how far to either side the best value is looked for; text : with unit; snaps
     : round values, tried beside it.
     """
 
     value: float
     at: At
     tolerance: float
-    reach: float
+    search_radius: float
     text: Callable[[float], str]
-    snaps: tuple[float, ...] = ()
+    round_values: tuple[float, ...] = ()
 
     def round_within(self, reach: float) -> list[float]:
         """The nearest round value, where it is nearer than that."""
-        by_distance = sorted(self.snaps, key=lambda x: abs(x - self.value))
+        by_distance = sorted(self.round_values, key=lambda x: abs(x - self.value))
         return [x for x in by_distance[:1] if abs(x - self.value) < reach]
 
     @classmethod
-    def factor(cls, x: float, at: At, snaps: tuple[float, ...]) -> "Number":
+    def factor(cls, x: float, at: At, snaps: tuple[float, ...]) -> "FaultSize":
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
         logs = tuple(float(np.log(s)) for s in snaps)
         text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
@@ -90,7 +90,7 @@ def choices(count: int) -> float:
 
 
 @dataclass(frozen=True)
-class Element:
+class Fault:
     """One thing that a repair does, and what is said of it; ``of`` : the repair without
     it, or its number.
 
@@ -103,27 +103,27 @@ class Element:
     joints: tuple[int, ...]
     what: str
     remedy: str
-    of: Repair | Number
+    of: LogTransform | FaultSize
     cost: float = c.ODDS
     place: str = ""
     mends: bool = True
     figures: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def number(self) -> Number | None:
-        return self.of if isinstance(self.of, Number) else None
+    def number(self) -> FaultSize | None:
+        return self.of if isinstance(self.of, FaultSize) else None
 
     @property
     def odd(self) -> bool:
         """Whether it is a number that is not round."""
         return (
-            isinstance(self.of, Number)
-            and not np.isclose(self.of.value, self.of.snaps).any()
+            isinstance(self.of, FaultSize)
+            and not np.isclose(self.of.value, self.of.round_values).any()
         )
 
     @property
-    def without(self) -> Repair:
-        return self.of.at(0.0) if isinstance(self.of, Number) else self.of
+    def without(self) -> LogTransform:
+        return self.of.at(0.0) if isinstance(self.of, FaultSize) else self.of
 
     @property
     def name(self) -> tuple[str, tuple[int, ...]]:
@@ -134,25 +134,29 @@ class Transformation(ABC):
     """One kind of change of a log."""
 
     @abstractmethod
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         """Repairs that differ from ``now``, whose score is given, by one more thing of
         this kind."""
 
     @abstractmethod
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """What a repair does of this kind."""
 
 
 class Degrees(Transformation):
     """Positions in degrees: of all revolute joints, or of one of them."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
         far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]
         for joints in [log.revolute, *([j] for j in far if log.n > 1)] if far else ():
             yield now.times("scale", joints, float(np.radians(1.0)))
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         if not (joints := tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())):
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
@@ -169,23 +173,25 @@ class Degrees(Transformation):
             f" {reach:.4g}."
         )
         remedy = f"multiply {named} (and dq) by pi / 180"
-        yield Element(kind, "warning", joints, what, remedy, without, cost, named)
+        yield Fault(kind, "warning", joints, what, remedy, without, cost, named)
 
 
 class Clock(Transformation):
     """A clock at another rate, or rows in reverse order: inertia beside the weight
     tells the rate, friction the direction."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         yield replace(now, reversed=not now.reversed)
         for factor in _RATES if any(now.gravity) else ():
             yield replace(now, rate=now.rate * factor)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
             remedy, without = "reverse q and tau in time", repair.reset("reversed")
-            yield Element(
+            yield Fault(
                 "time reversed", "warning", (), what, remedy, without, place="all rows"
             )
         if (x := repair.rate) != 1.0:
@@ -195,8 +201,8 @@ class Clock(Transformation):
                 " fit the weight."
             )
             remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
-            number = Number.factor(x, at, (min(_RATES), max(_RATES)))
-            yield Element(
+            number = FaultSize.factor(x, at, (min(_RATES), max(_RATES)))
+            yield Fault(
                 "clock rate", "warning", (), what, remedy, number, place="column t"
             )
 
@@ -205,14 +211,16 @@ class Sign(Transformation):
     """Joints and torques that count the other way: the torque's sign, the position's,
     or both."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         for turned in (range(log.n), *((j,) for j in range(log.n))):
             yield now.times("gain", turned, -1.0)
         for j in np.flatnonzero(score.poor).tolist():
             yield now.times("scale", (j,), -1.0)
             yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
         for j in np.flatnonzero(q).tolist():
             without, k = repair.times("scale", (j,), -1.0), j + 1
@@ -228,7 +236,7 @@ class Sign(Transformation):
                     f"joint {k} counts the other way, position and torque alike.",
                 )
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
-            yield Element(kind, "warning", (j,), what, remedy, without, choices(log.n))
+            yield Fault(kind, "warning", (j,), what, remedy, without, choices(log.n))
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
             every = len(alone) == log.n
             cost = c.ODDS if every else len(alone) * choices(log.n)
@@ -238,20 +246,22 @@ class Sign(Transformation):
             )
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
-            yield Element("torque sign", "warning", alone, what, remedy, without, cost)
+            yield Fault("torque sign", "warning", alone, what, remedy, without, cost)
 
 
 class Exchange(Transformation):
     """Channels of other joints: positions, torques, or both exchanged."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         for a, b in combinations(log.joints, 2):
             yield now.with_swap(a, b, "tau_order")
             if score.poor[a] or score.poor[b]:
                 yield now.with_swap(a, b, "order")
                 yield now.with_swap(a, b, "order", "tau_order")
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         told: list[tuple[str, str, str, tuple[str, ...]]] = [
             ("position order", "the positions", "q and dq", ("order",)),
             ("torque order", "the torques", "tau", ("tau_order",)),
@@ -275,7 +285,7 @@ class Exchange(Transformation):
                 what = f"{word} of {joints_text(changed)} are swapped{how}."
                 cost = (len(changed) - 1) * choices(log.n * (log.n - 1) // 2)
                 remedy = f"rename the columns of {columns}"
-                yield Element(
+                yield Fault(
                     kind, "warning", changed, what, remedy, repair.reset(*names), cost
                 )
 
@@ -284,7 +294,9 @@ class Mounting(Transformation):
     """Gravity along another direction of the base: its six axes first, then around the
     assumed one."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
         known = _earthly(size)
@@ -295,11 +307,13 @@ class Mounting(Transformation):
         if known:
             across = np.linalg.svd(given[None, :])[2][1:]
             ats = [_turned(now, given, given + size * x) for x in across]
-            steps, _ = log.screen.steps(now, ats, np.zeros(2), np.full(2, 0.02))
+            steps, _ = log.screen.first_order_steps(
+                now, ats, np.zeros(2), np.full(2, 0.02)
+            )
             turned = given + size * np.clip(steps, -0.5, 0.5) @ across
             yield _under(now, size * turned / np.linalg.norm(turned))
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         assumed, g = np.array(log.problem.robot.gravity), np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
             return
@@ -308,14 +322,16 @@ class Mounting(Transformation):
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
-        of: Repair | Number = _under(repair, assumed)
+        of: LogTransform | FaultSize = _under(repair, assumed)
         if not _earthly(given):
             kind, remedy = (
                 "gravity of the problem",
                 f"{remedy}, or correct the problem's gravity",
             )
         elif np.count_nonzero(np.abs(g) > 1e-9) > 1:
-            of = Number(angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees)
+            of = FaultSize(
+                angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees
+            )
         seen, told = (
             ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) for g in (g, assumed)
         )
@@ -325,7 +341,7 @@ class Mounting(Transformation):
         )
         severity = "warning"
         figures = {"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]}
-        yield Element(
+        yield Fault(
             kind, severity, (), what, remedy, of, c.ODDS, "the base", False, figures
         )
 
@@ -334,7 +350,9 @@ def _earthly(size: float) -> bool:
     return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
 
 
-def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:
+def _turned(
+    repair: LogTransform, assumed: Array, g: Array
+) -> Callable[[float], LogTransform]:
     """The repair with gravity turned by an angle from the assumed vector towards g."""
     size = float(np.linalg.norm(assumed))
     a = assumed / size
@@ -343,14 +361,16 @@ def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repai
     return lambda v: _under(repair, size * (np.cos(v) * a + np.sin(v) * across))
 
 
-def _under(repair: Repair, g: Array) -> Repair:
+def _under(repair: LogTransform, g: Array) -> LogTransform:
     return replace(repair, gravity=tuple(g.tolist()))
 
 
 class Weight(Transformation):
     """The arm's weight taken out of one channel, or of all, by the controller."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         # The weight that a wrist's last link holds is within the error of its
         # friction's law: of one channel alone it has to be half (8 s of the real Panda,
         # tests/test_docs.py::test_the_tutorial).
@@ -368,7 +388,7 @@ class Weight(Transformation):
             if any(now.gravity):
                 yield now.with_entries("lacks", joints, lacks)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for joints, x in repair.changed("lacks"):
             of, how = f"the torque of {joints_text(joints)}", ""
             if len(joints) == log.n:
@@ -379,9 +399,9 @@ class Weight(Transformation):
             what = f"{_percent(x)} of the weight is missing from {of}."
             remedy = f"log the torques before gravity compensation{how}"
             at = partial(repair.with_entries, "lacks", joints)
-            number = Number(x, at, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,))
+            number = FaultSize(x, at, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,))
             cost = choices(log.n // len(joints))
-            yield Element(
+            yield Fault(
                 "gravity removed",
                 "warning",
                 joints,
@@ -397,18 +417,20 @@ class Gain(Transformation):
     """Channels too large or too small beside their neighbours'. A factor that all have
     in common is not seen by what joints share: see residual.py."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         joints = log.joints if len(log.joints) > 1 else []
         # A small one is seen at its best value alone: a step of the grid off, the fit
         # is as bad.
         ats: list[At] = [partial(now.times, "gain", (j,)) for j in joints]
-        steps, _ = log.screen.steps(
+        steps, _ = log.screen.first_order_steps(
             now, ats, np.ones(len(ats)), np.full(len(ats), 0.01)
         )
         for at, best in zip(ats, np.clip(1.0 + steps, 0.5, 2.0).tolist(), strict=True):
             yield from map(at, (*_GAINS, best))
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             x = abs(repair.gain[j])
             unit = next(
@@ -429,13 +451,13 @@ class Gain(Transformation):
             at = lambda v, j=j: repair.with_entries(  # noqa: E731
                 "gain", (j,), v * np.sign(repair.gain[j])
             )
-            yield Element(
+            yield Fault(
                 kind,
                 "warning",
                 (j,),
                 what,
                 f"multiply tau{j + 1} by {x:.3g}",
-                Number.factor(x, at, tuple(UNITS)),
+                FaultSize.factor(x, at, tuple(UNITS)),
                 choices(log.n),
                 figures={"factor": x},
             )
@@ -446,7 +468,9 @@ class Delay(Transformation):
     Nothing brings one channel ahead of the others: what looks like that is a law of its
     joint."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         each = [(j,) for j in log.joints] if len(log.joints) > 1 else []
         for name, tried in _LATE.items():
             yield from (now.with_entries(name, range(log.n), x) for x in tried)
@@ -454,7 +478,7 @@ class Delay(Transformation):
                 now.with_entries(name, one, x) for one in each for x in tried if x > 0.0
             )
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for name, joints, x in (
             (k, *found) for k in _LATE for found in repair.changed(k)
         ):
@@ -494,10 +518,10 @@ class Delay(Transformation):
                 partial(repair.with_entries, name, joints),
             )
             number, cost = (
-                Number(x, at, c.USUAL_DELAY, 0.06, text),
+                FaultSize(x, at, c.USUAL_DELAY, 0.06, text),
                 choices(log.n // len(joints)),
             )
-            yield Element(
+            yield Fault(
                 kind,
                 "warning",
                 joints,
@@ -516,9 +540,11 @@ class Beside(Transformation):
     time; a step at some moment (a contact, a load, a zero set anew). Proposed by a
     score test: of each shape the part that the arm leaves, against the residual."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         motion, order, laws = log.data.motion, list(now.order), log.data.laws
-        span, heard = float(np.ptp(motion.t)), log.heard(now)[:, :, None]
+        span, heard = float(np.ptp(motion.t)), log.filter_gain(now)[:, :, None]
         gains = [
             score.gained(score.rows.rest(heard * x[order])).max(axis=1)
             for x in laws.values()
@@ -540,7 +566,7 @@ class Beside(Transformation):
             if some[j, k] > 0.0:
                 yield now.with_event(Event(j, at[k]))
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for event in repair.events:
             j, t, without = event.joint, event.at, repair.without(event)
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
@@ -553,7 +579,7 @@ class Beside(Transformation):
                     "identify, and let `diagnose` name it",
                     choices(log.n * len(LAWS)),
                 )
-                yield Element(
+                yield Fault(
                     f"law: {t}", "note", (j,), what, remedy, without, cost, mends=False
                 )
                 continue
@@ -563,7 +589,7 @@ class Beside(Transformation):
                 log.rows(without),
                 event.shape(log.data.motion.t),
             )
-            x = lacking.rest(log.heard(repair)[:, :, None] * shape)[j, :, 0]
+            x = lacking.rest(log.filter_gain(repair)[:, :, None] * shape)[j, :, 0]
             away = score.channels[j] - lacking.apart[j] @ score.theta
             size = float(x @ away / max(x @ x, 1e-300))
             kind, many, place, figures = "torque drift", log.n, "", {"size": size}
@@ -582,7 +608,7 @@ class Beside(Transformation):
                     t,
                 )
             what, cost = f"the torque of {name} {how}.", choices(many) + 2.0 * c.ODDS
-            yield Element(
+            yield Fault(
                 kind,
                 "warning",
                 (j,),
@@ -604,7 +630,9 @@ class Place(Transformation):
 
     quarters = -np.pi / 2, np.pi / 2, np.pi
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         joints, quarters = (
             log.problem.robot.joints,
             self.quarters if score.poor.any() else (),
@@ -617,7 +645,9 @@ class Place(Transformation):
         ats += [partial(_shifted, log, now, j) for j in log.joints]
         values = [*(now.longer[j] for j in apart), *(now.zero[j] for j in log.joints)]
         units = np.where(turns, 1.0, _length(log))
-        steps, spreads = log.screen.steps(now, ats, np.array(values), 0.01 * units)
+        steps, spreads = log.screen.first_order_steps(
+            now, ats, np.array(values), 0.01 * units
+        )
         first = np.clip(steps, -0.7 * units, 0.7 * units).tolist()
         for k in np.flatnonzero(
             np.isfinite(spreads)
@@ -625,7 +655,7 @@ class Place(Transformation):
             for x in (first[k], *(quarters if turns[k] else ())):
                 yield ats[k](values[k] + x)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         length, metres, cost = _length(log), "{:.4g} m".format, choices(log.n)
         for j in np.flatnonzero(repair.longer).tolist():
             x, at = repair.longer[j], partial(repair.with_entries, "longer", (j,))
@@ -638,8 +668,10 @@ class Place(Transformation):
                 "correct the kinematics, or choose the problem of the robot that was"
                 " logged"
             )
-            number = Number(x, at, 0.25 * c.CALIBRATED * length, 0.35 * length, metres)
-            yield Element(
+            number = FaultSize(
+                x, at, 0.25 * c.CALIBRATED * length, 0.35 * length, metres
+            )
+            yield Fault(
                 "link length", "warning", (j,), what, remedy, number, cost, mends=False
             )
         for j in np.flatnonzero(repair.zero).tolist():
@@ -653,7 +685,7 @@ class Place(Transformation):
                 (0.35, (*self.quarters, -np.pi)) if turns else (0.35 * length, ())
             )
             away = lambda v, text=text: text(-v)  # noqa: E731
-            number = Number(x, back, unit * c.CALIBRATED, reach, away, snaps)
+            number = FaultSize(x, back, unit * c.CALIBRATED, reach, away, snaps)
             severity = "warning"
             what = (
                 f"the zero of joint {j + 1} is {away(x)} away from the robot's"
@@ -661,7 +693,7 @@ class Place(Transformation):
             )
             remedy = f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}"
             shift = {"shifts": [x]}
-            yield Element(
+            yield Fault(
                 "encoder offset",
                 severity,
                 (j,),
@@ -677,12 +709,14 @@ class Saturation(Transformation):
     """A channel that bends towards a limit: tau_log = s tanh(tau / s), an amplifier
     near its end."""
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
         for j in log.joints:
             for x in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
                 yield now.with_entries("bend", (j,), 1.0 - x)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for j in np.flatnonzero(repair.bend).tolist():
             x, k = repair.bend[j], repair.tau_order[j]
             limit = f"{log.data.largest[k] / x:.3g} {log.problem.robot.torque_units[j]}"
@@ -694,14 +728,14 @@ class Saturation(Transformation):
             at = lambda v, j=j: repair.with_entries(  # noqa: E731
                 "bend", (j,), float(np.clip(v, 0.0, 0.995))
             )
-            number = Number(
+            number = FaultSize(
                 x,
                 at,
                 _STRAIGHT,
                 0.25,
                 lambda v: f"{_percent(v)} of the limit is reached",
             )
-            yield Element(
+            yield Fault(
                 "saturation",
                 "warning",
                 (j,),
@@ -718,7 +752,7 @@ def _length(log: Likelihood) -> float:
     return 0.3 * float(log.problem.robot.link_reach().sum())
 
 
-def _shifted(log: Likelihood, now: Repair, j: int, x: float) -> Repair:
+def _shifted(log: Likelihood, now: LogTransform, j: int, x: float) -> LogTransform:
     """An angle in (-pi, pi]; a length as it is."""
     wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in log.revolute else x
     return now.with_entries("zero", (j,), wrapped)

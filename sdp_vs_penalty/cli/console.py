@@ -45,7 +45,7 @@ def say(text: str, style: str | None = None) -> None:
     out.print(printable(text), style=style, markup=False, soft_wrap=True)
 
 
-def explain(text: str) -> None:
+def paragraph(text: str) -> None:
     """Sentences on stdout, broken between words at the terminal's width."""
     out.print(printable(text), markup=False)
 

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.rules import RULES, Glance, torques
+from sdp_vs_penalty.checks.rules import RULES, RunSummary, torques
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 
@@ -39,7 +39,9 @@ def motion(
 
 def found(kind: str, run: Measurements) -> Issue | None:
     """What the rules, each by itself, say of that kind of a run."""
-    said = (issue for rule in RULES for issue in rule(Glance(run, ROBOT, STANDSTILL)))
+    said = (
+        issue for rule in RULES for issue in rule(RunSummary(run, ROBOT, STANDSTILL))
+    )
     return next((issue for issue in said if issue.kind == kind), None)
 
 
@@ -265,7 +267,7 @@ def test_a_channel_that_never_changes_at_a_joint_that_rests_is_no_error():
     q, tau = clean.q.copy(), clean.tau.copy()
     q[:, 1], tau[:, 1] = 0.3, 0.0
     still = replace(clean, q=q, tau=tau, dq=None)
-    (dead,) = torques(Glance(still, ROBOT, STANDSTILL))
+    (dead,) = torques(RunSummary(still, ROBOT, STANDSTILL))
     assert (dead.kind, dead.severity) == ("dead channel", "note")
 
 

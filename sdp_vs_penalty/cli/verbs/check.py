@@ -24,11 +24,11 @@ def verb(
 
     from sdp_vs_penalty.checks import check, of_one_arm
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import as_told
+    from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.files import write_text
 
-    robot = as_told(problem, gravity)
+    robot = problem_from_options(problem, gravity)
     data = [file for path in data for file in run_files(path)]
     if fix is not None and len(data) > 1 and fix.suffix:
         raise InputError(
@@ -71,7 +71,7 @@ def verb(
         folder = len(data) > 1 or not fix.suffix or fix.is_dir()
         copies = [fix / f"{path.stem}.csv" if folder else fix for path in data]
         for path, report, copy in zip(data, reports, copies, strict=True):
-            save(report.fixed, copy)
+            save(report.repaired_certain, copy)
             console.written(copy)
             note = copy.with_name(f"{copy.stem}_changes.txt")
             write_text(note, report.changes(path.name))
@@ -81,7 +81,7 @@ def verb(
     )
     if fix is not None:
         console.next_step(["check", *copies, "--problem", problem, *mounting])
-    elif any(f.mends for report in reports for f in report.problems):
+    elif any(f.mends for report in reports for f in report.errors_and_warnings):
         beside = data[0].with_name(
             f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed"
         )
