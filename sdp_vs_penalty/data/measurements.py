@@ -32,7 +32,8 @@ class Measurements(Shown):
     temperature : (N, n) of each joint's gear or motor [degrees Celsius], or None.
     commanded : what the drives were told or gave, (N, n) by the names of
     :data:`COMMANDED`; torque_logged : False where no torque was measured: tau then
-    holds the feed-forward torque, or zeros. Velocity and acceleration for
+    holds the feed-forward torque, or zeros; joint_names : what the file calls the joints,
+    where it does and has just been read. Velocity and acceleration for
     identification are not these dq: see preprocessing.
     """
 
@@ -45,6 +46,7 @@ class Measurements(Shown):
     temperature: Array | None = None
     commanded: Mapping[str, Array] = field(default_factory=dict)
     torque_logged: bool = True
+    joint_names: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -149,6 +151,12 @@ class Measurements(Shown):
         default."""
         groups = {group: block[keep] for group, block in self.groups.items()}
         return Measurements.of(self.t[keep], groups, (name or self.names[0],))
+
+    def without_joints(self, places: Sequence[int]) -> Measurements:
+        """The same without the channels of some joints, by their places from 0."""
+        stays = [k for k in range(self.n) if k not in places]
+        groups = {group: block[:, stays] for group, block in self.groups.items()}
+        return Measurements.of(self.t, groups, self.names, self.run)
 
     def parts(self) -> Iterator[Measurements]:
         """Consecutive samples, few at a time, whichever run they are of."""
