@@ -59,12 +59,14 @@ def base_parameter_table(study: Study) -> Table:
     ]
     names = (name.replace("-", "_") for name in shown)
     errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
-    return Table(
+    table = Table(
         f"Table III: base parameters of {study.problem.title}",
         rows.join(pandas.DataFrame(ours)),
         notes("III", where=where, priors=study.about_priors),
         f"Relative error on the training data: {', '.join(errors)}.",
     )
+    printed_columns = [name for name in rows if name != "row"]
+    return table.shortened([*printed_columns, *study.compared_columns])
 
 
 def _others(data: Data) -> list[str]:
