@@ -106,7 +106,7 @@ def _both_routes(study: Study) -> dict[str, str | Estimator]:
     """The published links, the penalty in both forms and the SDP, on the same
     constraints, by the names of the lines."""
     published = {name: Frozen(x) for name, x in study.published_links.items()}
-    return {**published, "penalty": "penalty", **_TWO_ROUTES}
+    return {**published, **_TWO_ROUTES, "penalty": "penalty"}
 
 
 def figure_1(study: Study) -> Any:
@@ -259,16 +259,22 @@ def figure_5(study: Study) -> Any:
         study, lambda run: run.torque, "torque", text, model=True, results=results
     )
     for run in _present(results)[:1]:
+        # What comes before is no motion of the robot's: from rest to its velocity.
         moving = np.arange(len(run.t)) >= len(run.t) - len(run.error)
         known = run.torque[moving] - run.error
         for j in range(study.problem.robot.n):
-            axes.flat[j].plot(
+            axis, values = axes.flat[j], known[:, j]
+            axis.plot(
                 run.t[moving],
-                known[:, j],
+                values,
+                color=style.BLACK,
+                linewidth=0.7,
                 label="measured less friction",
-                zorder=1.0,
-                **style.LOOKS["measured"],
+                zorder=3.0,
             )
+            both = np.concatenate([values, run.torque[moving, j]])
+            spread = 0.08 * float(np.ptp(both))
+            axis.set_ylim(both.min() - spread, both.max() + spread)
         handles = axes.flat[0].get_legend_handles_labels()
         axes.flat[-1].legend(*handles, loc="center", handlelength=5)
     return figure

@@ -66,7 +66,9 @@ def base_parameter_table(study: Study) -> Table:
         f"Relative error on the training data: {', '.join(errors)}.",
     )
     printed_columns = [name for name in rows if name != "row"]
-    return table.shortened([*printed_columns, *study.compared_columns])
+    links = [f"pi_{column}" for column in study.published_links]
+    columns = [*printed_columns, *links, *study.compared_columns]
+    return table.shortened(dict.fromkeys(columns))
 
 
 def _others(data: Data) -> list[str]:
