@@ -15,7 +15,7 @@ from sdp_vs_penalty.checks import residual, rules
 from sdp_vs_penalty.checks.constants import RUN
 from sdp_vs_penalty.checks.issue import FACT, Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.long_runs import LONG, issues_of_run, windows_of
+from sdp_vs_penalty.checks.long_runs import is_long, issues_of_run, windows_of
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.rules import RunSummary, mended
@@ -62,7 +62,7 @@ class Report(Shown):
     @property
     def is_long(self) -> bool:
         """Whether windows stand for the run: it is not repaired then."""
-        return self.repaired_all.samples > LONG
+        return is_long(self.repaired_all)
 
     @property
     def errors_and_warnings(self) -> tuple[Issue, ...]:

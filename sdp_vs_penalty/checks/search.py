@@ -231,7 +231,7 @@ class Search:
             }
             what, gravity = e.what, None
             if (number := e.number) is not None:
-                reach = 2.0 * self.step(number)[1]
+                reach = 2.0 * abs(self.step(number)[1])
                 figures["interval"] = ends = [
                     number.value - reach,
                     number.value + reach,

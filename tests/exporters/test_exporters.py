@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 import random_robots
 from commands import run_cli
+from drawn import HealthCheck, example, given, settings, st
 from dynamics_files import READERS
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
 from lxml import etree
 from recorded import changed, refusal, said
 

@@ -7,6 +7,7 @@ def verb(
     data: list[Path],
     problem: str,
     gravity: str | None = None,
+    hold: str | None = None,
     json_: Path | None = None,
     fix: Path | None = None,
 ) -> None:
@@ -24,11 +25,11 @@ def verb(
 
     from sdp_vs_penalty.checks import check, of_one_arm
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import problem_from_options
+    from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
+    from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.files import write_text
 
-    robot = problem_from_options(problem, gravity)
     data = [file for path in data for file in run_files(path)]
     if fix is not None and len(data) > 1 and fix.suffix:
         raise InputError(
@@ -40,11 +41,17 @@ def verb(
         )
     reports = []
     with console.progress("checking") as progress:
-        for path in data:
-            progress(path.name)
-            reports += check(
-                robot, read_run(path, robot.robot.n, robot.robot.joint_names)
-            )
+        robot, measured, hold = read_and_hold(
+            lambda held: problem_from_options(problem, gravity, hold=held),
+            hold,
+            lambda of: [
+                read_run(path, of.robot.n, of.robot.joint_names) for path in data
+            ],
+        )
+        for run in measured:
+            assert isinstance(run, Measurements)
+            progress(run.names[0])
+            reports += check(robot, run)
     reports = of_one_arm(reports)
     colours = {"error": "red", "warning": "yellow", "note": "dim"}
     for report in reports:
@@ -60,6 +67,7 @@ def verb(
             ):
                 console.say(f"    {text}")
     mounting = [] if gravity is None else ["--gravity", gravity]
+    mounting += [] if hold is None else ["--hold", hold]
     meaningless = any(report.meaningless for report in reports)
     if fix is not None:
         too_long = [path for path, r in zip(data, reports, strict=True) if r.is_long]
