@@ -45,7 +45,7 @@ def texts() -> Iterator[tuple[str, str]]:
         yield str(path.relative_to(RESULTS)), path.read_text()
 
 
-@pytest.mark.parametrize(("name", "text"), texts(), ids=lambda x: x[:24])
+@pytest.mark.parametrize(("name", "text"), [*texts()], ids=lambda x: x[:24])
 def test_no_caption_says_held_out(name, text):
     assert not HELD_OUT.search(text), name
 
