@@ -8,7 +8,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from picks import simulated_picks
 
-from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data import save
 
 PAGE = Path(__file__).parents[2] / "docs" / "online.md"
 
@@ -60,7 +60,7 @@ def test_the_node_of_the_page_publishes_the_payload(panda, tmp_path, monkeypatch
     (code,) = re.findall(r"```python\n(import rclpy.*?)```", text, re.DOTALL)
     assert len([line for line in code.splitlines() if line]) <= 35
     names: dict[str, type] = {"__name__": "node"}
-    exec(compile(code, "online.md", "exec"), names) 
+    exec(compile(code, "online.md", "exec"), names)
     node = names["PayloadNode"]()
     run = arm.stream(2.0).window(0.0, 4.0)
     for t, q, tau in zip(run.t, run.q[:, ::-1], run.tau[:, ::-1], strict=True):
