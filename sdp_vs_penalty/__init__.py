@@ -8,7 +8,7 @@ from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty import effects as effects
-    from sdp_vs_penalty.checks import check as check
+    from sdp_vs_penalty.checks.check import check as check
     from sdp_vs_penalty.checks.first import diagnose as diagnose
     from sdp_vs_penalty.checks.first import identify as identify
     from sdp_vs_penalty.data.datasets import fetch as fetch
