@@ -46,9 +46,12 @@ from sdp_vs_penalty import (
 )
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.estimation.identify import build_estimate, versions
-from sdp_vs_penalty.estimation.identify import identify as estimated
-from sdp_vs_penalty.estimation.pose import pose
+from sdp_vs_penalty.estimation.identify import (
+    build_estimate,
+    estimate_parameters,
+    versions,
+)
+from sdp_vs_penalty.estimation.pose import pose, read_and_filter
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
@@ -84,10 +87,13 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     warnings.simplefilter("ignore")  # the script's
     script = partial(decimated.identify, folder, model, basis)
 
-    def ours(verb: Callable[..., Estimate] = estimated) -> Estimate:
-        return verb(problem, load_measurements(folder, joints=7))
+    def ours() -> Estimate:
+        runs = read_and_filter(problem, load_measurements(folder, joints=7))
+        return estimate_parameters(problem, runs)
 
-    judged_too = partial(ours, partial(identify, check=False))
+    def judged_too() -> Estimate:
+        return identify(problem, load_measurements(folder, joints=7), check=False)
+
     estimate, run = ours(), load_measurements(folder, joints=7)
     settings = problem.preprocessing.resolve(run)
     split = phase_folds(run, settings, 5)

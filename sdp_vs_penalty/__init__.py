@@ -8,9 +8,12 @@ from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
     from sdp_vs_penalty import effects as effects
+    from sdp_vs_penalty.api.diagnosis import diagnose as diagnose
+    from sdp_vs_penalty.api.identification import identify as identify
+    from sdp_vs_penalty.api.identification import (
+        identify_black_box as identify_black_box,
+    )
     from sdp_vs_penalty.checks.check import check as check
-    from sdp_vs_penalty.checks.first import diagnose as diagnose
-    from sdp_vs_penalty.checks.first import identify as identify
     from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
     from sdp_vs_penalty.data.measurements import Measurements as Measurements
@@ -32,13 +35,14 @@ if TYPE_CHECKING:
 
 # Lazily, so that `--help` and one-line scripts do not pay for Pinocchio and SciPy.
 _NAMES = {
+    "api.diagnosis": "diagnose",
+    "api.identification": "identify identify_black_box",
     "checks": "check",
     "data.datasets": "fetch",
     "data.files": "load_measurements",
     "data.measurements": "Measurements",
     "diagnosis.adding": "add",
-    "diagnosis.comparison": "compare identify",
-    "diagnosis.diagnose": "diagnose",
+    "diagnosis.comparison": "compare",
     "diagnosis.where_it_fails": "where_it_fails",
     "errors": "InputError",
     "estimation.estimate": "Estimate load_estimate",
@@ -52,18 +56,13 @@ _NAMES = {
     "simulation.hidden_runs": "simulate",
 }
 _found = surface(__name__, **_NAMES)
-#: Verbs that check their measurements first; inside the package they do not.
-_CHECKED = ("identify", "diagnose")
 __all__ = ["__version__", "effects", *" ".join(_NAMES.values()).split()]
 
 
 def __getattr__(name: str) -> Any:
     if name == "effects":
         return importlib.import_module(f"{__name__}.effects")
-    found = _found(name)
-    if name in _CHECKED:
-        found = importlib.import_module(f"{__name__}.checks.first").with_check(found)
-    return globals().setdefault(name, found)
+    return globals().setdefault(name, _found(name))
 
 
 def __dir__() -> list[str]:

@@ -116,9 +116,9 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
     for file, found in zip(files, states, strict=True):
         _bounded(file, found.st_mode, found.st_size, largest)
     opened(path)
-    room = _ROOM + _PER_BYTE * sum(found.st_size for found in states)
+    room = memory_for(sum(found.st_size for found in states))
     try:
-        with _memory(room):
+        with limited_memory(room):
             yield path
     except (MemoryError, OSError) as error:
         if isinstance(error, OSError) and error.errno != errno.EFBIG:
@@ -130,8 +130,13 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
         ) from error
 
 
+def memory_for(size: int) -> int:
+    """Memory that unpacking a file of this size may take; both in bytes."""
+    return _ROOM + _PER_BYTE * size
+
+
 @contextmanager
-def _memory(room: int) -> Iterator[None]:
+def limited_memory(room: int) -> Iterator[None]:
     """While this runs, this process may take so many bytes of memory more (files that
     are mapped do not count), and write no file that is larger. Nothing where the system
     has no such limits."""

@@ -2,8 +2,10 @@
 matplotlib if asked."""
 
 import math
+import shlex
 from collections.abc import Iterable, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import missing_extra
@@ -119,6 +121,21 @@ def number(x: float | None, digits: int = 3) -> str:
         return "-"
     text = f"{x:.{digits}g}"
     return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
+
+
+def command(*words: object) -> str:
+    """A command of this program as one line that can be pasted into a shell.
+
+    >>> command("convert", "my run.csv", "--rate", 200)
+    "sdp-vs-penalty convert 'my run.csv' --rate 200"
+    """
+    return shlex.join(["sdp-vs-penalty", *map(str, words)])
+
+
+def convert_command(path: object, *words: object) -> str:
+    """The command that converts a file with these options, into one of another name."""
+    out = "run.csv" if Path(str(path)).name != "run.csv" else "run_converted.csv"
+    return command("convert", path, *words, "--out", out)
 
 
 def count(number: int, noun: str) -> str:

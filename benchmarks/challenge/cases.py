@@ -31,7 +31,8 @@ from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.files import alone, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.problem.load import load_problem
@@ -197,8 +198,10 @@ def run_case(case: Case) -> tuple[str, Record]:
     effects = [name for name in USUAL if name not in names]
     problem, begin = load_problem(urdf_of(conditions.arm)), time.process_time()
     try:
-        estimate = identify(
-            problem, concatenate([x.run for x in learnt]), "ols", effects=effects
+        runs = concatenate([x.run for x in learnt])
+        options = PoseOptions(effects=effects)
+        estimate = estimate_parameters(
+            problem, read_and_filter(problem, runs), "ols", options
         )
         record |= _diagnosed(
             kind, estimate, logged, hidden, time.process_time() - begin

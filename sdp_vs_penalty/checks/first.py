@@ -1,35 +1,19 @@
-"""What the verbs do beyond their functions: `check` first (Python's ``check=False``
-leaves it out)."""
+"""The check that comes before identification and diagnosis: errors of the log refuse,
+everything else is a remark."""
 
 from __future__ import annotations
 
-import functools
-import inspect
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import check as check_data
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
-from sdp_vs_penalty.data.files import as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.pose import readable
-from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.problem import Problem
-
-if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis.findings import Diagnosis
-
-    identify: Callable[..., Estimate]
-    diagnose: Callable[..., Diagnosis]
-
-_DOC = """
-    check : whether the fast part of :func:`~sdp_vs_penalty.checks.check` runs on the measurements first:
-        its errors raise InputError, its warnings are issued as UserWarning.
-    """
 
 
 def refuse_meaningless(
@@ -102,47 +86,3 @@ def consented(estimate: Estimate, measurements: Measurements) -> bool:
     """Whether a model was identified from the same runs without the check."""
     made = estimate.provenance
     return made["data_hash"] == measurements.data_hash and made.get("checked") is False
-
-
-def with_check(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """`identify` or `diagnose` with one more argument, ``check``."""
-
-    @functools.wraps(verb)
-    def checked(
-        first: Any, measurements: Any, *more: Any, check: bool = True, **settings: Any
-    ) -> Any:
-        name, said = verb.__name__, dict[str, Any]()
-        if name == "identify":
-            first = problem = as_problem(first, "identify(problem=...)")
-            measurements = readable(problem, measurements, "identify(measurements=...)")
-            ask = check and isinstance(measurements, Measurements)
-        else:
-            first = as_estimate(first, "diagnose(estimate=...)")
-            problem, names = first.problem, first.robot.joint_names
-            measurements = as_measurements(
-                measurements, names=names, what="diagnose(measurements=...)"
-            )
-            first.require_joints(measurements, "measurements")
-            ask = check and not consented(first, measurements)
-        if ask:
-            gains = bool(settings.get("known_loads"))
-            warn = functools.partial(
-                warnings.warn, stacklevel=3
-            )  # where the verb was called
-            said = refuse_meaningless(
-                problem, measurements, name, gains=gains, warn=warn
-            )
-        made = verb(first, measurements, *more, **settings)
-        if name == "identify":
-            made.provenance.update(checked=check, checks=said)
-        return made
-
-    given = inspect.signature(verb)
-    asked = inspect.Parameter(
-        "check", inspect.Parameter.KEYWORD_ONLY, default=True, annotation="bool"
-    )
-    checked.__signature__ = given.replace(  # type: ignore[attr-defined]
-        parameters=[*given.parameters.values(), asked]
-    )
-    checked.__doc__ = f"{(verb.__doc__ or '').rstrip()}{_DOC}"
-    return checked

@@ -3,6 +3,7 @@ is refused."""
 
 import glob
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -23,7 +24,7 @@ from sdp_vs_penalty.data.measurements import (
     without_traces,
 )
 from sdp_vs_penalty.data.store import parts
-from sdp_vs_penalty.errors import InputError, given, other_robot
+from sdp_vs_penalty.errors import InputError, Remark, given, other_robot
 from sdp_vs_penalty.files import reading
 
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence
@@ -201,12 +202,18 @@ def read_run(
     names: Sequence[str] | None = None,
     topic: str | None = None,
     rename: Mapping[str, str] | None = None,
+    rate: float | None = None,
 ) -> Measurements:
     """One file as it is: columns and shapes are checked, clock and numbers are not;
     denormals are zeros.
 
-    names, topic, rename : see :class:`sdp_vs_penalty.data.formats.columns.Choice`.
+    names, topic, rename, rate : see
+    :class:`sdp_vs_penalty.data.formats.columns.Choice`. Raises InputError for a channel
+    that is never a number; of those that need not be there it is left out.
     """
+    if rate is not None and not 0.0 < rate < np.inf:
+        what = f"rate {rate!r} is not a frequency above 0 Hz"
+        raise InputError(what, "give the samples a second, like --rate 1000")
     with reading(path) as path:
         home = format_of(path) or csv
         if home is csv and path.is_dir():
@@ -215,10 +222,35 @@ def read_run(
             raise InputError(
                 "only ROS bags and MCAP files have topics", "leave --topic out", path
             )
-        part: Measurements = home.read(path, Choice(names, topic, rename))
+        part: Measurements = home.read(path, Choice(names, topic, rename, rate))
+    if rate is not None:
+        part = replace(part, t=np.arange(len(part.t)) / rate)
+    part = _without_silent_channels(path, part)
     if joints is not None and part.n != joints:
         raise other_robot(part.n, joints, path)
     return without_traces(part)
+
+
+def _without_silent_channels(path: Path, run: Measurements) -> Measurements:
+    """The run without groups that hold no number in some joint; InputError naming the
+    joint where it needs the group."""
+    groups, needed = dict(run.groups), {"q", "tau"}
+    for name, block in run.groups.items():
+        is_number = np.zeros(block.shape[1], bool)
+        for _, part in parts(block):
+            is_number |= np.isfinite(part).any(axis=0)
+        if is_number.all() or len(block) == 0:
+            continue
+        joint = int(np.flatnonzero(~is_number)[0]) + 1
+        what = f"column {name}{joint} is never a number, in none of {len(block)} rows"
+        if name in needed:
+            remedy = "log it anew with this channel; there is nothing to repair"
+            raise InputError(what, remedy, path)
+        warnings.warn(f"{path}: {what}: {name} is left out", Remark, stacklevel=3)
+        del groups[name]
+    if len(groups) == len(run.groups):
+        return run
+    return Measurements.of(run.t, groups, run.names, run.run)
 
 
 def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> None:

@@ -23,12 +23,12 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import (
     certify,
     certify_beside,
-    identify,
+    estimate_parameters,
     on_bounds,
     record,
     versions,
 )
-from sdp_vs_penalty.estimation.pose import independent_gains
+from sdp_vs_penalty.estimation.pose import PoseOptions, independent_gains
 from sdp_vs_penalty.estimation.sensitivity import free_constants, sensitivities, settled
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.uncertainty import beside_held
@@ -118,15 +118,14 @@ def add(
     filtered = FilteredRuns.of(measurements, estimate.preprocessing)
 
     def identified(effects: Sequence[Effect]) -> Estimate:
-        return identify(
-            estimate.problem,
-            filtered,
-            estimate.estimator,
+        options = PoseOptions(
             effects=effects,
             weighting=estimate.weighting,
-            seed=seed,
-            progress=progress,
             gain_uncertainty=gain_errors,
+            seed=seed,
+        )
+        return estimate_parameters(
+            estimate.problem, filtered, estimate.estimator, options, progress=progress
         )
 
     progress("estimating shape constants")

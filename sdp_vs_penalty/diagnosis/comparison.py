@@ -3,12 +3,10 @@ noise."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import wraps
 from html import escape
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,13 +18,8 @@ from sdp_vs_penalty.data.store import Growing, parts
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
-from sdp_vs_penalty.estimation.identify import identify as _identify
-from sdp_vs_penalty.estimation.pose import behind_filters, logged, readable
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict, judge, noise_level
 from sdp_vs_penalty.formatting import Shown, Summary, finite
-from sdp_vs_penalty.problem.load import as_problem
-from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -36,9 +29,6 @@ if TYPE_CHECKING:
     import pandas
 
     from sdp_vs_penalty.diagnosis.findings import Diagnosis
-
-
-P = ParamSpec("P")
 
 
 @dataclass(frozen=True)
@@ -288,6 +278,21 @@ def compare(
             measurements, names=names, what="compare(measurements=...)"
         )
         runs = FilteredRuns.of(data, preprocessing or first.preprocessing)
+    for name, model in models.items():
+        if model.robot.n != runs.measurements.n:
+            what = f"measurements for {name}"
+            raise other_robot(runs.measurements.n, model.robot.n, what, "model")
+        check_plausible(model.robot, runs.measurements)
+    return compare_filtered(models, runs, noise_from)
+
+
+def compare_filtered(
+    models: Mapping[str, Estimate],
+    runs: FilteredRuns,
+    noise_from: Source | None = None,
+) -> Comparisons:
+    """:func:`compare` once the runs are read, possible for the robot, and filtered."""
+    first = next(iter(models.values()))
     settings = runs.settings
     _, measurements = driven(first, runs.measurements)
     if measurements is not runs.measurements:
@@ -295,12 +300,6 @@ def compare(
     models = {
         name: plant(m) if m.model.drives.any() else m for name, m in models.items()
     }
-    for name, model in models.items():
-        if model.robot.n != measurements.n:
-            raise other_robot(
-                measurements.n, model.robot.n, f"measurements for {name}", "model"
-            )
-        check_plausible(model.robot, measurements)
     given = measurements
     if noise_from is not None:
         _, given = driven(first, as_measurements(noise_from))
@@ -392,41 +391,3 @@ def still_missing(found: Diagnosis, estimate: Estimate) -> str:
         if found.effects
         else found.headline
     )
-
-
-def identified(
-    problem: str | Path | Problem,
-    measurements: Source | BlackBox,
-    *settings: Any,
-    noise_from: Measurements | None = None,
-    **named: Any,
-) -> tuple[Estimate, Comparison | None]:
-    """The estimate of :func:`~sdp_vs_penalty.estimation.identify.identify`, which takes
-    the settings, and its comparison with the same measurements, whose verdict the
-    estimate keeps; None for a black box's answers, which are no torque along a motion.
-    noise_from : as in :func:`~.comparison.compare`.
-    """
-    problem = as_problem(problem, "identify(problem=...)")
-    data = readable(problem, measurements, "identify(measurements=...)")
-    if isinstance(data, Measurements) and data.torque_logged:  # filtered once, for both
-        data = behind_filters(problem, data, named.pop("preprocessing", None))
-    estimate = _identify(problem, data, *settings, **named)
-    if isinstance(data, BlackBox):
-        return estimate, None
-    fit = compare({estimate.method: estimate}, data, noise_from=noise_from)[0]
-    estimate.provenance["verdict"] = fit.verdict.to_dict()
-    noise = NoiseFloor(*fit.noise, (noise_from or logged(data)).data_hash)
-    estimate.provenance["noise"] = noise.to_dict()
-    return estimate, fit
-
-
-def _with_verdict(function: Callable[P, Estimate]) -> Callable[P, Estimate]:
-    @wraps(function)
-    def verb(*given: P.args, **named: P.kwargs) -> Estimate:
-        return identified(*given, **named)[0]  # type: ignore[arg-type]
-
-    return verb
-
-
-#: The verb of the API.
-identify = _with_verdict(_identify)

@@ -1,5 +1,5 @@
-"""The verbs ``identify``, from a problem and measurements to a certified estimate, and
-``verify``, what a proof proves, and whether it is of this model and these data.
+"""From runs behind their filters to a certified estimate, and ``verify``: what a proof
+proves, and whether it is of this model and these data.
 
 Who determines a parameter (:func:`record`): of a linear function a^T theta the data
 alone know the variance a^T H^-1 a, H = R^T R in units of the residual variance
@@ -11,7 +11,7 @@ It is from the data where their variance is the smaller one.
 
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from fractions import Fraction
 from pathlib import Path
@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation.certificate import Certificate
@@ -32,11 +31,9 @@ from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
 from sdp_vs_penalty.estimation.pose import (
     Posed,
     PoseOptions,
-    behind_filters,
     in_columns,
-    logged,
     pose,
-    readable,
+    pose_filtered,
 )
 from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
@@ -52,7 +49,6 @@ from sdp_vs_penalty.estimators.estimator import (
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.black_box import BlackBox
@@ -62,7 +58,6 @@ from sdp_vs_penalty.robot.constraint import ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
-from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.certificate import repair
 from sdp_vs_penalty.solvers.proof import (
@@ -316,87 +311,30 @@ def versions() -> dict[str, str]:
     }
 
 
-def identify(
-    problem: str | Path | Problem,
-    measurements: Source | FilteredRuns | BlackBox,
+def estimate_parameters(
+    problem: Problem,
+    data: FilteredRuns | BlackBox,
     method: str | Estimator = DEFAULT_METHOD,
+    options: PoseOptions | None = None,
     *,
-    effects: str | Sequence[str] | Sequence[Effect] | None = None,
-    preprocessing: Preprocessing | None = None,
-    weighting: str = "noise",
-    seed: int = 0,
     progress: Progress = no_progress,
     proof: str | Path | None = None,
-    gain_uncertainty: float | Array = 0.0,
-    known_loads: Sequence[tuple[Source, float]] = (),
-    known: Mapping[str, float] | None = None,
-    instruments: str | None = None,
     workers: Workers = ALONE,
 ) -> Estimate:
-    """Identify a robot's dynamic parameters from measurements, or from a black box's
-    answers.
+    """The certified estimate of a method from runs behind their filters.
 
-    problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
-    measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
-        a DataFrame, Measurements, a list of runs; FilteredRuns, whose filters hold; or a BlackBox, or
-        the path of its .npz file.
-    method : a name (`sdp-vs-penalty list methods`) or an Estimator with its own settings; "output-error"
-        refines the default method's estimate by simulation (:mod:`~estimation.output_error`).
-    effects : names or Effects (default: the problem's); the velocity over which Coulomb friction turns
-        round is estimated joint by joint, where motion left out confirms it, unless it is given
-        (``coulomb_friction@v_s=``).
-    preprocessing : filter settings (default: the problem's); weighting : "noise" divides each joint's
-        rows by its residual in a first least-squares pass, "none" leaves newton metres of all joints
-        equal; seed : of everything random; progress : hears where the computation stands; proof : a
-        file to write the proof of optimality to, or that nothing satisfies all constraints
-        (:mod:`~sdp_vs_penalty.solvers.proof`).
-    gain_uncertainty : relative standard deviation of the torque channels' gains (0.01: known to a
-        per cent), or a factor (n, e) of their covariance, which widens the intervals; known_loads :
-        further runs, each with the mass [kg] that the last link carried in it, which determine the
-        gains (:mod:`~sdp_vs_penalty.estimation.known_load`): the parameters are
-        then in true units, and the problem of the estimate keeps the gains; known : parameters of which
-        the value is known, by name: without torque they set the scale ({"kp2": 600.0}); instruments :
-        "command" or "none", default: the former where no torque was logged
-        (:mod:`~sdp_vs_penalty.regression.instruments`); workers : who compresses the
-        runs (:class:`~sdp_vs_penalty.parallel.Workers`); the estimate is the same to the last bit.
-    A BlackBox knows no friction, filters or noise: its one effect is rigid_body, and no weighting
-    applies; ``reverse-engineering`` takes nothing else, every other method takes it too.
-    Returns an Estimate with a certificate. Raises InputError for input that cannot be used.
+    This is what :func:`sdp_vs_penalty.identify` does with runs once they are read,
+    checked and filtered (:func:`~sdp_vs_penalty.estimation.pose.read_and_filter`).
+
+    proof : a file to write the proof of optimality to, or that nothing satisfies all
+    constraints. Raises InputError for a method that these data or the proof do not
+    suit, Infeasible where nothing satisfies the constraints.
     """
-    problem, refined = (
-        as_problem(problem, "identify(problem=...)"),
-        method == OUTPUT_ERROR,
-    )
-    estimator = make_estimator(DEFAULT_METHOD if refined else method)
-    data = readable(problem, measurements, "identify(measurements=...)")
-    black_box = isinstance(data, BlackBox)
-    needs = (
-        f"method {estimator.name} needs a black box's .npz of q, gravity and"
-        " mass_matrix"
-    )
-    for wrong, what in (
-        (estimator.needs_black_box and not black_box, needs),
-        (
-            refined and proof,
-            "proof: a simulation's error is not convex: leave it out, or take lmi-sdp",
-        ),
-        (
-            black_box and proof,
-            "proof: a black box's answers are fitted without constraints",
-        ),
-        (black_box and refined, f"method {OUTPUT_ERROR} needs measured runs"),
-    ):
-        if wrong:
-            raise InputError(what, "choose another method, or leave the proof out")
-    if not isinstance(data, BlackBox):
-        if refined:
-            logged(data).require_torque(f"method {OUTPUT_ERROR}")
-        data = behind_filters(problem, data, preprocessing)
-    options = PoseOptions(
-        effects, preprocessing, weighting, gain_uncertainty, known_loads, seed
-    )
-    options = replace(options, known=known or {}, instruments=instruments)
-    posed = pose(problem, data, options, progress, workers)
+    options = options or PoseOptions()
+    by_simulation = method == OUTPUT_ERROR
+    estimator = make_estimator(DEFAULT_METHOD if by_simulation else method)
+    _require_suitable(estimator, by_simulation, data, proof is not None)
+    posed = pose_filtered(problem, data, options, progress, workers)
     posed.task.progress(f"estimating by {estimator.name}")
     try:
         fit = estimator.fit(posed.task)
@@ -405,17 +343,46 @@ def identify(
             write_proof(infeasibility_proof(*error.proof, posed.task.bound), proof)
         raise
     estimate = build_estimate(posed, estimator, fit, workers)
-    if refined:
+    if by_simulation:
         linear, fit = refine(estimate, posed, estimator)
         estimate = replace(build_estimate(linear, estimator, fit), method=OUTPUT_ERROR)
     estimate = replace(estimate, details={**estimate.details, **posed.details})
     if proof is not None:
         progress("proving the optimum")
         made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}
-        write_proof(
-            proved(posed.task, fit, estimate.theta, estimate.method, made_of), proof
-        )
+        optimum = proved(posed.task, fit, estimate.theta, estimate.method, made_of)
+        write_proof(optimum, proof)
     return estimate
+
+
+def _require_suitable(
+    estimator: Estimator,
+    by_simulation: bool,
+    data: FilteredRuns | BlackBox,
+    with_proof: bool,
+) -> None:
+    """Raises InputError where the method needs other data, or has nothing to prove."""
+    black_box = isinstance(data, BlackBox)
+    remedy = "choose another method, or leave the proof out"
+    if estimator.needs_black_box and not black_box:
+        what = (
+            f"method {estimator.name} needs a black box's .npz of q, gravity and"
+            " mass_matrix"
+        )
+        raise InputError(what, remedy)
+    if by_simulation and with_proof:
+        what = (
+            "proof: a simulation's error is not convex: leave it out, or take lmi-sdp"
+        )
+        raise InputError(what, remedy)
+    if black_box and with_proof:
+        what = "proof: a black box's answers are fitted without constraints"
+        raise InputError(what, remedy)
+    if not by_simulation:
+        return
+    if isinstance(data, BlackBox):
+        raise InputError(f"method {OUTPUT_ERROR} needs measured runs", remedy)
+    data.measurements.require_torque(f"method {OUTPUT_ERROR}")
 
 
 def verify_proof_file(

@@ -131,18 +131,30 @@ def pose(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> Posed:
-    """The optimisation problem of identifying ``problem`` from ``measurements``.
+    """The optimisation problem of identifying ``problem`` from ``measurements``, both
+    as users give them. Raises InputError for unusable input."""
+    problem = as_problem(problem, "pose(problem=...)")
+    options = options or PoseOptions()
+    data = read_and_filter(
+        problem, measurements, options.preprocessing, "pose(measurements=...)"
+    )
+    return pose_filtered(problem, data, options, progress, workers)
+
+
+def pose_filtered(
+    problem: Problem,
+    data: FilteredRuns | BlackBox,
+    options: PoseOptions,
+    progress: Progress = no_progress,
+    workers: Workers = ALONE,
+) -> Posed:
+    """The optimisation problem of identifying a problem from runs behind their filters.
 
     Open shape constants are estimated first, then gains from known loads, then the
     current model that some effects refer to; rows in these columns are compressed, and
     weighted by joint. A black box has no friction, filters or noise: one effect, equal
     weights. Raises InputError for unusable input.
     """
-    problem, options = (
-        as_problem(problem, "pose(problem=...)"),
-        options or PoseOptions(),
-    )
-    data = readable(problem, measurements, "pose(measurements=...)")
     require_known("instruments", options.instruments or "none", ("command", "none"))
     if isinstance(data, BlackBox):
         model = problem.model(
@@ -152,22 +164,23 @@ def pose(
         regression = compress_black_box(data, model)
         task = make_task(problem, model, regression, "none", options.seed, progress)
         return Posed(problem, data, None, regression, task, "none")
-    runs = behind_filters(problem, data, options.preprocessing)
-    data, model = runs.measurements, problem.model(options.effects)
+    runs = data
+    log = runs.measurements
+    model = problem.model(options.effects)
     if options.effects is not None:
         options = replace(options, effects=model.effects)
     details: dict[str, Any] = {}
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
-    if data.torque_logged:
+    if log.torque_logged:
         if drives := [e for e in model.effects if e.forward == "drive"]:
-            details["loop"] = loop_beside_torque(drives, data, runs.settings)
+            details["loop"] = loop_beside_torque(drives, log, runs.settings)
             model = model.without_drives
         progress("estimating shape constants")
         shapes = estimate_shapes(model, runs, options.weighting, workers=workers)
         model = replace(model, effects=with_shapes(model.effects, shapes))
         details |= {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
         if options.instruments == "command":
-            runs = FilteredRuns.of(commanded_motion(data), runs.settings)
+            runs = FilteredRuns.of(commanded_motion(log), runs.settings)
             if not options.known_loads:
                 details["recipe"] = options.recipe()
         if options.known_loads:
@@ -179,14 +192,16 @@ def pose(
             std = gain * np.linalg.norm(errors, axis=1)
             details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
     else:
-        log, wanted, asked = (
-            runs,
-            options.instruments != "none",
-            options.effects is not None,
+        model, runs, servo = servo_log(
+            problem,
+            model.effects,
+            data,
+            options.weighting,
+            progress,
+            instruments=options.instruments != "none",
+            chosen=options.effects is not None,
         )
-        servos = problem, model.effects, log, options.weighting, progress
-        model, runs, servo = servo_log(*servos, instruments=wanted, chosen=asked)
-        model, scale = with_scale(model, log, options.known, options.known_loads)
+        model, scale = with_scale(model, data, options.known, options.known_loads)
         # Loads are other runs: what they made of the scale is told instead.
         scaled = (
             replace(options, known=scale["known"]) if options.known_loads else options
@@ -203,8 +218,16 @@ def pose(
     task = make_task(
         problem, model, regression, options.weighting, options.seed, progress
     )
-    made = problem, runs.measurements, runs, regression, task
-    return Posed(*made, options.weighting, errors, details)
+    return Posed(
+        problem=problem,
+        measurements=runs.measurements,
+        runs=runs,
+        regression=regression,
+        task=task,
+        weighting=options.weighting,
+        gain_errors=errors,
+        details=details,
+    )
 
 
 def in_columns(
@@ -254,6 +277,23 @@ def readable(
     if isinstance(measurements, Measurements):
         check_plausible(problem.robot, measurements)
     return measurements
+
+
+def read_and_filter(
+    problem: Problem,
+    measurements: Source | FilteredRuns | BlackBox,
+    settings: Preprocessing | None = None,
+    what: str = "measurements",
+) -> FilteredRuns | BlackBox:
+    """The runs behind their filters, or a black box's answers, read and checked once.
+
+    what : how an error names the measurements. Raises InputError where they cannot be
+    this robot's.
+    """
+    data = readable(problem, measurements, what)
+    if isinstance(data, BlackBox):
+        return data
+    return behind_filters(problem, data, settings)
 
 
 def behind_filters(

@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,8 @@ from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, link_rows, load_estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators import with_solver
@@ -92,6 +94,10 @@ class Asked(dict[str, Any]):
             "progress": self.progress,
         }
         return {name: x for name, x in given.items() if x is not None}
+
+    def progress_of(self, name: str, text: str) -> None:
+        """Tell where the work on one of several things stands."""
+        self.progress(f"{name}: {text}")
 
     def number(self, name: str, default: float) -> float:
         """A number that was written among the options. Raises InputError for another
@@ -340,14 +346,18 @@ def fit(asked: Asked) -> Answer:
     """Identify a model and look where it fails."""
     options = asked["options"]
     bounded = with_bounds(asked.problem, options.get("bounds"))
-    estimate = identify(
-        with_filters(bounded, options.get("filters")),
-        asked.windowed(asked.runs.train),
+    problem = with_filters(bounded, options.get("filters"))
+    estimate = estimate_parameters(
+        problem,
+        read_and_filter(problem, asked.windowed(asked.runs.train)),
         with_solver(asked["method"], options.get("solver")),
-        effects=asked["effects"],
-        gain_uncertainty=asked.number("gain_uncertainty", 0.0),
+        PoseOptions(
+            effects=asked["effects"],
+            gain_uncertainty=asked.number("gain_uncertainty", 0.0),
+            seed=asked["seed"],
+        ),
+        progress=asked.progress,
         workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),
-        **asked.how,
     )
     return summary(asked, estimate)
 
@@ -380,14 +390,23 @@ def methods(asked: Asked) -> Answer:
     train = asked.windowed(runs.train)
     if not asked["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
+    filtered = read_and_filter(current.problem, train)
     rows = []
     for name in asked["methods"]:
-        given: dict[str, Any] = {"effects": current.model.effects, **asked.how}
-        given["progress"] = lambda text, name=name: asked.progress(f"{name}: {text}")
+        effects = current.model.effects
+        progress = partial(asked.progress_of, name)
+        options = PoseOptions(effects=effects, seed=asked["seed"])
         try:
-            made = identify(current.problem, train, name, **given)
+            made = estimate_parameters(
+                current.problem, filtered, name, options, progress=progress
+            )
             folds = asked["folds"] and cross_validate(
-                current.problem, train, name, **given
+                current.problem,
+                train,
+                name,
+                effects=effects,
+                seed=asked["seed"],
+                progress=progress,
             )
         except InputError as error:
             rows.append([name, str(error), *[""] * (len(sections.JUDGED_HEADS) - 1)])

@@ -18,7 +18,6 @@ import numpy as np
 
 from sdp_vs_penalty.data.datasets import to_joints
 from sdp_vs_penalty.data.files import read_run, save
-from sdp_vs_penalty.data.formats.csv import read_headerless
 from sdp_vs_penalty.data.formats.recognition import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.parsing import numbers, pairs
@@ -373,7 +372,8 @@ def convert(
         Columns of common loggers are recognised without it; ``{"q*": "actual_q_*"}`` names one a joint.
     scale : what t, q, dq, tau are multiplied by: a unit (deg, ms, mNm), a number, or numbers joint by
         joint separated by colons, as drive gains are.
-    rate : of a table without header and clock [Hz]: 3 n columns, q1..qn, dq1..dqn, tau1..taun.
+    rate : samples a second [Hz], in place of the file's clock; a table without header then has 3 n
+        columns, q1..qn, dq1..dqn, tau1..taun.
     Raises InputError for a file that cannot be read, or columns that are missing.
     """
     if joints is None and problem is not None:
@@ -391,11 +391,7 @@ def convert(
             " q1,30 q2"
         )
         raise InputError("no transmission is known", remedy, "convert(motors=True)")
-    run = (
-        read_headerless(source, rate)
-        if rate
-        else read_run(source, None, joints, topic, rename)
-    )
+    run = read_run(source, None, joints, topic, rename, rate)
     if scale:
         run = scaled(run, scale)
     if transmission is not None:

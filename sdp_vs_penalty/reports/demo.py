@@ -16,7 +16,8 @@ from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.reports import plotly_script, report
@@ -63,9 +64,11 @@ def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) ->
         save(run, folder / name)
     train, test = concatenate(list(made.train)), made.test
     models = {}
+    filtered = read_and_filter(problem, train)
     for method in METHODS:
         progress(f"identifying by {method}")
-        models[method] = identify(problem, train, method, seed=seed)
+        options = PoseOptions(seed=seed)
+        models[method] = estimate_parameters(problem, filtered, method, options)
     model = models[METHODS[-1]]
     progress("comparing on motion that no model has seen")
     failures = where_it_fails(model, test)

@@ -7,19 +7,27 @@ has no geometry, and its body is then taken from what else is known.
 """
 
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lxml import etree
 
-from sdp_vs_penalty.files import LARGEST_TEXT, reading
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.isolated import ParserEndedError, parse_isolated
+from sdp_vs_penalty.robot.mesh import load_coal, read_mesh
+from sdp_vs_penalty.robot.urdf import (
+    LARGEST_NUMBER as LARGEST_LENGTH,
+)
 from sdp_vs_penalty.robot.urdf import (
     load_urdf,
     named,
     numbers_of,
+    parse_urdf,
     placed_links,
     pose_of,
 )
@@ -64,13 +72,19 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
     from sdp_vs_penalty.robot._pinocchio import pin
 
     load_urdf(urdf)  # says in a sentence what is wrong with the file
-    with reading(urdf, LARGEST_TEXT):
-        model = pin.buildModelFromUrdf(str(urdf))
-    try:
-        shapes, folders = pin.GeometryType.COLLISION, [str(Path(urdf).parent)]
-        geometry = pin.buildGeomFromUrdf(model, str(urdf), shapes, package_dirs=folders)
-    except (ValueError, RuntimeError):
-        return None
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "robot.urdf"
+        if not _write_collision_copy(Path(urdf), copy):
+            return None
+        try:
+            # Pinocchio has read it once where it may end the process.
+            list(parse_isolated(collision_shapes, copy, prepare=load_coal))
+            model = pin.buildModelFromUrdf(str(copy))
+            geometry = pin.buildGeomFromUrdf(
+                model, str(copy), pin.GeometryType.COLLISION, package_dirs=[folder]
+            )
+        except (ParserEndedError, ValueError, RuntimeError):
+            return None
     if geometry.ngeoms < 2 or model.nq != n:
         return None
     geometry.addAllCollisionPairs()
@@ -100,6 +114,42 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
     )
 
 
+def collision_shapes(path: str) -> Iterator[dict[str, Array]]:
+    """How many collision shapes Pinocchio finds in a URDF; a broken one can end this
+    process."""
+    from sdp_vs_penalty.robot._pinocchio import pin
+
+    kind, folder = pin.GeometryType.COLLISION, str(Path(path).parent)
+    model = pin.buildModelFromUrdf(path)
+    geometry = pin.buildGeomFromUrdf(model, path, kind, package_dirs=[folder])
+    yield {"count": np.array([float(geometry.ngeoms)])}
+
+
+def _write_collision_copy(urdf: Path, copy: Path) -> bool:
+    """A URDF as we read it, whose meshes are files beside it with the triangles that we
+    read; False where a collision mesh cannot be read."""
+    robot = parse_urdf(urdf)
+    names = dict[str, str]()
+    for element in robot.iterfind("link/collision/geometry/mesh"):
+        name = element.get("filename") or ""
+        if name not in names:
+            file = _mesh_file(urdf, name)
+            mesh = None if file is None else read_mesh(file, np.ones(3), triangles=True)
+            if mesh is None:
+                return False
+            names[name] = f"mesh{len(names)}.obj"
+            lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+            faces = (mesh.triangles.astype(int) + 1).tolist()
+            lines += [f"f {a} {b} {c}" for a, b, c in faces]
+            (copy.parent / names[name]).write_text("\n".join(lines))
+        element.set("filename", names[name])
+    for link in robot.findall("link"):
+        for element in link.findall("visual"):
+            link.remove(element)
+    copy.write_bytes(etree.tostring(robot))
+    return True
+
+
 def _shapes(path: Path, link: Any, placement: Array) -> list[Geometry] | None:
     """Of one <link> element: all its collision shapes, else all visual ones; None: some
     are missing."""
@@ -125,16 +175,14 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
     if shape is None:
         return None
     if shape.tag == "box":
-        half = 0.5 * numbers_of(shape.get("size", ""), 3)
+        half = 0.5 * _lengths(shape, "size", 3)
         made = Geometry(corners * half, float(8.0 * half.prod()))
     elif shape.tag == "sphere":
-        (radius,) = numbers_of(shape.get("radius", ""), 1)
+        (radius,) = _lengths(shape, "radius", 1)
         made = Geometry(corners * radius, 4.0 / 3.0 * np.pi * radius**3)
     elif shape.tag in ("cylinder", "capsule"):
         radius, length = (
-            x
-            for name in ("radius", "length")
-            for x in numbers_of(shape.get(name, ""), 1)
+            x for name in ("radius", "length") for x in _lengths(shape, name, 1)
         )
         ends = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
         turn, outer = (
@@ -145,30 +193,42 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
         prism = [np.column_stack([*circle, np.full(16, z)]) for z in (ends, -ends)]
         made = Geometry(np.concatenate(prism), np.pi * radius**2 * length)
     elif shape.tag == "mesh":
-        scale = numbers_of(shape.get("scale", "1 1 1"), 3)
+        scale = _lengths(shape, "scale", 3, "1 1 1")
         made = _mesh(path, shape.get("filename") or "", scale)
     known = made is not None and len(made.points) and np.all(np.isfinite(made.points))
     return made if known else None
 
 
+def _lengths(shape: Any, attribute: str, count: int, default: str = "") -> Array:
+    """(count,) numbers of an attribute, NaN where it does not hold as many; InputError
+    for one that is no robot's."""
+    values = numbers_of(shape.get(attribute, default), count)
+    if np.any(np.abs(values) > LARGEST_LENGTH):
+        text = shape.get(attribute)[:40]
+        where = f"line {shape.sourceline}, <{shape.tag} {attribute}={text!r}>"
+        most = f"a length beyond {LARGEST_LENGTH:g} m"
+        raise InputError(f"{where} has {most}", "correct the file")
+    return values
+
+
 def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
-    file = next((p for p in _places(path, filename) if p.is_file()), None)
+    file = _mesh_file(path, filename)
     if file is None:
         return None
-    try:
-        import coal
-
-        with reading(file, LARGEST_TEXT):
-            model = coal.MeshLoader().load(str(file), scale)
-            points = np.array(model.vertices(), float).reshape(-1, 3)
-            volume = abs(float(model.computeVolume()))
-    except (
-        Exception
-    ):  # a mesh is a help, not an input: whatever its reader says, the rest is enough
+    mesh = read_mesh(file, scale)
+    if mesh is None:
         return None
+    points = mesh.vertices
     extent = np.ptp(points, axis=0) if len(points) else np.zeros(3)
     # The volume of an open surface means nothing; a solid's is at most that of its box.
-    return Geometry(points, volume if volume <= 1.001 * float(np.prod(extent)) else 0.0)
+    is_solid = mesh.volume <= 1.001 * float(np.prod(extent))
+    return Geometry(points, mesh.volume if is_solid else 0.0)
+
+
+def _mesh_file(path: Path, filename: str) -> Path | None:
+    """Where a mesh lies; None where there is no such file, or its name is none."""
+    # A name that is too long, or holds a zero byte, is no file's.
+    return next((p for p in _places(path, filename) if os.path.isfile(p)), None)
 
 
 def _places(path: Path, filename: str) -> Iterator[Path]:

@@ -27,7 +27,7 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 #: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and
 #: overflow on the way.
-_LARGEST = 1e9
+LARGEST_NUMBER = 1e9
 #: Links of one file: humanoids with two hands have 200, and a chain of all must not
 #: exhaust the stack.
 _MOST_LINKS = 500
@@ -56,7 +56,7 @@ def numbers_of(text: str, count: int) -> Array:
 
 
 def _numbers(
-    element: Any, attribute: str, *default: float, largest: float = _LARGEST
+    element: Any, attribute: str, *default: float, largest: float = LARGEST_NUMBER
 ) -> list[float]:
     """An attribute's, as many as there are defaults, which stand where it or the
     element is missing."""
@@ -101,9 +101,15 @@ def read_inertial(link: Any) -> Array:
     if element is None:
         return np.zeros(10)
     mass, tensor = _numbers(element.find("mass"), "value", 0.0), element.find("inertia")
+    # Smaller numbers are none of a robot's [kg, kg m^2], and are lost in squares.
+    least_mass, least_moment = 1e-15, 1e-30
+    if 0.0 < abs(mass[0]) < least_mass:
+        what = f"line {element.sourceline}: a mass of {mass[0]:g} kg is no link's"
+        raise InputError(what, "write 0, or the mass in kg")
     moments = [
         _numbers(tensor, name.lower(), 0.0)[0] for name in inertia.PARAMETERS[4:]
     ]
+    moments = [x if abs(x) >= least_moment else 0.0 for x in moments]
     about_com = inertia.standard_from_barycentric([*mass, 0.0, 0.0, 0.0, *moments])
     return inertia.transform(pose_of(element)) @ about_com
 
@@ -163,19 +169,25 @@ def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
     return nominal, none if any(x.any() for x in nominal) else ()
 
 
-def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
-    """The <robot> element of a file, its moving joints, depth first, and what their
-    links are made of; entities are never expanded, nothing is loaded from elsewhere."""
+def parse_urdf(path: str | Path) -> Any:
+    """The outermost element of a file; entities are never expanded, nothing is loaded
+    from elsewhere. Raises InputError for what is no XML."""
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
     parser, content = (
         etree.XMLParser(**safe, remove_comments=True, remove_pis=True),
         read_bytes(path),
     )
     try:
-        root = etree.fromstring(content, parser)
+        return etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
         what = f"not an XML file ({str(error).splitlines()[0]})"
         raise InputError(what, "correct the file", path) from error
+
+
+def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
+    """The <robot> element of a file, its moving joints, depth first, and what their
+    links are made of."""
+    root = parse_urdf(path)
     joints: list[Joint] = []
     parts: list[Parts] = []
 

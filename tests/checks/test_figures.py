@@ -10,6 +10,9 @@ from recorded import changed, said
 
 from sdp_vs_penalty.checks import Report, check
 
+#: Snapshots: the golden cases ask the same of the default run.
+pytestmark = pytest.mark.nightly
+
 #: Parts of two seconds each.
 PARTS = 7
 

@@ -25,7 +25,7 @@ def mapped(array: np.ndarray | None) -> bool:
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
 def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
-    run = small_run(load_problem("two_link"), seconds=3.0)
+    run = small_run(load_problem("two_link"), seconds=8.0)
     path = tmp_path / f"run{suffix}"
     if suffix == ".mcap":
         path = tmp_path / "bag"

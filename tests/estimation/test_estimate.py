@@ -19,9 +19,9 @@ from random_robots import (
     sines,
     tree,
 )
+from unchecked import identify
 
 from sdp_vs_penalty import Estimate, InputError, add, compare, export, load_estimate
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.estimation.identify import from_data
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp

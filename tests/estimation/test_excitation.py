@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import special
+from unchecked import identify
 
 from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.estimation import Limits, excitation, separation
 from sdp_vs_penalty.estimation.constants import LEVEL
 from sdp_vs_penalty.robot import Robot

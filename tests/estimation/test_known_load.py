@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from unchecked import identify
 
 from sdp_vs_penalty import (
     Measurements,
@@ -14,7 +15,6 @@ from sdp_vs_penalty import (
     load_estimate,
     load_problem,
 )
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.robot import inertia, random_trajectory
 

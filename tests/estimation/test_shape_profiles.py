@@ -6,9 +6,9 @@ import pytest
 from arms import run_of_widths
 from effect_contract import to_and_fro, wide_columns
 from random_robots import sines
+from unchecked import identify
 
 from sdp_vs_penalty import Measurements
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import free_constants, prior_deviation
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, settled

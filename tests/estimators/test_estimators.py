@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 import pytest
 from random_robots import posed_task, repeating_run, sines
+from unchecked import identify
 
 from sdp_vs_penalty import Problem
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import (

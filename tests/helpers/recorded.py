@@ -1,7 +1,8 @@
-"""Figures and sentences that are kept, so that none changes unnoticed.
+"""Snapshots of figures and sentences, for the nightly run, and what is refused.
 
-``SDP_VS_PENALTY_FIGURES=write pytest -n 0 -k "figures_are or is_refused"`` writes anew
-tests/data/figures/*.json and the sentences of tests/data/refusals.json.
+``SDP_VS_PENALTY_FIGURES=write pytest -n 0 -m nightly`` writes tests/data/figures/*.json
+anew. tests/data/refusals.json holds of each kind of refusal the input, the file that the
+sentence is about, and words that it says of what is wrong and of the remedy.
 """
 
 import json
@@ -40,7 +41,7 @@ def _lines(of: Mapping[str, Any]) -> str:
 
 
 def refusals(kind: str) -> dict[str, Any]:
-    """What is refused, of a kind: by name, or command, what is given and the sentence."""
+    """What is refused, of a kind: by name, or command, the input and what is said."""
     return dict(json.loads(REFUSALS.read_text())[kind])
 
 
@@ -59,23 +60,13 @@ def a_sentence(text: str, *words: str) -> str:
 
 
 def same_refusal(kind: str, name: str, sentence: str) -> bool:
-    """Whether it is the sentence that is kept, but for names that there are besides; it
-    is one."""
+    """Whether a sentence says of the case what refusals.json asks: the file it is
+    about, what is wrong, and words of the remedy. It is one sentence."""
     a_sentence(sentence)
-    if WRITES:
-        every = json.loads(REFUSALS.read_text())
-        every[kind][name][-1] = sentence
-        kinds = {k: _lines(cases) for k, cases in every.items()}
-        REFUSALS.write_text(
-            "{\n" + ",\n".join(f'"{k}": {x}' for k, x in kinds.items()) + "\n}\n"
-        )
-    kept: str = refusals(kind)[name][-1]
-    its, names = (set(x.rstrip(".").split(", ")) for x in (sentence, kept))
-    assert (
-        names <= its
-        if re.search("here are: |choose one of ", kept)
-        else sentence == kept
-    )
+    asked = refusals(kind)[name][-1]
+    words = [asked.get("file", ""), *asked["words"], *asked["remedy"]]
+    missing = [word for word in words if word not in sentence]
+    assert not missing, f"{missing} not in: {sentence}"
     return True
 
 

@@ -114,6 +114,7 @@ def story(hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     sessions.close()
 
 
+@pytest.mark.nightly
 def test_figures_are_what_they_were(story):
     assert not changed("screens", story.figures)
 
@@ -344,9 +345,9 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
     )
 
 
-def test_findings_of_every_kind_are_told(story, monkeypatch):
-    """Rivals and the run that would tell, weak ones, curves, what the check finds; a
-    payload's files."""
+def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
+    """Show rivals and the run that would tell, a weak finding, a curve, a constant, and
+    what the check finds."""
     screen, session = story.screen, story.session
     steps, runs = list(session.history), list(session.runs)
     found = steps[0].findings
@@ -377,7 +378,25 @@ def test_findings_of_every_kind_are_told(story, monkeypatch):
     }
     session.runs = [{**runs[0], "findings": [problem]}, *runs[1:]]
     screen.do(session.changed)
-    assert not changed("screens_of_findings", screen.drawn())
+    return SimpleNamespace(rival=rival, first=one, curve=curve, width=width)
+
+
+@pytest.mark.nightly
+def test_figures_are_what_they_were_in_findings(story):
+    session = story.session
+    history, runs = list(session.history), list(session.runs)
+    show_every_kind(story)
+    drawn = story.screen.drawn()
+    session.history[:], session.runs = history, runs
+    story.screen.do(session.changed)
+    assert not changed("screens_of_findings", drawn)
+
+
+def test_findings_of_every_kind_are_told(story, monkeypatch):
+    screen, session = story.screen, story.session
+    shown = show_every_kind(story)
+    rival, one = shown.rival, shown.first
+    curve, width = shown.curve, shown.width
     assert curve.sentence(["N*m", "N*m"]) in screen.text("diagnose")
     assert "✓ a.csv" not in screen.text("check")
     called, first = recorded(screen, monkeypatch), session.runs[0]["file"]

@@ -16,11 +16,11 @@ from commands import run_cli
 from page_sessions import unpacked
 from recorded import changed, said
 from small_runs import small_run
+from unchecked import identify
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.reports.markup import bars
 from sdp_vs_penalty.reports.sections import ellipsoid
 from sdp_vs_penalty.simulation import experiment
@@ -98,6 +98,7 @@ def sections(html: str) -> dict[str, Any]:
     return out
 
 
+@pytest.mark.nightly
 def test_figures_are_what_they_were(made, two_link):
     """Of two models; of a search that found curves; of models that lack links or
     friction."""

@@ -7,6 +7,7 @@ import pytest
 from arms import SCARA, write_urdf
 from recorded import refusal
 from scipy import signal
+from unchecked import identify
 
 from sdp_vs_penalty import (
     Estimate,
@@ -16,7 +17,6 @@ from sdp_vs_penalty import (
     follow,
     load_problem,
 )
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction

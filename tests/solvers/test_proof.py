@@ -18,10 +18,10 @@ import pytest
 from commands import run_cli
 from proofs import FALSE, cases, signed
 from random_robots import posed_task
+from unchecked import identify
 
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.diagnosis.comparison import identify  # without the check
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.identify import certify

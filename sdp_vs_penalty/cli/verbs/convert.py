@@ -32,7 +32,7 @@ def verb(
     --motors '50 q1,32 q2+32 q1': Motor positions by joint positions, for a log of motor positions and
         torques.
     --motor-side: The problem's transmission, for a log of motors.
-    --rate: Rate [Hz] of a table without header: q1..qn, dq1..dqn, tau1..taun.
+    --rate HZ: Samples a second, for a log without a clock (without a header: q1.., dq1.., tau1..).
     """
     from sdp_vs_penalty import formatting
     from sdp_vs_penalty.data.formats.columns import columns_of

@@ -1,5 +1,4 @@
 from pathlib import Path
-from typing import Any
 
 
 def verb(
@@ -22,9 +21,9 @@ def verb(
 
     --json out.json: JSON file for the findings.
     """
-    from sdp_vs_penalty.checks.first import consented, refuse_meaningless
+    from sdp_vs_penalty.api import diagnose as find_missing_effects
+    from sdp_vs_penalty.checks.first import consented
     from sdp_vs_penalty.cli import console, printing, runs
-    from sdp_vs_penalty.diagnosis.diagnose import diagnose as run
     from sdp_vs_penalty.estimation.estimate import load_estimate
 
     estimate = load_estimate(model)
@@ -34,19 +33,19 @@ def verb(
             console.warn(
                 "data check skipped: the model comes from these runs with --no-check"
             )
-        elif not no_check:
-            progress("checking the measurements")
-            how_not = "diagnose", runs.NO_CHECK
-            refuse_meaningless(
-                estimate.problem, given.train, *how_not, warn=console.warn
-            )
-        how: dict[str, Any] = {
-            "seed": seed,
-            "frozen": frozen,
-            "gain_uncertainty": gain_uncertainty,
-        }
-        how |= {"noise_from": given.whole, "progress": progress}
-        result = run(estimate, given.train, given.test, **how)
+        result = find_missing_effects(
+            estimate,
+            given.train,
+            given.test,
+            frozen=frozen,
+            seed=seed,
+            progress=progress,
+            noise_from=given.whole,
+            gain_uncertainty=gain_uncertainty,
+            check=not no_check,
+            warn=console.warn,
+            without_check=runs.NO_CHECK,
+        )
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     asked = {
         "--test": test,

@@ -1,6 +1,5 @@
 import time
 from pathlib import Path
-from typing import Any
 
 from sdp_vs_penalty.errors import Infeasible
 
@@ -35,9 +34,9 @@ def verb(
     --solver: Solver of the SDP methods, of `sdp-vs-penalty list solvers`.
     --proof proof.json: File for the proof of optimality; `verify` checks it.
     """
+    from sdp_vs_penalty.api import identify_and_judge
     from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.data.measurements import Measurements
-    from sdp_vs_penalty.diagnosis.comparison import identified
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
 
@@ -45,32 +44,26 @@ def verb(
     robot = runs.as_told(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
         whole, given = runs.runs_as_told(robot, data, window)
-        checks: dict[str, Any] = {}
-        if isinstance(given, Measurements) and not no_check:
-            from sdp_vs_penalty.checks.first import refuse_meaningless
-
-            progress("checking the measurements")
-            how_not = "identify", runs.NO_CHECK, bool(known_load)
-            checks = refuse_meaningless(robot, given, *how_not, console.warn)
         begin = time.perf_counter()
-        how: dict[str, Any] = {
-            "effects": effects,
-            "instruments": instruments,
-            "proof": proof,
-        }
-        how |= {
-            "seed": seed,
-            "gain_uncertainty": gain_uncertainty or 0.0,
-            "progress": progress,
-        }
-        how["known_loads"] = [runs.parsed_known_load(text) for text in known_load or []]
-        how |= {
-            "known": runs.parsed_known(known),
-            "workers": Workers(jobs, scheduler, progress),
-        }
-        noisy = whole if isinstance(whole, Measurements) else None
         try:
-            estimate, fit = identified(robot, given, estimator, noise_from=noisy, **how)
+            estimate, fit = identify_and_judge(
+                robot,
+                given,
+                estimator,
+                effects=effects,
+                seed=seed,
+                progress=progress,
+                proof=proof,
+                gain_uncertainty=gain_uncertainty or 0.0,
+                known_loads=[runs.parsed_known_load(x) for x in known_load or []],
+                known=runs.parsed_known(known),
+                instruments=instruments,
+                workers=Workers(jobs, scheduler, progress),
+                noise_from=whole if isinstance(whole, Measurements) else None,
+                check=not no_check,
+                warn=console.warn,
+                without_check=runs.NO_CHECK,
+            )
         except Infeasible as error:
             if proof is not None and error.proof:
                 console.written(
@@ -78,9 +71,7 @@ def verb(
                 )
             raise
         seconds = time.perf_counter() - begin
-        estimate.provenance.update(
-            data=runs.words(data, window), checked=not no_check, checks=checks
-        )
+        estimate.provenance.update(data=runs.words(data, window))
         estimate.save(out)
     printing.estimate(estimate, fit, seconds)
     for path in filter(None, (out, proof)):

@@ -6,15 +6,23 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.recognition import expanded, taken
-from sdp_vs_penalty.data.measurements import COMMANDED, Measurements
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.formats.recognition import (
+    Table,
+    expanded,
+    find_clock,
+    parts_of,
+    recognise_and_warn,
+)
+from sdp_vs_penalty.data.formats.stamps import second_part_unit
+from sdp_vs_penalty.data.measurements import COMMANDED, Measurements, gathered
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -37,12 +45,13 @@ class Choice:
 
     joints : names of the robot's joints in order, for formats that name theirs; topic :
     of a bag with several; rename : {our name: the file's name} of columns or variables,
-    for tables.
+    for tables; rate : samples a second [Hz], in place of the file's clock.
     """
 
     joints: Sequence[str] | None = None
     topic: str | None = None
     rename: Mapping[str, str] | None = None
+    rate: float | None = None
 
 
 @contextmanager
@@ -66,15 +75,21 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
 class Header:
     """Which columns of a file are which channels.
 
-    groups : the file's columns of each of ours (t, q, dq, tau, ...), one a joint or one
-    block; factors : by the file's names, where they are not 1; what : how messages call
-    the file.
+        groups : the file's columns of each of ours (t, q, dq, tau, ...), one a joint or one
+        block; of t two where a stamp is in two parts, none without a clock; factors : by
+        the file's names, where they are not 1; what : how messages call the file; angles :
+    XX : the column that counts runs; rate : in place of a clock
+        [Hz].
     """
 
     path: Path
     groups: Mapping[str, Sequence[str]]
     factors: Mapping[str, float]
     what: str
+    names: Sequence[str] = ()
+    order: Sequence[int] | None = None
+    rate: float | None = None
+    episode: str | None = None
 
     @classmethod
     def of(
@@ -84,43 +99,48 @@ class Header:
         choice: Choice = Choice(),
         what: str = "",
         remedy: str = "",
+        table: Table | None = None,
     ) -> Header:
         """Of a file's columns by their names: our own, those that are chosen, else
         those recognised.
 
         remedy : what to do about missing columns (default: the `convert` command for
-        the file). Others are left out with a warning: logs hold accelerations,
-        currents, states. Raises InputError where t, q or tau (and qcmd), or one of
-        several joints is missing.
+        the file); table : what its columns hold. Others are left out with a warning:
+        logs hold accelerations, currents, states. Raises InputError where q or tau (and
+        qcmd), or one of several joints is missing; where t is, :meth:`run` does.
         """
-        path, what, known = (
-            Path(path),
-            what or str(path),
-            ", ".join(sorted(names)) or "none",
+        path, what = Path(path), what or str(path)
+        found = (
+            None if choice.rename else recognise_and_warn(path, names, choice, table)
         )
-        found = None if choice.rename else taken(path, names, choice.joints)
-        rename, scale = (
-            (expanded(choice.rename or {}, names), {}) if found is None else found
-        )
+        rename = expanded(choice.rename or {}, names) if found is None else found.rename
         for ours, theirs in rename.items():
-            if theirs not in names:
-                lacking = f"no column {theirs!r} to take as {ours} (columns: {known})"
-                raise InputError(lacking, "give --rename a name of the file", what)
+            for name in parts_of(theirs, names):
+                if name not in names:
+                    lacking = (
+                        f"no column {name!r} to take as {ours} (columns:"
+                        f" {brief_names(names)})"
+                    )
+                    raise InputError(lacking, "give --rename a name of the file", what)
         named = {**({} if found else dict(zip(names, names, strict=True))), **rename}
-        groups = {g: own for g in ("t", *GROUPS) if (own := _columns(named, g, what))}
-        needed = ("t", "q") if "qcmd" in groups else ("t", "q", "tau")
+        groups = {g: own for g in GROUPS if (own := _columns(named, g, what))}
+        if "t" in named:
+            groups = {"t": list(parts_of(named["t"], names)), **groups}
+        elif choice.rename and (clock := find_clock(names)):
+            groups = {"t": list(parts_of(clock, names)), **groups}
+        needed = ("q",) if "qcmd" in groups else ("q", "tau")
         missing = [group for group in needed if group not in groups]
         if missing:
-            pairs = ",".join(f"{group}=NAME" for group in missing)
-            command = (
-                f"name them with `sdp-vs-penalty convert {path} --rename {pairs} --out"
-                " run.csv`"
+            missing = [g for g in ("t", "q", "tau") if g in missing or g not in groups]
+            if "qcmd" in groups:
+                missing.remove("tau")
+            lacking = (
+                f"no column {' or '.join(missing)} (columns: {brief_names(names)})"
             )
-            lacking = f"no column {' or '.join(missing)} (columns: {known})"
-            raise InputError(lacking, remedy or command, what)
+            raise InputError(lacking, remedy or _rename_command(path, missing), what)
         count = Counter(names)
         for name in (name for columns in groups.values() for name in columns):
-            if count.pop(name) > 1:
+            if count.pop(name, 0) > 1:
                 raise InputError(
                     f"column {name} comes twice", "rename one of them", what
                 )
@@ -140,21 +160,38 @@ class Header:
             warnings.warn(
                 f"{path}: not used: {shown}{more}{why}.", Remark, stacklevel=2
             )
-        return cls(path, groups, {rename[ours]: x for ours, x in scale.items()}, what)
+        scale = found.scale if found else {}
+        factors = {rename[ours]: x for ours, x in scale.items() if ours != "t"}
+        for k, name in enumerate(groups.get("t", ())):
+            factors[name] = second_part_unit(name) if k else scale.get("t", 1.0)
+        order = found.order if found else None
+        episode = found.episode if found else None
+        return cls(path, groups, factors, what, names, order, choice.rate, episode)
+
+    @property
+    def columns(self) -> list[str]:
+        """The file's columns that are read."""
+        clock = () if self.rate is not None else self.groups.get("t", ())
+        channels = [
+            n for g, columns in self.groups.items() if g != "t" for n in columns
+        ]
+        return [*clock, *channels]
 
     def run(self, columns: Mapping[str, Array]) -> Measurements:
         """The run, or a piece of it, of columns (N,) or blocks (N, n) by the file's
         names.
 
-        Raises InputError where lengths or numbers of joints differ.
+        Raises InputError where lengths or numbers of joints differ, or no clock is
+        known.
         """
         own = {
             group: [
                 self.factors.get(n, 1.0) * np.asarray(columns[n], float) for n in names
             ]
             for group, names in self.groups.items()
+            if group != "t"
         }
-        t = np.ravel(own.pop("t")[0])
+        t = self._clock(columns, own)
         blocks = {
             group: self._block(group, parts, len(t)) for group, parts in own.items()
         }
@@ -168,7 +205,68 @@ class Header:
             found = ", ".join(f"{group} {width}" for group, width in widths.items())
             what = f"the groups have different numbers of joints: {found}"
             raise InputError(what, "give q, dq and tau a column a joint", self.what)
+        if self.order is not None and len(blocks["q"]):
+            blocks = {group: block[:, self.order] for group, block in blocks.items()}
         return Measurements.of(t, blocks, (self.path.name,))
+
+    def gather(self, pieces: Iterable[Measurements]) -> Measurements:
+        """The run of consecutive pieces; episodes come one after the other, a second
+        apart."""
+        run = gathered(pieces)
+        if self.episode is None or len(run.t) < 2:
+            return run
+        steps = np.diff(run.t)
+        is_start = steps <= 0.0
+        if is_start.any():
+            shift = np.concatenate(
+                [[0.0], np.cumsum(np.where(is_start, 1.0 - steps, 0.0))]
+            )
+            episodes = formatting.count(int(is_start.sum()) + 1, "episode")
+            said = f"{self.path}: {episodes} one after the other, a second apart"
+            warnings.warn(said, Remark, stacklevel=2)
+            run = replace(run, t=run.t + shift)
+        return run
+
+    def _clock(
+        self, columns: Mapping[str, Array], own: Mapping[str, Sequence[Array]]
+    ) -> Array:
+        """(N,) s: of one column, the sum of a stamp's two parts, or of the rate."""
+        clock = self.groups.get("t", ())
+        if clock and self.rate is None:
+            parts = [
+                self.factors.get(n, 1.0) * np.ravel(np.asarray(columns[n], float))
+                for n in clock
+            ]
+            return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
+        first = own["q"][0]
+        count = max(first.shape) if first.ndim == 2 else len(first)
+        if self.rate is not None:
+            return np.arange(count) / self.rate
+        if count and not all(part.size == 0 for part in own["q"]):
+            raise self._no_clock(own)
+        return np.zeros(count)
+
+    def _no_clock(self, own: Mapping[str, Sequence[Array]]) -> InputError:
+        """The error of a file without a clock: the rate is proposed where velocities
+        tell it."""
+        rate, why = None, "HZ being its samples a second"
+        if "dq" in own:
+            q, dq = (
+                np.column_stack([np.reshape(x, (len(x), -1)) for x in own[group]])
+                for group in ("q", "dq")
+            )
+            rate = rate_from_velocities(q, dq) if q.shape == dq.shape else None
+        if rate is not None:
+            why = "dq is the derivative of q at this rate"
+        command = formatting.convert_command(
+            self.path, "--rate", "HZ" if rate is None else f"{rate:g}"
+        )
+        lacking = f"no column t (columns: {brief_names(self.names)})"
+        remedy = (
+            f"give its rate with `{command}` ({why}), or name its clock with --rename"
+            " t=NAME"
+        )
+        return InputError(lacking, remedy, self.what)
 
     def _block(self, group: str, parts: Sequence[Array], count: int) -> Array:
         block = parts[0]
@@ -176,9 +274,8 @@ class Header:
             what = f"{group} has {block.ndim} dimensions"
             raise InputError(what, "give it 2: samples and joints", self.what)
         if len(parts) == 1 and block.ndim == 2:
-            parts = list(
-                block.T if len(block) == count or block.shape[1] != count else block
-            )
+            across = len(block) == count or block.shape[1] != count
+            parts = list(block.T if across else block)
         for part in parts:
             if part.size != count:
                 what = f"{group} has {part.size} rows, t has {count}"
@@ -200,6 +297,50 @@ def _columns(named: Mapping[str, str], group: str, what: str) -> list[str]:
         return []
     lacking = f"no column {group}{gap}, but {group}{numbers[-1]}"
     raise InputError(lacking, "give each joint a column", what)
+
+
+def _rename_command(path: Path, missing: Sequence[str]) -> str:
+    """What names the columns that are missing."""
+    pairs = ",".join(f"{group}=NAME" for group in missing)
+    command = formatting.convert_command(path, "--rename", pairs)
+    return f"name them with `{command}` (columns of joints as '{missing[-1]}*=NAME_*')"
+
+
+def brief_names(names: Sequence[str]) -> str:
+    """The names of columns in order, those that differ by their numbers as one.
+
+    >>> brief_names(["t", "q_0", "q_1", "q_2"])
+    'q_0..2, t'
+    """
+    families: dict[tuple[str, str], list[int]] = {}
+    for name in names:
+        match = re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", name)
+        stem = (match[1], match[3]) if match else (name, "")
+        families.setdefault(stem, []).extend([int(match[2])] if match else [])
+    shown = []
+    for (head, tail), numbers in families.items():
+        counts = sorted(set(numbers))
+        if len(counts) > 2 and counts == list(range(counts[0], counts[-1] + 1)):
+            shown.append(f"{head}{counts[0]}..{counts[-1]}{tail}")
+        else:
+            shown += [f"{head}{k}{tail}" for k in counts] or [head]
+    return ", ".join(sorted(name[:40] for name in shown)) or "none"
+
+
+def rate_from_velocities(q: Array, dq: Array) -> float | None:
+    """Samples a second [Hz] at which velocities (N, n) are the derivative of positions
+    (N, n), to three digits; None where they are not at any.
+
+    Least squares of the steps of q on the mean velocity between them: step = dq / rate.
+    """
+    steps, mean = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
+    usable = np.isfinite(steps).all(axis=1) & np.isfinite(mean).all(axis=1)
+    steps, mean = steps[usable], mean[usable]
+    energy, way = float(np.sum(mean**2)), float(np.sum(steps**2))
+    common = float(np.sum(steps * mean))
+    if not energy * way > 0.0 or common**2 < 0.9 * energy * way or common <= 0.0:
+        return None
+    return float(f"{energy / common:.3g}")
 
 
 def columns_of(measurements: Measurements) -> dict[str, Array]:

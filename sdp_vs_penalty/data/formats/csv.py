@@ -1,5 +1,6 @@
-"""CSV: RUN.csv with the header t,q1..qn,dq1..dqn,tau1..taun, one row a sample; read
-piece by piece: memory for the numbers and for one piece, however long the file."""
+"""CSV and other text tables: RUN.csv with the header t,q1..qn,dq1..dqn,tau1..taun, one
+row a sample; read piece by piece: memory for the numbers and for one piece, however
+long the file."""
 
 import re
 import warnings
@@ -8,29 +9,54 @@ from pathlib import Path
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER, Choice, Header, columns_of
-from sdp_vs_penalty.data.measurements import Measurements, gathered
-from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import reading, writing
+from sdp_vs_penalty.data.formats.recognition import Table
+from sdp_vs_penalty.data.formats.stamps import seconds_of
+from sdp_vs_penalty.data.formats.text_table import (
+    PIECE,
+    TextTable,
+    inspect_table,
+    is_number,
+    iter_rows,
+    split_cells,
+)
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.merging import merge_columns
+from sdp_vs_penalty.errors import InputError, Remark
+from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".csv",)
 #: What messages call a sample.
 SAMPLE = "row"
-#: Characters that are worked on at a time; a file with a longer line is no table.
-PIECE = 1 << 20
-_FORMATS = "give measurements as CSV text or .npz"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
     """The run of a table; InputError naming the row and column that cannot be used."""
-    names = _header(path)
-    header = Header.of(path, names, choice)
-    pieces = _columns(path, len(names), 2)
-    return gathered(
-        header.run(dict(zip(names, piece, strict=True))) for piece in pieces
+    table = inspect_table(path)
+    names = list(table.names)
+    if not table.has_header and names[0] == "#1" and not choice.rename:
+        if choice.rate is None:
+            raise _no_header(table)
+        names = _three_groups(path, names)
+    header = Header.of(path, names, choice, table=_described(table, names))
+    chosen = sorted(names.index(name) for name in header.columns)
+    _refuse_texts(table, names, chosen)
+    called = [names[k] for k in chosen]
+    if any(table.is_sparse(k) for k in chosen):
+        return _read_sparse(table, header, chosen, called)
+    pieces = _read_columns(table, chosen)
+    return header.gather(
+        header.run(dict(zip(called, piece, strict=True))) for piece in pieces
     )
+
+
+def _described(table: TextTable, names: Sequence[str]) -> Table:
+    """What the recogniser is told of the columns."""
+    kinds = dict(zip(names, table.kinds, strict=True))
+    return Table(kinds, {n: table.first_cells(k) for k, n in enumerate(names)})
 
 
 def write(measurements: Measurements, path: Path) -> None:
@@ -44,174 +70,267 @@ def write(measurements: Measurements, path: Path) -> None:
             )
 
 
-def read_headerless(path: str | Path, rate: float) -> Measurements:
-    """A run of 3 n columns without header and clock, as research code writes them:
-    positions, velocities and torques, ``rate`` rows a second.
-
-    Raises InputError where the rate is none, or the file no such table.
-    """
-    path = Path(path)
-    if not 0.0 < rate < np.inf:
-        what = f"rate {rate!r} is not a frequency above 0 Hz"
-        raise InputError(what, "give the samples a second, like --rate 1000")
-    with reading(path):
-        width = len(_first_line(path).split(","))
-        if width % 3:
-            remedy = "keep q, dq and tau of each joint"
-            raise InputError(f"{width} columns are not three a joint", remedy, path)
-        rows = numbers(path, width)
-    q, dq, tau = (np.ascontiguousarray(part) for part in np.hsplit(rows, 3))
-    return Measurements(np.arange(len(rows)) / rate, q, tau, dq, None, (path.name,))
-
-
 def numbers(path: Path, width: int) -> Array:
     """The rows (N, width) of a file without a header; InputError naming the row that is
     wrong."""
-    columns = [
-        np.concatenate(pieces) for pieces in zip(*_columns(path, width, 1), strict=True)
-    ]
+    names, kinds = tuple(f"#{k}" for k in range(1, width + 1)), ("number",) * width
+    table = TextTable(path, ",", ".", False, False, names, False, 1, kinds, ())
+    pieces = _read_columns(table, range(width))
+    columns = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
     return columns[0][:, None] if width == 1 else np.stack(columns, axis=1)
 
 
-def _pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Consecutive rows of a text file without their ends, and the number of the first
-    one, from 1; InputError for what is not text."""
-    row = 1
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            while text := file.read(PIECE):
-                text += file.readline(PIECE)
-                rows = text.removesuffix("\n").split("\n")
-                if "\0" in text:
-                    raise InputError("a binary file", _FORMATS, path)
-                long = next(
-                    (k for k, line in enumerate(rows) if len(line) >= PIECE), None
-                )
-                if long is not None:
-                    raise InputError(
-                        f"row {row + long} is too long for a table", _FORMATS, path
-                    )
-                yield row, rows
-                row += len(rows)
-    except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text (near row {row})", _FORMATS, path) from error
+def _three_groups(path: Path, names: Sequence[str]) -> list[str]:
+    """Names of 3 n columns without header and clock, as research code writes them:
+    positions, velocities and torques."""
+    width = len(names)
+    if width % 3:
+        remedy = "keep q, dq and tau of each joint, or name columns by --rename q1=#2"
+        raise InputError(f"{width} columns are not three a joint", remedy, path)
+    joints = range(1, width // 3 + 1)
+    return [f"{group}{k}" for group in ("q", "dq", "tau") for k in joints]
 
 
-def _first_line(path: Path) -> str:
-    return next(_pieces(path), (1, [""]))[1][0]
-
-
-def _header(path: Path) -> list[str]:
-    """The names in row 1; InputError where it is empty, holds numbers, or has other
-    separators."""
-    line = _first_line(path)
-    if not line.strip():
-        raise InputError("row 1 is empty", f"write the header {HEADER}", path)
-    names = [name.strip() for name in line.split(",")]
-    cells = [cell for cell in re.split(r"[;,\s]+", line) if cell]
-    if cells and all(_is_number(cell) for cell in cells):
-        known = [
-            d.name
-            for d in DATASETS.values()
-            for f in d.files
-            if path.name == Path(f.path).name
+def _no_header(table: TextTable) -> InputError:
+    """The error of a table whose first row holds numbers."""
+    path, width = table.path, table.width
+    files = [(d.name, Path(f.path).name) for d in DATASETS.values() for f in d.files]
+    known = [name for name, file in files if file == path.name]
+    remedy = f"put {HEADER} above them"
+    if known:
+        remedy = f"take what `sdp-vs-penalty fetch {known[0]}` makes of this raw file"
+    elif width > 3 and width % 3 == 1:
+        joints = range(1, width // 3 + 1)
+        groups = enumerate(("q", "dq", "tau"))
+        pairs = [
+            f"{group}{k}=#{1 + at * len(joints) + k}"
+            for at, group in groups
+            for k in joints
         ]
-        remedy = (
-            f"put {HEADER} above them and separate cells by commas, or use any column"
-            " names and `sdp-vs-penalty convert --rename`"
+        command = formatting.convert_command(
+            path, "--rename", ",".join(["t=#1", *pairs])
         )
-        if known:
-            remedy = (
-                f"take what `sdp-vs-penalty fetch {known[0]}` makes of this raw file"
-            )
-        raise InputError("row 1 holds numbers instead of a header", remedy, path)
-    what, others = (
-        ("semicolons", line.split(";"))
-        if ";" in line
-        else ("white space", line.split())
-    )
-    if len(others) > len(names) and (";" in line or len(names) == 1):
-        what = f"row 1 separates its {len(others)} names by {what}"
-        raise InputError(
-            what, "separate all cells by commas, and write decimal points", path
+        remedy += f", or, where its columns are t, q, dq and tau, `{command}`"
+    elif width % 3 == 0:
+        command = formatting.convert_command(path, "--rate", "HZ")
+        remedy += f", or, where its columns are q, dq and tau, `{command}`"
+    else:
+        remedy += (
+            ", or name columns by their numbers with `convert --rename t=#1,q1=#2`"
         )
-    return names
+    return InputError("row 1 holds numbers instead of a header", remedy, path)
 
 
-def _is_number(text: str) -> bool:
-    """Whether NumPy reads it: unlike Python neither 1_000 nor the digits of other
-    scripts."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text and text.strip().isascii()
+def _refuse_texts(
+    table: TextTable, names: Sequence[str], chosen: Sequence[int]
+) -> None:
+    """InputError naming a chosen column that never holds a number, once."""
+    for k in chosen:
+        if table.kinds[k] == "text":
+            cell = table.first_cells(k)[0][:40]
+            what = f"column {names[k]} is never a number: it holds {cell!r}"
+            remedy = "name the column that holds it with `convert --rename`"
+            raise InputError(what, remedy, table.path)
 
 
-def _columns(path: Path, width: int, first: int) -> Iterator[Array | list[Array]]:
-    """The columns (width, N) of consecutive pieces, at least one, of the rows from
-    ``first`` on."""
+def _read_columns(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
+    """The chosen columns of consecutive pieces, at least one (empty) piece: (N,)
+    numbers, or (N, n) where cells hold lists."""
+    first, width = table.first, table.width
+    yield [_no_values(table, k) for k in chosen]
+    single_blanks = table.delimiter is not None or _has_single_blanks(table)
+    if table.nested or not single_blanks:
+        yield from _read_carefully(table, chosen, first)
+        return
     from pyarrow import ArrowException
     from pyarrow import csv as arrow
 
     names = [str(k) for k in range(width)]
+    is_text = {str(k): table.kinds[k] in ("list", "stamp") for k in chosen}
+    types = {name: "string" if text else "float64" for name, text in is_text.items()}
     # Some forty blocks are read ahead.
     how = {"use_threads": False, "block_size": PIECE // 4}
-    found = arrow.ReadOptions(**how, skip_rows=first - 1, column_names=names)
-    cells = arrow.ParseOptions(quote_char=False, ignore_empty_lines=False)
-    kinds = arrow.ConvertOptions(
-        column_types=dict.fromkeys(names, "float64"), null_values=[]
+    rows = arrow.ReadOptions(**how, skip_rows=first - 1, column_names=names)
+    cells = arrow.ParseOptions(
+        delimiter=table.delimiter or " ",
+        quote_char='"' if table.quoted else False,
+        ignore_empty_lines=False,
     )
-    yield np.zeros((width, 0))
+    kinds = arrow.ConvertOptions(
+        column_types=types,
+        null_values=[],
+        include_columns=list(types),
+        decimal_point=table.decimal,
+    )
     try:
-        with arrow.open_csv(path, found, cells, kinds) as file:
+        with arrow.open_csv(table.path, rows, cells, kinds) as file:
             for batch in file:
-                # By to_numpy() pandas would be imported.
                 yield [
-                    np.from_dlpack(column).view(np.float64) for column in batch.columns
+                    _values(table, k, column)
+                    for k, column in zip(chosen, batch.columns, strict=True)
                 ]
                 first += len(batch)
     except ArrowException:  # what it does not take, the careful reader names or reads
-        yield from (table.T for table in _tables(path, width, first))
+        yield from _read_carefully(table, chosen, first)
 
 
-def _tables(path: Path, width: int, first: int) -> Iterator[Array]:
-    """The rows (N, width) from row ``first`` on in consecutive pieces. Only at the end
-    rows may be empty."""
-    empty = None
-    for row, rows in _pieces(path):
+def _no_values(table: TextTable, column: int) -> Array:
+    """No row of a column: (0,), or (0, n) of lists."""
+    if table.kinds[column] != "list" or not table.first_cells(column):
+        return np.zeros(0)
+    return _parse_lists(table, column, table.first_cells(column)[:1])[:0]
+
+
+def _has_single_blanks(table: TextTable) -> bool:
+    """Whether one blank separates the cells of every row that was looked at."""
+    number, rows = next(iter_rows(table.path))
+    lines = rows[table.first - number : table.first - number + len(table.sample)]
+    return all(len(line.rstrip("\r").split(" ")) == table.width for line in lines)
+
+
+def _values(table: TextTable, column: int, values: object) -> Array:
+    """A column of Arrow's as numbers."""
+    if table.kinds[column] == "stamp":
+        return seconds_of(values.to_pylist())  # type: ignore[attr-defined]
+    if table.kinds[column] == "list":
+        return _parse_lists(table, column, values.to_pylist())  # type: ignore[attr-defined]
+    # By to_numpy() pandas would be imported.
+    return np.asarray(np.from_dlpack(values).view(np.float64))  # type: ignore[arg-type]
+
+
+def _parse_lists(table: TextTable, column: int, cells: Sequence[str]) -> Array:
+    """(N, n) numbers of cells like "[0.1, 0.2]"; InputError for one of another length."""
+    words = [
+        re.findall(r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|nan|inf)", cell)
+        for cell in cells
+    ]
+    lengths = {len(row) for row in words}
+    if len(lengths) > 1:
+        what = f"column {table.names[column]} holds lists of different lengths"
+        shown = ", ".join(map(str, sorted(lengths)[:4]))
+        raise InputError(
+            f"{what} ({shown})", "give each row as many values", table.path
+        )
+    return np.array(words, float).reshape(len(cells), *lengths or (0,))
+
+
+def _read_carefully(
+    table: TextTable, chosen: Sequence[int], first: int
+) -> Iterator[list[Array]]:
+    """The same from row ``first`` on, which names the row and column that is wrong.
+
+    Only at the end rows may be empty.
+    """
+    path, empty = table.path, None
+    for row, rows in iter_rows(path):
         rows, row = rows[max(first - row, 0) :], max(row, first)
         if empty is not None and any(line.strip() for line in rows):
             raise InputError(f"row {empty} is empty", "delete it", path)
         while rows and not rows[-1].strip():
             empty = row + len(rows) - 1
             rows.pop()
-        try:
-            with warnings.catch_warnings(action="ignore"):  # no row at all
-                table = np.loadtxt(rows, delimiter=",", ndmin=2, comments=None)
-        except ValueError:
-            table = np.zeros((0, 0))
-        if rows and table.shape != (len(rows), width):
-            raise _wrong(path, row, rows, width)
-        yield table.reshape(-1, width)
+        if not rows:
+            continue
+        yield _parse_rows(table, chosen, row, rows)
 
 
-def _wrong(path: Path, first: int, rows: Sequence[str], width: int) -> InputError:
-    """What makes these rows no table of this width."""
-    for number, line in enumerate(rows, start=first):
-        cells = line.split(",")
-        if not line.strip():
-            return InputError(f"row {number} is empty", "delete it", path)
-        if len(cells) != width:
-            what = f"row {number} has {len(cells)} cells, the header has {width}"
-            return InputError(what, "complete the row or delete it", path)
-        k = next((k for k, cell in enumerate(cells) if not _is_number(cell)), None)
-        if k is not None:
-            what = (
-                f"row {number}, column {k + 1} holds {cells[k].strip()[:40]!r}, not a"
-                " number"
-            )
-            return InputError(what, "correct it or delete the row", path)
-    return InputError(
-        "the rows cannot be read as numbers", "write numbers in all cells", path
+def _parse_rows(
+    table: TextTable, chosen: Sequence[int], first: int, rows: Sequence[str]
+) -> list[Array]:
+    """The chosen columns of some rows; InputError naming the one that is wrong."""
+    delimiter = table.delimiter
+    is_plain = (
+        all(table.kinds[k] in ("number", "empty") for k in chosen)
+        and table.decimal == "."
+        and not table.quoted
+        and not table.nested
     )
+    if is_plain:
+        separators = [
+            len(line.split()) - 1 if delimiter is None else line.count(delimiter)
+            for line in rows
+        ]
+        try:
+            if set(separators) == {table.width - 1}:
+                values = np.loadtxt(
+                    rows, delimiter=delimiter, ndmin=2, comments=None, usecols=chosen
+                )
+                return list(np.ascontiguousarray(values.T))
+        except ValueError:
+            pass  # the cells are looked at one by one
+    cells = [split_cells(line, delimiter) for line in rows]
+    _refuse_widths(table, first, rows, cells)
+    return [_parse_column(table, k, first, [row[k] for row in cells]) for k in chosen]
+
+
+def _parse_column(
+    table: TextTable, column: int, first: int, cells: Sequence[str]
+) -> Array:
+    """One column of some rows as numbers; InputError naming the cell that is none."""
+    if table.kinds[column] == "list":
+        return _parse_lists(table, column, cells)
+    if table.kinds[column] == "stamp":
+        return seconds_of(cells)
+    for number, cell in enumerate(cells, start=first):
+        if not is_number(cell, table.decimal):
+            what = (
+                f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
+            )
+            raise InputError(what, "correct it or delete the row", table.path)
+    if table.decimal == ",":
+        cells = [cell.replace(",", ".") for cell in cells]
+    return np.array(cells, float)
+
+
+def _refuse_widths(
+    table: TextTable, first: int, rows: Sequence[str], cells: Sequence[Sequence[str]]
+) -> None:
+    """InputError naming a row that is empty, or has more or fewer cells than others."""
+    for number, (line, row) in enumerate(zip(rows, cells, strict=True), start=first):
+        if not line.strip():
+            raise InputError(f"row {number} is empty", "delete it", table.path)
+        if len(row) != table.width:
+            than = "the header has" if table.has_header else "row 1 has"
+            what = f"row {number} has {len(row)} cells, {than} {table.width}"
+            raise InputError(what, "complete the row or delete it", table.path)
+
+
+def _read_sparse(
+    table: TextTable, header: Header, chosen: Sequence[int], called: Sequence[str]
+) -> Measurements:
+    """The run of a table in which columns have rows of their own, as topics of
+    different times have: what is nearest in time comes together."""
+    columns = list[list[str]]([[] for _ in chosen])
+    for row, rows in iter_rows(table.path):
+        rows, row = rows[max(table.first - row, 0) :], max(row, table.first)
+        lines = [line for line in rows if line.strip()]
+        cells = [split_cells(line, table.delimiter) for line in lines]
+        _refuse_widths(table, row, lines, cells)
+        for column, k in zip(columns, chosen, strict=True):
+            column += [cells_of_row[k] for cells_of_row in cells]
+    values = {
+        name: _with_gaps(table, k, column)
+        for name, k, column in zip(called, chosen, columns, strict=True)
+    }
+    clock = header.groups.get("t", ())
+    t = np.sum([header.factors.get(n, 1.0) * values[n] for n in clock], axis=0)
+    if not clock:
+        t = np.arange(len(columns[0]), dtype=float)
+    others = {name: x for name, x in values.items() if name not in clock}
+    wanted = [name for name in header.groups["q"] if name in others]
+    kept, merged = merge_columns(t, others, wanted)
+    left_out = len(t) - len(kept)
+    if left_out:
+        rows_ = formatting.count(left_out, "row")
+        said = f"{table.path}: {rows_} without all channels left out or joined to the"
+        warnings.warn(f"{said} nearest in time", Remark, stacklevel=2)
+    return header.run({name: values[name][kept] for name in clock} | merged)
+
+
+def _with_gaps(table: TextTable, column: int, cells: Sequence[str]) -> Array:
+    """A column as numbers, NaN where a cell is empty."""
+    filled = [k for k, cell in enumerate(cells) if cell]
+    part = _parse_column(table, column, table.first, [cells[k] for k in filled])
+    out = np.full((len(cells), *part.shape[1:]), np.nan)
+    out[filled] = part
+    return out

@@ -1,7 +1,7 @@
 """MATLAB .mat files (versions 4 to 7) with variables t, q, tau (dq optional), or q1,
 q2, ..."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from sdp_vs_penalty.data.formats.columns import Choice, Header, understood
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".mat",)
 
@@ -17,8 +18,9 @@ SUFFIXES = (".mat",)
 def read(path: Path, choice: Choice) -> Measurements:
     """Variables of the file, or the fields of its one struct; other variables are
     ignored."""
-    from scipy.io import loadmat
+    from sdp_vs_penalty.robot.isolated import parse_isolated
 
+    arrays: dict[str, Array] = {}
     with understood(path, ".mat file", "save it again, as version 7 or earlier"):
         with path.open("rb") as file:
             start = file.read(128)
@@ -26,17 +28,32 @@ def read(path: Path, choice: Choice) -> Measurements:
             raise InputError(
                 "a version 7.3 file (HDF5)", "save it with save(..., '-v7')", path
             )
-        content = loadmat(path, simplify_cells=True)
+        for part in parse_isolated(numeric_variables, path, prepare=load_scipy):
+            arrays |= part
+    columns = {name: np.atleast_1d(block) for name, block in arrays.items()}
+    return Header.of(path, list(columns), choice).run(columns)
+
+
+def load_scipy() -> None:
+    import scipy.io  # noqa: F401
+
+
+def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
+    """The numbers of a file by their names, one variable at a time; one wrong byte can
+    end this process."""
+    from scipy.io import loadmat
+
+    content = loadmat(path, simplify_cells=True)
     named = {
         name: value for name, value in content.items() if not name.startswith("__")
     }
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:
         named = dict(structs[0])
-    arrays = {str(name): np.asarray(value) for name, value in named.items()}
-    numeric = {k: x for k, x in arrays.items() if x.dtype.kind in "fiu" and x.ndim <= 2}
-    columns = {name: np.atleast_1d(x.astype(float)) for name, x in numeric.items()}
-    return Header.of(path, list(columns), choice).run(columns)
+    for name, value in named.items():
+        block = np.asarray(value)
+        if block.dtype.kind in "fiu" and block.ndim <= 2:
+            yield {str(name): block.astype(float)}
 
 
 def write(measurements: Measurements, path: Path) -> None:

@@ -13,12 +13,21 @@ from sdp_vs_penalty.files import reading, writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".npz",)
+_KIND = ".npz file of numbers", "write it anew with numpy.savez"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
     """The run of an archive; InputError naming the array that cannot be used."""
-    arrays = numeric_arrays(path)
-    return Header.of(path, list(arrays), choice).run(arrays)
+    with (
+        understood(path, *_KIND),
+        reading(path),
+        np.load(path, allow_pickle=False) as file,
+    ):
+        header = Header.of(path, list(file.files), choice)
+        arrays = {
+            name: _real_numbers(path, name, file[name]) for name in header.columns
+        }
+    return header.run(arrays)
 
 
 def write(measurements: Measurements, path: Path) -> None:
@@ -30,16 +39,19 @@ def write(measurements: Measurements, path: Path) -> None:
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
     """The arrays of an .npz file as floats; InputError for anything but real numbers."""
     arrays: dict[str, Array] = {}
-    kind = ".npz file of numbers", "write it anew with numpy.savez"
     with (
-        understood(path, *kind),
+        understood(path, *_KIND),
         reading(path),
         np.load(path, allow_pickle=False) as file,
     ):
         for name in file.files:
-            array = file[name]
-            if array.dtype.kind not in "fiu":
-                what = f"array {name} holds {array.dtype}, not real numbers"
-                raise InputError(what, "save it as floating-point numbers", path)
-            arrays[name] = np.atleast_1d(np.asarray(array, float))
+            arrays[name] = _real_numbers(path, name, file[name])
     return arrays
+
+
+def _real_numbers(path: str | Path, name: str, array: Any) -> Array:
+    """An array as floating-point numbers; InputError for anything but real numbers."""
+    if array.dtype.kind not in "fiu":
+        what = f"array {name} holds {array.dtype}, not real numbers"
+        raise InputError(what, "save it as floating-point numbers", path)
+    return np.atleast_1d(np.asarray(array, float))

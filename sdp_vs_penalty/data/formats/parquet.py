@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
-from sdp_vs_penalty.data.measurements import Measurements, gathered
+from sdp_vs_penalty.data.formats.recognition import Table
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".parquet", ".pq")
 
@@ -24,34 +27,75 @@ def read(path: Path, choice: Choice) -> Measurements:
         understood(path, "Parquet file", "write it anew, or convert it to CSV"),
         parquet.ParquetFile(path, pre_buffer=False) as file,
     ):
-        return gathered(_pieces(path, choice, file))
+        header = _header(path, choice, file)
+        return header.gather(_pieces(path, header, file))
 
 
-def _pieces(path: Path, choice: Choice, file: Any) -> Iterator[Measurements]:
+def _header(path: Path, choice: Choice, file: Any) -> Header:
+    """Which columns of the file are which channels."""
+    schema = file.schema_arrow
+    kinds = {field.name: _kind_of(field.type) for field in schema}
+    names = [name for name in schema.names if kinds[name] != "text"]
+    first = next(file.iter_batches(batch_size=50, columns=names), None)
+    cells = {name: _texts(first, name) for name in names}
+    return Header.of(path, names, choice, table=Table(kinds, cells))
+
+
+def _pieces(path: Path, header: Header, file: Any) -> Iterator[Measurements]:
     """The rows in consecutive pieces, at least one.
 
-    Texts are not read at all: one that is stored once can come in every row.
+    Only chosen columns are read: a text that is stored once can come in every row.
     """
     import pyarrow as arrow
-    from pyarrow import types
 
-    names = []
-    for one in file.schema_arrow:
-        kind = one.type.value_type if types.is_dictionary(one.type) else one.type
-        names += [one.name] * bool(types.is_integer(kind) or types.is_floating(kind))
-    header = Header.of(path, names, choice)
+    chosen = header.columns
     empty = (
-        [file.schema_arrow.empty_table().select(names)]
+        [file.schema_arrow.empty_table().select(chosen)]
         if file.metadata.num_rows == 0
         else []
     )
-    batches = file.iter_batches(batch_size=PART, columns=names, use_threads=False)
+    batches = file.iter_batches(batch_size=PART, columns=chosen, use_threads=False)
     for table in empty or (arrow.Table.from_batches([batch]) for batch in batches):
-        columns = {
-            name: np.asarray(table.column(name).to_numpy(), float)
-            for name in table.column_names
-        }
+        columns = {name: _numbers(path, name, table.column(name)) for name in chosen}
         yield header.run(columns)
+
+
+def _kind_of(kind: Any) -> str:
+    """What a column holds: "number", "list", "stamp" or "text"."""
+    from pyarrow import types
+
+    kind = kind.value_type if types.is_dictionary(kind) else kind
+    if types.is_integer(kind) or types.is_floating(kind):
+        return "number"
+    if (
+        types.is_list(kind)
+        or types.is_large_list(kind)
+        or types.is_fixed_size_list(kind)
+    ):
+        return "list" if _kind_of(kind.value_type) == "number" else "text"
+    return "stamp" if types.is_timestamp(kind) else "text"
+
+
+def _texts(batch: Any, name: str) -> list[str]:
+    """The first values of a column as texts."""
+    return [] if batch is None else [str(x) for x in batch.column(name).to_pylist()]
+
+
+def _numbers(path: Path, name: str, column: Any) -> Array:
+    """A column as numbers (N,), (N, n) of lists, seconds since 1970 of stamps;
+    InputError for lists of different lengths."""
+    kind = _kind_of(column.type)
+    if kind == "stamp":
+        nanoseconds = column.cast("timestamp[ns]", safe=False).cast("int64")
+        return 1e-9 * np.asarray(nanoseconds.to_numpy(), float)
+    if kind == "list":
+        rows = column.to_pylist()
+        lengths = {len(row or ()) for row in rows}
+        if len(lengths) > 1:
+            what = f"column {name} holds lists of different lengths"
+            raise InputError(what, "give each row as many values", path)
+        return np.array(rows, float).reshape(len(rows), *lengths or (0,))
+    return np.asarray(column.to_numpy(), float)
 
 
 def write(measurements: Measurements, path: Path) -> None:

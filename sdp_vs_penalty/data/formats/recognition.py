@@ -13,14 +13,17 @@ import re
 import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.formats.stamps import find_two_parts
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, Remark
+from sdp_vs_penalty.robot.arrays import Array
 
 _TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text())
 #: The words of each quantity, the best first.
@@ -30,6 +33,12 @@ WORDS: dict[str, tuple[str, ...]] = {
 #: Words that say nothing about a quantity; those of columns that are something else
 #: than was measured.
 _FILLERS, _OTHERS = set(_TABLE["fillers"]), set(_TABLE["others"])
+#: Loggers that are known by the names of their columns (loggers.toml), and the groups
+#: that an entry can name.
+LOGGERS: list[dict[str, Any]] = tomllib.loads(
+    Path(__file__).with_name("loggers.toml").read_text()
+)["logger"]
+_GROUPS_OF_LOGGERS = ("q", "dq", "tau", "temp", "qcmd")
 #: Units that a name ends with, or that are asked for, by what a value has to be
 #: multiplied by.
 UNITS: dict[str, float] = {
@@ -57,30 +66,362 @@ UNITS: dict[str, float] = {
 #: Our names (t, q1 ..., or q for a block) to the file's; factors by our names, where
 #: they are not 1.
 Recognised: TypeAlias = tuple[dict[str, str], dict[str, float]]
+#: Columns of names, of a log that says in each row which joint is which.
+_JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
 
 
-def taken(
-    path: Path, names: Sequence[str], joints: Sequence[str] | None
-) -> Recognised | None:
+@dataclass(frozen=True)
+class Table:
+    """What a file's columns hold: their kinds ("number", "text", "list", "stamp",
+    "empty") and the texts of their first cells, by name."""
+
+    kinds: Mapping[str, str]
+    cells: Mapping[str, Sequence[str]]
+
+    def values(self, name: str) -> Array:
+        """The first numbers of a column, of lists all of theirs."""
+        found = re.findall(
+            r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?",
+            " ".join(self.cells.get(name, ())[:50]),
+        )
+        return np.array(found, float)
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """What a file of foreign names is read as.
+
+    rename : our names (t, q1 ..., or q for a block) to the file's; t to "sec+nanosec"
+    where a stamp is in two parts; scale : factors by our names, where they are not 1;
+    logger : what writes such files, in words; units : what each group is in, where that
+    is not SI, and why; joints : their names, where the file says them; order : of the
+    joints of a block, where the robot's is another one; episode : what counts runs.
+    """
+
+    rename: dict[str, str]
+    scale: dict[str, float]
+    logger: str = "by their words"
+    units: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+    order: tuple[int, ...] | None = None
+    episode: str | None = None
+
+    def command(self, path: Path, names: Sequence[str]) -> str:
+        """The command that reads the file alike."""
+        pairs = ",".join(f"{a}={b}" for a, b in _as_patterns(self.rename, names))
+        words = ["--rename", pairs]
+        if self.scale:
+            words += ["--scale", ",".join(_as_units(self.scale, self.rename))]
+        return formatting.convert_command(path, *words)
+
+
+def recognise_and_warn(
+    path: Path, names: Sequence[str], choice: Any, table: Table | None
+) -> Recognition | None:
     """The columns that a file of foreign names is read by, said in one line with the
     command that reads it alike; None where our own names are there, or nothing is
     recognised."""
-    if (
-        "t" in names
-        and {"q", "q1"} & set(names)
-        and {"tau", "tau1", "qcmd", "qcmd1"} & set(names)
-    ):
+    if _has_our_names(names):
         return None
-    found = recognised(names, joints)
-    if found is not None:
-        pairs = ",".join(f"{a}={b}" for a, b in found[0].items())
-        factors = ",".join(f"{a}={x:.6g}" for a, x in found[1].items())
-        scale = f" --scale '{factors}'" if factors else ""
-        said = (
-            f"{path}: columns recognised; the same by `convert {path} --rename"
-            f" '{pairs}'{scale}`"
+    found = recognise(names, choice.joints, table)
+    if found is None:
+        return None
+    if all(ours == theirs for ours, theirs in found.rename.items()):
+        return found  # our own names, beside a clock that is missing
+    taken = ", ".join(f"{a} = {b}" for a, b in _in_short(found.rename))
+    units = "".join(f"; {unit}" for unit in found.units)
+    joints = f"; joints {', '.join(found.joints)}" if found.joints else ""
+    if (
+        found.joints
+        and choice.joints
+        and not _match_joints(choice.joints, found.joints)
+    ):
+        joints += " in the file's order, for the robot's have other names"
+    said = (
+        f"{path}: columns recognised ({found.logger}): {taken}{units}{joints}; the same"
+        f" by `{found.command(path, names)}`"
+    )
+    warnings.warn(said, Remark, stacklevel=3)
+    return found
+
+
+def _has_our_names(names: Sequence[str]) -> bool:
+    """Whether columns are called as in RUN.csv, counted from 1."""
+    known = set(names)
+    counted_from_zero = {"q0", "tau0", "qcmd0"} & known
+    return bool(
+        not counted_from_zero
+        and "t" in known
+        and {"q", "q1"} & known
+        and {"tau", "tau1", "qcmd", "qcmd1"} & known
+    )
+
+
+def _in_short(rename: Mapping[str, str]) -> list[tuple[str, str]]:
+    """The first and the last column of each group."""
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for ours, theirs in rename.items():
+        groups.setdefault(ours.rstrip("0123456789"), []).append((ours, theirs))
+    out = []
+    for pairs in groups.values():
+        (ours, theirs), (last, last_of_theirs) = pairs[0], pairs[-1]
+        several = len(pairs) > 1
+        out.append(
+            (f"{ours}..{last}", f"{theirs} .. {last_of_theirs}")
+            if several
+            else (ours, theirs)
         )
-        warnings.warn(said, Remark, stacklevel=2)
+    return out
+
+
+def _as_patterns(
+    rename: Mapping[str, str], names: Sequence[str]
+) -> list[tuple[str, str]]:
+    """Pairs of --rename, those of a group as one pattern where it means the same, and
+    columns by their number where their names cannot be written."""
+    groups: dict[str, dict[str, str]] = {}
+    for ours, theirs in rename.items():
+        groups.setdefault(ours.rstrip("0123456789"), {})[ours] = theirs
+    out = list[tuple[str, str]]()
+    for group, pairs in groups.items():
+        pattern = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", next(iter(pairs.values())))
+        whole = {f"{group}*": pattern}
+        simple = "*" in pattern and pattern.count("*") == 1
+        simple = simple and len(pairs) > 1 and not set(",=#+") & set(pattern)
+        if simple and expanded(whole, names) == pairs:
+            out += whole.items()
+            continue
+        out += [(ours, _writable(theirs, names)) for ours, theirs in pairs.items()]
+    return out
+
+
+def _as_units(scale: Mapping[str, float], rename: Mapping[str, str]) -> list[str]:
+    """Pairs of --scale, a unit's word for a group where it says the same."""
+    words = {x: word for word, x in reversed(UNITS.items())}
+    groups: dict[str, dict[str, float]] = {}
+    for ours, factor in scale.items():
+        groups.setdefault(ours.rstrip("0123456789"), {})[ours] = factor
+    out = list[str]()
+    for group, factors in groups.items():
+        columns = [ours for ours in rename if ours.rstrip("0123456789") == group]
+        values = set(factors.values())
+        if len(values) == 1 and len(columns) == len(factors):
+            factor = values.pop()
+            out.append(f"{group}={words.get(factor, f'{factor:.12g}')}")
+        else:
+            out += [
+                f"{ours}={words.get(x, f'{x:.12g}')}" for ours, x in factors.items()
+            ]
+    return out
+
+
+def _writable(name: str, names: Sequence[str]) -> str:
+    """A column's name, or its number where commas or the like are in it."""
+    if name in names and (set(",=*+") & set(name) or name != name.strip() or not name):
+        return f"#{list(names).index(name) + 1}"
+    return name
+
+
+def recognise(
+    names: Sequence[str],
+    joints: Sequence[str] | None = None,
+    table: Table | None = None,
+) -> Recognition | None:
+    """What the columns of these names are; None where positions or torques are not
+    among them.
+
+    joints : names of the robot's joints in order, for columns that are called by joints.
+    Known loggers come first, then what the words of each name say.
+    """
+    numeric = [
+        name for name in names if table is None or table.kinds.get(name) != "text"
+    ]
+    found = _by_logger(numeric, names, joints, table)
+    found = found or _by_words(numeric, names, joints, table)
+    return None if found is None else _with_units(found, table)
+
+
+def recognised(
+    names: Sequence[str], joints: Sequence[str] | None = None
+) -> Recognised | None:
+    """Names and factors of :func:`recognise`; None where there is no clock either."""
+    found = recognise(names, joints)
+    return (
+        None
+        if found is None or "t" not in found.rename
+        else (found.rename, found.scale)
+    )
+
+
+def find_clock(names: Sequence[str]) -> str | None:
+    """The column of a file's clock, "sec+nanosec" where it is in two; None without."""
+    if (pair := find_two_parts(names)) is not None:
+        return "+".join(pair)
+    read = {name: r for name in names if (r := _read(name)) is not None}
+    stamps = [
+        (r.rank, len(r.rest), n)
+        for n, r in read.items()
+        if (r.quantity, r.number) == ("t", None)
+    ]
+    return min(stamps)[2] if stamps else None
+
+
+def parts_of(theirs: str, names: Sequence[str]) -> tuple[str, ...]:
+    """The columns that a name stands for: two for "sec+nanosec"."""
+    if theirs in names or "+" not in theirs:
+        return (theirs,)
+    return tuple(part.strip() for part in theirs.split("+"))
+
+
+def _by_logger(
+    numeric: Sequence[str],
+    names: Sequence[str],
+    joints: Sequence[str] | None,
+    table: Table | None,
+) -> Recognition | None:
+    """What a logger of the table writes; None where the file is none of theirs."""
+    for logger in LOGGERS:
+        columns = {
+            group: found
+            for group in _GROUPS_OF_LOGGERS
+            if (found := _columns_of_logger(logger.get(group), numeric))
+        }
+        keys = list(columns.get("q", ()))
+        columns = {g: found for g, found in columns.items() if list(found) == keys}
+        clock = _first_there(logger["t"], numeric)
+        if clock is None or not {"tau", "qcmd"} & set(columns):
+            continue
+        called, keys = _joints_of_logger(logger, keys, names, joints, table)
+        rename = {"t": clock}
+        for group, found in columns.items():
+            for k, key in enumerate(keys, start=1):
+                rename[f"{group}{'' if key == '' else k}"] = found[key]
+        scale, units = _units_of_logger(logger, rename, table)
+        episode = _first_there(logger.get("episode", ()), names)
+        name = str(logger["name"])
+        return Recognition(rename, scale, name, units, called, None, episode)
+    return None
+
+
+def _joints_of_logger(
+    logger: Mapping[str, Any],
+    keys: list[Any],
+    names: Sequence[str],
+    joints: Sequence[str] | None,
+    table: Table | None,
+) -> tuple[tuple[str, ...], list[Any]]:
+    """The joints' names where the file says them, and the keys of their columns, both
+    in the robot's order."""
+    if keys and keys != [""] and all(isinstance(key, str) for key in keys):
+        keys = _in_order_of(joints, keys)
+        return tuple(keys), keys
+    texts = _columns_of_logger(logger.get("names"), names)
+    if table is None or not texts or not set(keys) <= set(texts):
+        return (), keys
+    said = [next(iter(table.cells.get(texts[k], ())), "") for k in keys]
+    if len(set(said)) != len(said):
+        return (), keys
+    by_name = dict(zip(said, keys, strict=True))
+    called = _in_order_of(joints, said)
+    return tuple(called), [by_name[name] for name in called]
+
+
+def _units_of_logger(
+    logger: Mapping[str, Any], rename: Mapping[str, str], table: Table | None
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Factors by our names, and the units in words with the reason for each."""
+    scale, units = dict[str, float](), list[str]()
+    for group, unit in logger.get("units", {}).items():
+        columns = {o: n for o, n in rename.items() if o.rstrip("0123456789") == group}
+        why = f"as {logger['name']} writes it"
+        if unit == "angle" and columns and table is not None:
+            values = np.concatenate([table.values(name) for name in columns.values()])
+            largest = float(np.abs(values).max(initial=0.0))
+            unit = "deg" if largest > 4.0 * np.pi else "rad"  # of two turns
+            why = f"its first values reach {largest:.3g}"
+        if columns and unit in UNITS | {"A": 1.0}:
+            units.append(f"{group} in {unit}, {why}")
+            if UNITS[unit.lower()] != 1.0:
+                scale |= dict.fromkeys(columns, UNITS[unit.lower()])
+    return scale, tuple(units)
+
+
+def _first_there(patterns: Any, names: Sequence[str]) -> str | None:
+    """The first of some names, or sums of two, that the file has."""
+    for pattern in [patterns] if isinstance(patterns, str) else patterns:
+        if set(parts_of(pattern, names)) <= set(names):
+            return str(pattern)
+    return None
+
+
+def _columns_of_logger(patterns: Any, names: Sequence[str]) -> dict[Any, str]:
+    """A group's columns by joint, the number or the name in the pattern, in order;
+    counted from 0 or from 1 without a gap."""
+    for pattern in [patterns] if isinstance(patterns, str) else patterns or ():
+        text = re.escape(pattern).replace(r"\{k\}", "([0-9]+)")
+        regex = re.compile(text.replace(r"\{joint\}", "([^/]+)"))
+        matches = [(m, name) for name in names if (m := regex.fullmatch(name))]
+        if not matches:
+            continue
+        if "{k}" in pattern:
+            found: dict[Any, str] = {
+                k: name for k, name in sorted((int(m[1]), name) for m, name in matches)
+            }
+            first = min(found)
+            if first <= 1 and list(found) == list(range(first, first + len(found))):
+                return found
+        elif "{joint}" in pattern:
+            return {m[1]: name for m, name in matches}
+        else:
+            return {"": matches[0][1]}
+    return {}
+
+
+def _in_order_of(joints: Sequence[str] | None, called: Sequence[str]) -> list[str]:
+    """Joints' names in the robot's order where it has all of them, or they have all of
+    its; those of the file's order otherwise."""
+    if joints is None:
+        return list(called)
+    places = _match_joints(joints, called)
+    order = [places[joint] for joint in joints if joint in places]
+    complete = len(order) == len(joints) or len(order) == len(called)
+    return order if order and complete else list(called)
+
+
+def _match_joints(joints: Sequence[str], called: Sequence[str]) -> dict[str, str]:
+    """The file's name of each of the robot's joints: the same but for marks and capital
+    letters, or the same behind one prefix that all have."""
+    plain = {re.sub(r"[^a-z0-9]", "", name.lower()): name for name in called}
+    own = {joint: re.sub(r"[^a-z0-9]", "", joint.lower()) for joint in joints}
+    found = {joint: plain[text] for joint, text in own.items() if text in plain}
+    if found:
+        return found
+    for name in plain:
+        for text in own.values():
+            if name.endswith(text):
+                prefix = name.removesuffix(text)
+                return {
+                    joint: plain[prefix + x]
+                    for joint, x in own.items()
+                    if prefix + x in plain
+                }
+    return {}
+
+
+def _with_units(found: Recognition, table: Table | None) -> Recognition:
+    """The same with the unit of its clock where it counts since 1970."""
+    clock = found.rename.get("t")
+    if table is None or clock is None or "t" in found.scale or "+" in clock:
+        return found
+    values = table.values(clock) if table.kinds.get(clock) == "number" else np.zeros(0)
+    # Seconds since 1970 between 2001 and 2128 are 1e9 to 5e9.
+    for word in ("ms", "us", "ns"):
+        unit = UNITS[word]
+        if len(values) and 1e9 < unit * values[0] < 5e9:
+            why = f"t in {word}, for it counts since 1970"
+            return replace(
+                found, scale={"t": unit, **found.scale}, units=(*found.units, why)
+            )
     return found
 
 
@@ -115,38 +456,72 @@ def _read(name: str) -> _Read | None:
     return None
 
 
-def recognised(
-    names: Sequence[str], joints: Sequence[str] | None = None
-) -> Recognised | None:
-    """What the columns of these names are; None where t, positions or torques are not
-    among them.
-
-    joints : names of the robot's joints in order, for columns that are called by
-    joints.
-    """
-    read = {name: r for name in names if (r := _read(name)) is not None}
-    stamps = [
-        (r.rank, len(r.rest), n)
-        for n, r in read.items()
-        if (r.quantity, r.number) == ("t", None)
-    ]
-    if not stamps:
-        return None
-    rename = {"t": min(stamps)[2]}
+def _by_words(
+    numeric: Sequence[str],
+    names: Sequence[str],
+    joints: Sequence[str] | None,
+    table: Table | None,
+) -> Recognition | None:
+    """What the words of each name say."""
+    read = {name: r for name in numeric if (r := _read(name)) is not None}
+    clock = find_clock(numeric)
+    rename = {} if clock is None else {"t": clock}
+    said = _said_joints(names, table)
     count = len(_columns("q", read, joints))
+    called = tuple[str, ...]()
+    order: tuple[int, ...] | None = None
     for quantity in [q for q in WORDS if q != "t"]:
         columns = _columns(quantity, read, joints)
-        if len(columns) == count:
-            block = count == 1 and read[columns[0]].number is None
-            rename |= {
-                f"{quantity}{'' if block else k}": n
-                for k, n in enumerate(columns, start=1)
-            }
+        if len(columns) != count or not count:
+            continue
+        block = count == 1 and read[columns[0]].number is None
+        is_list = block and table is not None and table.kinds.get(columns[0]) == "list"
+        if said and not block and len(said) == count:
+            by_name = dict(zip(said, columns, strict=True))
+            called = tuple(_in_order_of(joints, said))
+            columns = [by_name[name] for name in called]
+        elif said and is_list:
+            called = tuple(_in_order_of(joints, said))
+            order = tuple(said.index(name) for name in called)
+        rename |= {
+            f"{quantity}{'' if block else k}": n for k, n in enumerate(columns, start=1)
+        }
     scale = {
-        ours: read[n].factor for ours, n in rename.items() if read[n].factor != 1.0
+        ours: read[n].factor
+        for ours, n in rename.items()
+        if n in read and read[n].factor != 1.0
     }
     torque = any(re.fullmatch("(tau|qcmd)[0-9]*", ours) for ours in rename)
-    return (rename, scale) if count and torque else None
+    if not (count and torque):
+        return None
+    units = []
+    for group in sorted({ours.rstrip("0123456789") for ours in scale}):
+        units.append(f"{group} in the unit that its name ends with")
+    current = any(
+        "current" in n.lower() or "amps" in n.lower()
+        for ours, n in rename.items()
+        if ours.startswith("tau")
+    )
+    if current:
+        units.append("tau is a current in A: --scale tau=... makes torques of it")
+    return Recognition(rename, scale, units=tuple(units), joints=called, order=order)
+
+
+def _said_joints(names: Sequence[str], table: Table | None) -> list[str]:
+    """The joints' names in the order of their columns, where columns hold them: one
+    text a joint, or a list of texts."""
+    if table is None:
+        return []
+    columns = {}
+    for name in names:
+        if match := _JOINT_NAMES.fullmatch(name.lower()):
+            columns[int(match[1] or -1)] = name
+    cells = {k: next(iter(table.cells.get(n, ())), "") for k, n in columns.items()}
+    if list(cells) == [-1]:
+        words = re.findall(r"[A-Za-z_][\w/.-]*", cells[-1])
+        return [w for w in words if w != "array"] if len(words) > 1 else []
+    texts = [cells[k] for k in sorted(cells)]
+    return texts if len(set(texts)) == len(texts) and all(texts) else []
 
 
 def _columns(
@@ -184,7 +559,7 @@ def _by_joint(
     found: list[str], own: Mapping[str, _Read], joints: Sequence[str] | None
 ) -> list[str]:
     """Columns called by joints in the robot's order, where all its joints are among
-    them."""
+    them or all of them are its joints (others are held)."""
     if joints is None:
         return found
     tails = []
@@ -199,7 +574,9 @@ def _by_joint(
             )
         )
     by_tail = {(*own[name].rest, str(own[name].number)): name for name in found}
-    return [by_tail[t] for t in tails] if all(t in by_tail for t in tails) else found
+    ordered = [by_tail[tail] for tail in tails if tail in by_tail]
+    complete = len(ordered) == len(tails) or len(ordered) == len(found)
+    return ordered if complete else found
 
 
 def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
@@ -207,7 +584,10 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     a name."""
     out: dict[str, str] = {}
     for ours, theirs in rename.items():
-        if "*" not in theirs:
+        by_number = re.fullmatch("#([1-9][0-9]*)", theirs)
+        if by_number and theirs not in names and int(by_number[1]) <= len(names):
+            theirs = names[int(by_number[1]) - 1]
+        if "*" not in theirs or theirs in names:
             out[ours] = theirs
             continue
         pattern = re.compile(re.escape(theirs).replace(r"\*", "([0-9]+)"))

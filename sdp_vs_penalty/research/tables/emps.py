@@ -6,8 +6,9 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
+from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.problem.published import VARIABLE, measured_runs
@@ -39,9 +40,12 @@ def emps(study: Study) -> Table:
     # lacks.
     authors = 95.1089, 203.5034, 20.3935, -3.1648, 0.0
     rows = [_row(study, "authors, least squares", authors, *runs)]
+    filtered = read_and_filter(study.problem, tracking)
     for method in dict.fromkeys(("ols", DEFAULT_METHOD)):
         study.progress(f"EMPS by {method}")
-        own = _constants(identify(study.problem, tracking, method, seed=study.seed))
+        options = PoseOptions(seed=study.seed)
+        estimate = estimate_parameters(study.problem, filtered, method, options)
+        own = _constants(estimate)
         unseen = cross_validate(
             study.problem, tracking, method, folds=FOLDS, seed=study.seed
         )
@@ -49,9 +53,8 @@ def emps(study: Study) -> Table:
     effects = (*study.problem.default_effects, *REFINED)
     for method in (DEFAULT_METHOD, OUTPUT_ERROR):
         study.progress(f"EMPS by {method}, five parameters")
-        estimate = identify(
-            study.problem, tracking, method, effects=effects, seed=study.seed
-        )
+        options = PoseOptions(effects=effects, seed=study.seed)
+        estimate = estimate_parameters(study.problem, filtered, method, options)
         rows.append(_row(study, f"{method}, asymmetric", _constants(estimate), *runs))
     errors = [float(row["position_rmse_pulses_mm"] or np.inf) for row in rows]
     return Table(

@@ -15,7 +15,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.identify import certify, identify
+from sdp_vs_penalty.estimation.identify import certify, estimate_parameters
 from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimation.resampling import (
     CrossValidation,
@@ -386,7 +386,10 @@ class Study:
         relative error."""
         box, _ = self.black_box
         begin = time.perf_counter()
-        estimate = identify(self.problem, box, "reverse-engineering", seed=self.seed)
+        options = PoseOptions(seed=self.seed)
+        estimate = estimate_parameters(
+            self.problem, box, "reverse-engineering", options
+        )
         seconds = time.perf_counter() - begin
         return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
 

@@ -11,7 +11,8 @@ import pandas
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.identify import identify
+from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.resampling import CrossValidation, Fold
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import make_task
@@ -196,9 +197,9 @@ def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]
     effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
     result = study.unseen(method, effects)
     train, test = halves(run)
-    again = compare(
-        identify(problem, train, method, effects=effects, seed=study.seed), test
-    )[0]
+    runs = read_and_filter(problem, train)
+    options = PoseOptions(effects=effects, seed=study.seed)
+    again = compare(estimate_parameters(problem, runs, method, options), test)[0]
     judged: list[tuple[str, Fold | CrossValidation | Comparison]] = [
         *((f"{f.start:.2f}-{f.stop:.2f} s", f) for f in result.folds),
         ("all", result),

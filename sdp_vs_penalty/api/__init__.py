@@ -1,0 +1,14 @@
+"""The verbs that users call, with full signatures.
+
+The command line, the page and Python call these functions. Paths, problem and options
+are resolved, read, checked and filtered once here, and handed on.
+"""
+
+from sdp_vs_penalty.plugins import surface
+
+__all__ = ["diagnose", "identify", "identify_and_judge", "identify_black_box"]
+__getattr__ = surface(
+    __name__,
+    diagnosis="diagnose",
+    identification="identify identify_and_judge identify_black_box",
+)

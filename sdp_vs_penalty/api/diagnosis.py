@@ -1,0 +1,107 @@
+"""The verb ``diagnose``, with the check of the data first."""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.api.identification import WITHOUT_CHECK
+from sdp_vs_penalty.checks.first import consented, refuse_meaningless
+from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+
+
+def diagnose(
+    estimate: Estimate | str | Path,
+    measurements: Source,
+    test: Source = None,
+    *,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Progress = no_progress,
+    noise_from: Source = None,
+    gain_uncertainty: float | None = None,
+    check: bool = True,
+    warn: Callable[[str], Any] | None = None,
+    without_check: str = WITHOUT_CHECK,
+) -> Diagnosis:
+    """Which physical effects a model misses, judged against the noise.
+
+    Parameters
+    ----------
+    estimate : Estimate, str or Path
+        The model in question, or its model.json.
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        The runs to search in. In a long recording windows are searched, and a remark
+        says so.
+    test : the same, optional
+        A run for held-out errors only. Without it, folds by the phase of the motion.
+    frozen : bool
+        Keep the model's parameters, so that changes of the links show (a payload).
+        Otherwise they are fitted again along with every candidate.
+    seed : int
+        Of the draws of a curve's band.
+    progress : callable
+        Hears where the search stands.
+    noise_from : the same as measurements, optional
+        The runs whose repetition shows the noise; default: the measurements.
+    gain_uncertainty : float, optional
+        Relative standard deviation of the torque channels' gains; default: the model's.
+    check : bool
+        Whether the fast part of `check` looks at the measurements first. What it finds
+        wrong for certain raises InputError, other remarks are issued as UserWarning. A
+        model that was identified from these runs without it is not asked again.
+    warn : callable, optional
+        Hears the remarks of the check; default: a UserWarning each.
+    without_check : str
+        How an error says to go on without the check, in words.
+
+    Returns
+    -------
+    Diagnosis
+        Findings with size, interval, rivals and held-out errors; what is left.
+
+    Raises
+    ------
+    InputError
+        Where model and measurements do not belong together, or nothing is left after
+        filtering.
+
+    Examples
+    --------
+    >>> from sdp_vs_penalty import diagnose, identify, simulate
+    >>> runs = simulate("two_link", hide="joint_spring:1", seed=1)
+    >>> model = identify("two_link", runs.train)
+    >>> found = diagnose(model, runs.train, runs.test)
+    >>> [finding.effect for finding in found.effects][:1]
+    ['joint_spring']
+    """
+    model = as_estimate(estimate, "diagnose(estimate=...)")
+    names = model.robot.joint_names
+    recording = as_measurements(
+        measurements, names=names, what="diagnose(measurements=...)"
+    )
+    model.require_joints(recording, "measurements")
+    if check and not consented(model, recording):
+        progress("checking the measurements")
+        if warn is None:
+            warn = functools.partial(warnings.warn, stacklevel=3)
+        refuse_meaningless(
+            model.problem, recording, "diagnose", without_check, warn=warn
+        )
+    return find_missing_effects(
+        model,
+        recording,
+        test,
+        frozen=frozen,
+        seed=seed,
+        progress=progress,
+        noise_from=noise_from,
+        gain_uncertainty=gain_uncertainty,
+    )

@@ -1,0 +1,274 @@
+"""The verbs that make a model: ``identify`` from measured runs, ``identify_black_box``
+from the answers of a simulator or a manufacturer's library."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.checks.first import refuse_meaningless
+from sdp_vs_penalty.data.files import Source
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import Comparison, compare_filtered
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.pose import PoseOptions, behind_filters, logged, readable
+from sdp_vs_penalty.estimation.verdict import NoiseFloor
+from sdp_vs_penalty.estimators import DEFAULT_METHOD
+from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
+from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.black_box import BlackBox
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.filtered import FilteredRuns
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+#: How a user of Python goes on without the check of the data.
+WITHOUT_CHECK = "pass check=False to"
+
+
+def identify(
+    problem: str | Path | Problem,
+    measurements: Source | FilteredRuns | BlackBox,
+    method: str | Estimator = DEFAULT_METHOD,
+    *,
+    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    preprocessing: Preprocessing | None = None,
+    weighting: str = "noise",
+    seed: int = 0,
+    progress: Progress = no_progress,
+    proof: str | Path | None = None,
+    gain_uncertainty: float | Array = 0.0,
+    known_loads: Sequence[tuple[Source, float]] = (),
+    known: Mapping[str, float] | None = None,
+    instruments: str | None = None,
+    workers: Workers = ALONE,
+    noise_from: Measurements | None = None,
+    check: bool = True,
+) -> Estimate:
+    """Identify a robot's dynamic parameters from measured runs.
+
+    The torque is tau = sum over effects of Y_e(q, dq, ddq) theta_e. The method
+    minimises the weighted squares of what is left, behind one filter for columns and
+    torque, under the constraints that make every link physically consistent.
+
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        A built-in name, a folder with a problem.toml, a URDF file, or a Problem.
+    measurements : path, arrays, DataFrame, Measurements, list of these, FilteredRuns
+        What :func:`~sdp_vs_penalty.data.files.as_measurements` takes: t (N,) s, q (N,
+        n) rad or m, tau (N, n) N m or N. The filters of FilteredRuns hold. A BlackBox,
+        or the path of its .npz file, goes to :func:`identify_black_box`.
+    method : str or Estimator, default "lmi-sdp"
+        A name of `sdp-vs-penalty list methods`, or an Estimator with its own settings.
+        "output-error" refines the default method's estimate by simulation.
+    effects : str, names or Effects, optional
+        Default: the problem's. Coulomb friction's velocity is estimated joint by joint
+        where motion left out confirms it, unless it is given
+        (``coulomb_friction@v_s=0.02``).
+    preprocessing : Preprocessing, optional
+        Filter settings; default: the problem's.
+    weighting : {"noise", "none"}
+        "noise" divides each joint's rows by its residual in a first least-squares pass.
+        "none" leaves the newton metres of all joints equal.
+    seed : int
+        Of everything random.
+    progress : callable
+        Hears where the computation stands, a short text each time.
+    proof : str or Path, optional
+        A file for the proof of optimality, or that nothing satisfies all constraints.
+    gain_uncertainty : float or (n, e) array
+        Relative standard deviation of the torque channels' gains (0.01: known to a per
+        cent), or a factor of their covariance. It widens the intervals.
+    known_loads : sequence of (run, mass)
+        Further runs, each with the mass [kg] that the last link carried. They determine
+        the gains, so that parameters are in true units.
+    known : mapping of str to float, optional
+        Parameters of known value, by name. Without torque they set the scale
+        (``{"kp2": 600.0}``).
+    instruments : {"command", "none"}, optional
+        Default: "command" where no torque was logged.
+    workers : Workers
+        Who compresses the runs. The estimate is the same to the last bit.
+    noise_from : Measurements, optional
+        The runs whose repetition shows the noise; default: the measurements. Name all
+        that was recorded where these are a window of it.
+    check : bool
+        Whether the fast part of `check` looks at the measurements first. What it finds
+        wrong for certain raises InputError, other remarks are issued as UserWarning.
+
+    Returns
+    -------
+    Estimate
+        Parameters with intervals, a certificate, and a verdict on these measurements.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used.
+
+    References
+    ----------
+    Sousa, Cortesao, IJRR 2014; Traversaro et al., IROS 2016; Wensing et al., RA-L 2018.
+
+    Examples
+    --------
+    >>> from sdp_vs_penalty import identify, simulate
+    >>> runs = simulate("two_link", seed=1)
+    >>> model = identify("two_link", runs.train)
+    >>> model.certificate.worst  # the largest violation of a constraint
+    0.0
+    """
+    estimate, _ = identify_and_judge(
+        problem,
+        measurements,
+        method,
+        effects=effects,
+        preprocessing=preprocessing,
+        weighting=weighting,
+        seed=seed,
+        progress=progress,
+        proof=proof,
+        gain_uncertainty=gain_uncertainty,
+        known_loads=known_loads,
+        known=known,
+        instruments=instruments,
+        workers=workers,
+        noise_from=noise_from,
+        check=check,
+        warn=_warn_caller,
+    )
+    return estimate
+
+
+def identify_black_box(
+    problem: str | Path | Problem,
+    answers: str | Path | BlackBox,
+    method: str | Estimator = "reverse-engineering",
+    *,
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Estimate:
+    """Identify links from what a black box answers: gravity and mass matrices at poses.
+
+    A black box (a manufacturer's library, a simulator) knows no friction, filters or
+    noise. The one effect is rigid_body, and no weighting applies.
+
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        As in :func:`identify`.
+    answers : BlackBox or path of its .npz file
+        q (K, n) rad or m, gravity (K, n) N m or N, mass_matrix (K, n, n) kg m^2.
+    method : str or Estimator, default "reverse-engineering"
+        Any method takes a black box but "output-error".
+    seed : int
+        Of everything random.
+    progress : callable
+        Hears where the computation stands.
+
+    Returns
+    -------
+    Estimate
+        Parameters with a certificate. There is no verdict: no torque was measured.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used.
+    """
+    problem = as_problem(problem, "identify_black_box(problem=...)")
+    data = readable(problem, answers, "identify_black_box(answers=...)")
+    if not isinstance(data, BlackBox):
+        raise InputError(
+            "identify_black_box(answers=...) are measured runs",
+            "use identify, or give the .npz of q, gravity and mass_matrix",
+        )
+    options = PoseOptions(seed=seed)
+    return estimate_parameters(problem, data, method, options, progress=progress)
+
+
+def identify_and_judge(
+    problem: str | Path | Problem,
+    measurements: Source | FilteredRuns | BlackBox,
+    method: str | Estimator = DEFAULT_METHOD,
+    *,
+    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    preprocessing: Preprocessing | None = None,
+    weighting: str = "noise",
+    seed: int = 0,
+    progress: Progress = no_progress,
+    proof: str | Path | None = None,
+    gain_uncertainty: float | Array = 0.0,
+    known_loads: Sequence[tuple[Source, float]] = (),
+    known: Mapping[str, float] | None = None,
+    instruments: str | None = None,
+    workers: Workers = ALONE,
+    noise_from: Measurements | None = None,
+    check: bool = True,
+    warn: Callable[[str], Any] = warnings.warn,
+    without_check: str = WITHOUT_CHECK,
+) -> tuple[Estimate, Comparison | None]:
+    """:func:`identify`, and the comparison with the measurements that its verdict rests
+    on: None for a black box's answers, which are no torque along a motion.
+
+    warn : hears the remarks of the check; without_check : how an error says to go on
+    without it, in words. Everything else is as in :func:`identify`.
+    """
+    problem = as_problem(problem, "identify(problem=...)")
+    data = readable(problem, measurements, "identify(measurements=...)")
+    issues: dict[str, Any] = {}
+    if check and isinstance(data, Measurements):
+        progress("checking the measurements")
+        determines_gains = bool(known_loads)
+        issues = refuse_meaningless(
+            problem, data, "identify", without_check, determines_gains, warn
+        )
+    options = PoseOptions(
+        effects=effects,
+        preprocessing=preprocessing,
+        weighting=weighting,
+        gain_uncertainty=gain_uncertainty,
+        known_loads=known_loads,
+        seed=seed,
+        known=known or {},
+        instruments=instruments,
+    )
+    runs: FilteredRuns | BlackBox
+    if isinstance(data, BlackBox):
+        runs = data
+    else:
+        log = logged(data)
+        runs = behind_filters(problem, data, preprocessing)
+    estimate = estimate_parameters(
+        problem,
+        runs,
+        method,
+        options,
+        progress=progress,
+        proof=proof,
+        workers=workers,
+    )
+    estimate.provenance.update(checked=check, checks=issues)
+    if isinstance(runs, BlackBox):
+        return estimate, None
+    judged = runs
+    if runs.settings != estimate.preprocessing:
+        judged = behind_filters(problem, log, estimate.preprocessing)
+    comparison = compare_filtered({estimate.method: estimate}, judged, noise_from)[0]
+    estimate.provenance["verdict"] = comparison.verdict.to_dict()
+    recording = noise_from or runs.measurements
+    noise = NoiseFloor(*comparison.noise, recording.data_hash)
+    estimate.provenance["noise"] = noise.to_dict()
+    return estimate, comparison
+
+
+def _warn_caller(text: str) -> None:
+    """A UserWarning at the line that called the verb."""
+    warnings.warn(text, stacklevel=5)

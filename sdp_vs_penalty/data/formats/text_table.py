@@ -1,0 +1,293 @@
+"""What a text file of measurements is made of, read off its first rows.
+
+A cheap first pass finds the separator, the decimal mark, the header and what each
+column holds: numbers, texts, lists, stamps or nothing. Only the columns that are chosen
+by their names are parsed afterwards.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+from sdp_vs_penalty.errors import InputError
+
+#: Characters that are worked on at a time; a file with a longer line is no table.
+PIECE = 1 << 20
+#: The separators that are tried, in this order; None: any number of blanks.
+DELIMITERS = (";", "\t", ",", None)
+FORMATS = "give measurements as CSV text or .npz"
+
+_STAMP = re.compile(r"(\d{4}-\d{2}-\d{2}[T ])?\d{2}:\d{2}(:\d{2}([.,]\d+)?)?.{0,6}")
+_COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+_LIST = re.compile(r"(array\()?\s*[\[(].*[\])]", re.DOTALL)
+_UNIT = re.compile(r"[\[(]?[A-Za-z%°/*·^. 0-9-]{1,12}[\])]?")
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Separator, decimal mark, header and columns of a text file.
+
+    delimiter : between cells; None for any number of blanks. names : one a column,
+    "#1", "#2" ... without a header. first : the row of the first values, from 1. kinds
+    : of each column "number", "text", "list", "stamp" or "empty", by the first rows.
+    sample : their cells. nested : lists hold the separator outside of quotes.
+    """
+
+    path: Path
+    delimiter: str | None
+    decimal: str
+    quoted: bool
+    nested: bool
+    names: tuple[str, ...]
+    has_header: bool
+    first: int
+    kinds: tuple[str, ...]
+    sample: tuple[tuple[str, ...], ...]
+
+    @property
+    def width(self) -> int:
+        """How many columns."""
+        return len(self.names)
+
+    def is_sparse(self, column: int) -> bool:
+        """Whether three of the first rows, and a twentieth of them, lack this column."""
+        cells = [row[column] for row in self.sample if len(row) == self.width]
+        return sum(not cell for cell in cells) >= max(3.0, 0.05 * len(cells))
+
+    def first_cells(self, column: int) -> list[str]:
+        """The cells of a column in the first rows, those that are not empty."""
+        cells = (row[column] for row in self.sample if len(row) > column)
+        return [cell for cell in cells if cell]
+
+
+def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Consecutive rows of a text file without their ends, and the number of the first
+    one, from 1; InputError for what is not text."""
+    row = 1
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            while text := file.read(PIECE):
+                text += file.readline(PIECE)
+                rows = text.removesuffix("\n").split("\n")
+                if "\0" in text:
+                    raise InputError("a binary file", FORMATS, path)
+                long = next(
+                    (k for k, line in enumerate(rows) if len(line) >= PIECE), None
+                )
+                if long is not None:
+                    raise InputError(
+                        f"row {row + long} is too long for a table", FORMATS, path
+                    )
+                yield row, rows
+                row += len(rows)
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text (near row {row})", FORMATS, path) from error
+
+
+def is_number(text: str, decimal: str = ".") -> bool:
+    """Whether NumPy reads it: unlike Python neither 1_000 nor the digits of other
+    scripts."""
+    text = text.replace(",", ".") if decimal == "," else text
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text and text.strip().isascii()
+
+
+def split_cells(line: str, delimiter: str | None) -> list[str]:
+    """The cells of a row, stripped; what is in quotes or brackets is one cell."""
+    if '"' not in line and "[" not in line and "(" not in line:
+        return [cell.strip() for cell in line.split(delimiter)]
+    cells, cell, depth, in_quotes = list[str](), "", 0, False
+    for c in line:
+        if c == '"':
+            in_quotes = not in_quotes
+        elif not in_quotes:
+            depth += (c in "[(") - (c in "])")
+        is_end = c.isspace() if delimiter is None else c == delimiter
+        if is_end and not in_quotes and depth <= 0:
+            cells.append(cell)
+            cell = ""
+        else:
+            cell += c
+    cells.append(cell)
+    if in_quotes or depth != 0:  # a stray bracket of a name
+        cells = line.split(delimiter)
+    if delimiter is None:
+        cells = [cell for cell in cells if cell.strip()]
+    return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def inspect_table(path: Path) -> TextTable:
+    """The table of a text file; InputError where its first row is empty or no text."""
+    with_numbers = _first_rows(path)
+    if not with_numbers or not with_numbers[0][1].strip():
+        raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
+    comments, rows = _split_comments(with_numbers)
+    lines = [line for _, line in rows]
+    delimiter = _find_delimiter([*(comments[-1:] if comments else []), *lines])
+    split = partial(split_cells, delimiter=delimiter)
+    cells = [split(line) for line in lines]
+    decimal = _find_decimal(cells, delimiter)
+    number = partial(is_number, decimal=decimal)
+    head, first = list[str](), rows[0][0] if rows else 2
+    if comments and (not cells or any(map(number, cells[0]))):
+        named = split(comments[-1])
+        head = named if not cells or len(named) == len(cells[0]) else []
+    has_header = bool(head)
+    if not head and cells and _is_header(cells, number):
+        head, has_header, cells = cells[0], True, cells[1:]
+        first = rows[1][0] if len(rows) > 1 else rows[0][0] + 1
+        if cells and len(rows) > 2 and _is_row_of_units(cells, number):
+            head = [_with_unit(name, u) for name, u in zip(head, cells[0], strict=True)]
+            cells, first = cells[1:], rows[2][0]
+    width = len(head) if has_header else len(cells[0])
+    longer = [row for row in cells if len(row) == width + 1]
+    if has_header and len(longer) == len(cells) > 0 and not any(r[-1] for r in longer):
+        head, width = [*head, ""], width + 1  # a separator at the end of each row
+    sample = tuple(tuple(row) for row in cells if any(row))
+    full = [row for row in sample if len(row) == width]
+    kinds = tuple(
+        _kind_of([row[k] for row in full if row[k]], number) for k in range(width)
+    )
+    names = head if has_header else _unnamed(kinds)
+    rows_text = lines[-len(cells) :] if cells else []
+    quoted = any('"' in line for line in rows_text)
+    nested = "list" in kinds and not quoted and (delimiter in (",", None))
+    return TextTable(
+        path,
+        delimiter,
+        decimal,
+        quoted,
+        nested,
+        tuple(names),
+        has_header,
+        first,
+        kinds,
+        sample,
+    )
+
+
+def _first_rows(path: Path) -> list[tuple[int, str]]:
+    """The first hundred rows with their numbers, without their line ends."""
+    out = list[tuple[int, str]]()
+    for number, rows in islice(_small_pieces(path), 1):
+        out += enumerate(rows[:100], start=number)
+    while out and not out[-1][1].strip() and len(out) > 1:
+        out.pop()
+    return out
+
+
+def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The first rows; all of a piece where the small one has no whole line."""
+    size = PIECE // 16
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            text = file.read(size)
+            text += file.readline(PIECE)
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text or len(text) >= PIECE:
+        yield from iter_rows(path)  # says what is wrong
+    elif text:
+        yield 1, text.removesuffix("\n").split("\n")
+
+
+def _split_comments(
+    rows: Sequence[tuple[int, str]],
+) -> tuple[list[str], list[tuple[int, str]]]:
+    """The leading lines that begin with #, without it, and the other rows."""
+    k = 0
+    while k < len(rows) and rows[k][1].lstrip().startswith(("#", "//", "% ")):
+        k += 1
+    comments = [line.lstrip().lstrip("#/%").strip() for _, line in rows[:k]]
+    return comments, [(n, line) for n, line in rows[k:] if line.strip()]
+
+
+def _find_delimiter(lines: Sequence[str]) -> str | None:
+    """The separator by which the first row has as many cells as most others."""
+    head, rows = lines[0], lines[1:21]
+    several = list[str | None]()
+    for delimiter in DELIMITERS:
+        width = len(split_cells(head, delimiter))
+        if width < 2:
+            continue
+        several.append(delimiter)
+        alike = sum(
+            len(split_cells(row, delimiter)) in (width, width + 1) for row in rows
+        )
+        if alike >= 0.5 * len(rows):
+            return delimiter
+    return several[0] if several else ","
+
+
+def _find_decimal(cells: Sequence[Sequence[str]], delimiter: str | None) -> str:
+    """The decimal mark: a comma where numbers hold one and none holds a point."""
+    flat = [cell for row in cells[:20] for cell in row]
+    commas = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for cell in flat)
+    points = sum("." in cell and is_number(cell) for cell in flat)
+    return "," if commas > points else "."
+
+
+def _is_header(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
+    """Whether the first row names columns: no numbers, or texts where numbers follow."""
+    head = cells[0]
+    if not any(number(cell) for cell in head if cell):
+        # Rows of a log without a header can hold texts and empty cells only by chance.
+        return True
+    following = cells[1] if len(cells) > 1 else []
+    if len(following) != len(head):
+        return False
+    pairs = zip(head, following, strict=True)
+    return any(a and not number(a) and number(b) for a, b in pairs)
+
+
+def _is_row_of_units(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
+    """Whether the first of these rows holds units, and numbers follow it."""
+    units, following = cells[0], cells[1] if len(cells) > 1 else []
+    if not any(units) or len(following) != len(units):
+        return False
+    are_units = all(
+        not cell or (not number(cell) and _UNIT.fullmatch(cell)) for cell in units
+    )
+    return are_units and sum(map(number, following)) > 0.5 * len(following)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """A name with its unit: "q1 [deg]"."""
+    bare = unit.strip("[]() ")
+    return f"{name} [{bare}]" if bare else name
+
+
+def _kind_of(cells: Sequence[str], number: partial[bool]) -> str:
+    """What most of the cells of one column hold; those that are empty are left out."""
+    if not cells:
+        return "empty"
+    if sum(map(number, cells)) >= 0.5 * len(cells):
+        return "number"
+    if all(_LIST.fullmatch(cell) for cell in cells[:20]):
+        return "list"
+    if all(_STAMP.fullmatch(cell) for cell in cells[:20]):
+        return "stamp"
+    return "text"
+
+
+def _unnamed(kinds: Sequence[str]) -> list[str]:
+    """Names of columns without a header: those of a JointState message where the
+    columns are its fields in order, else their numbers."""
+    texts = [k for k, kind in enumerate(kinds) if kind == "text"]
+    n = len(texts)
+    if texts[:1] == [2]:  # the frame has a name
+        texts, n = texts[1:], n - 1
+    is_message = (
+        n > 0 and texts == list(range(3, 3 + n)) and kinds[:2] == ("number", "number")
+    )
+    if is_message and len(kinds) == 3 + 4 * n:
+        fields = ("name", "position", "velocity", "effort")
+        columns = [f"{field}{k}" for field in fields for k in range(n)]
+        return ["header.stamp.sec", "header.stamp.nanosec", "frame_id", *columns]
+    return [f"#{k}" for k in range(1, len(kinds) + 1)]

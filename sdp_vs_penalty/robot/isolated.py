@@ -1,0 +1,416 @@
+"""Parsers of compiled code run in a process of their own: a broken file ends that
+process, not this one.
+
+The child is forked from this process while it has one thread, and otherwise from a
+server, which is started with the first such file and ends with this process. The child
+may take so much memory, CPU time and so many open files; it opens no socket and starts
+no program (Linux). Its answers are arrays of floating-point numbers behind a JSON head,
+through a pipe: nothing that it sends is executed.
+"""
+
+import ctypes
+import gc
+import importlib
+import json
+import os
+import platform
+import select
+import signal
+import struct
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError, Remark
+from sdp_vs_penalty.files import limited_memory, memory_for
+
+#: Arrays by their names.
+Arrays = Mapping[str, NDArray[np.float64]]
+#: The heads and arrays that a child sends.
+_Messages = Generator[tuple[dict[str, Any], Arrays], None, None]
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """What a parser may take: seconds of silence; CPU seconds, and more of them by a
+    MiB of the file; open files; bytes of one head and of one array."""
+
+    silence: float = 20.0
+    cpu: float = 5.0
+    cpu_by_mib: float = 2.0
+    open_files: int = 64
+    head: int = 2**20
+    array: int = 2**34
+
+
+_LIMITS = _Limits()
+
+
+class ParserEndedError(Exception):
+    """The child has ended without an answer; the text says by what."""
+
+
+def parse_isolated(
+    parser: Callable[..., Iterator[Arrays]],
+    path: str | Path,
+    *arguments: Any,
+    prepare: Callable[[], object] = dict,
+    seconds: float = _LIMITS.silence,
+) -> Iterator[dict[str, NDArray[np.float64]]]:
+    """What ``parser(path, *arguments)`` yields, from a child process.
+
+    Parameters
+    ----------
+    parser : a function at the level of a module of this package
+    path : the file, by whose size memory and time are limited
+    arguments : numbers, texts, None, and lists and mappings of these
+    prepare : a function at the level of a module that loads what the parser needs; it
+        runs before the child is forked
+    seconds : that the parser may be silent [s]
+
+    Yields
+    ------
+    dict : arrays by name, as the parser has yielded them
+
+    Raises
+    ------
+    InputError
+        The parser's own.
+    ParserEndedError
+        The child was ended by a signal or a limit, or the parser raised anything else.
+    MemoryError
+        The file unpacks to more than its size allows.
+    """
+    size = _size(Path(path))
+    request = {
+        "parser": [parser.__module__, parser.__qualname__],
+        "arguments": [str(path), *arguments],
+        "prepare": [prepare.__module__, prepare.__qualname__],
+        "room": memory_for(size),
+        "seconds": seconds,
+        "cpu": int(_LIMITS.cpu + _LIMITS.cpu_by_mib * size / 2**20),
+    }
+    if _is_single_threaded():
+        return _answers(_fork_and_parse(request))
+    return _answers(_ask_server(request))
+
+
+def _size(path: Path) -> int:
+    files = path.iterdir() if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files)
+
+
+def _is_single_threaded() -> bool:
+    """Whether a fork copies all that runs: other threads may hold locks for ever."""
+    if sys.platform != "linux":
+        return False
+    with suppress(OSError):
+        return len(os.listdir("/proc/self/task")) == 1
+    return False
+
+
+def _answers(
+    messages: _Messages,
+) -> Iterator[dict[str, NDArray[np.float64]]]:
+    """The arrays of messages; errors are raised, remarks made."""
+    with closing(messages):
+        for head, arrays in messages:
+            if "remark" in head:
+                warnings.warn(str(head["remark"]), Remark, stacklevel=2)
+            elif "what" in head:
+                where = Path(head["where"]) if head["is_path"] else head["where"]
+                raise InputError(str(head["what"]), str(head["remedy"]), where)
+            elif "not_installed" in head:
+                raise ImportError(str(head["not_installed"]))
+            elif "memory" in head:
+                raise MemoryError
+            elif "failed" in head:
+                raise ParserEndedError(str(head["failed"]))
+            else:
+                yield dict(arrays)
+
+
+def _fork_and_parse(
+    request: Mapping[str, Any],
+) -> _Messages:
+    """The messages of a child that does what is requested; the last one may say that it
+    failed."""
+    _function(*request["prepare"])()
+    function = _function(*request["parser"])
+    sys.stdout.flush()
+    sys.stderr.flush()
+    read_end, write_end = os.pipe()
+    child = os.fork()
+    if child == 0:
+        _be_child(function, request, write_end)
+    os.close(write_end)
+    status = None
+    try:
+        with open(read_end, "rb", buffering=0) as pipe:
+            source = _Timed(pipe, request["seconds"])
+            try:
+                while (message := _receive(source)) is not None:
+                    yield message
+            except TimeoutError:
+                limit = f"{request['seconds']:g} s"
+                yield {"failed": f"its parser gave no answer for {limit}"}, {}
+                return
+        status = os.waitpid(child, 0)[1]
+        if os.WIFSIGNALED(status):
+            yield {"failed": _reason(os.WTERMSIG(status))}, {}
+    finally:
+        if status is None:
+            with suppress(ProcessLookupError):
+                os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+
+
+def _reason(number: int) -> str:
+    if number == signal.SIGXCPU:
+        return "its parser took too long"
+    return f"its parser was ended by {signal.Signals(number).name}"
+
+
+def _function(module: str, name: str) -> Any:
+    return getattr(importlib.import_module(module), name)
+
+
+def _be_child(
+    function: Callable[..., Iterator[Arrays]],
+    request: Mapping[str, Any],
+    write_end: int,
+) -> None:
+    """Parse, answer, and end: nothing of the parent's is finished or closed twice."""
+    try:
+        gc.disable()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
+        nothing = os.open(os.devnull, os.O_RDWR)
+        for handle in range(3):
+            os.dup2(nothing, handle)
+        os.dup2(write_end, 3)
+        os.closerange(4, os.sysconf("SC_OPEN_MAX"))
+        _limit(request["cpu"])
+        with open(3, "wb") as pipe, limited_memory(request["room"]):
+            _send_answers(function, request["arguments"], pipe)
+    finally:
+        os._exit(0)
+
+
+def _send_answers(
+    function: Callable[..., Iterator[Arrays]], arguments: Sequence[Any], pipe: BinaryIO
+) -> None:
+    """Everything that a parser yields and says, one message each."""
+
+    def remark(message: Any, category: Any, *_: Any) -> None:
+        if issubclass(category, Remark):
+            _send(pipe, {"remark": str(message)})
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", Remark)
+        warnings.showwarning = remark  # type: ignore[assignment]
+        try:
+            for arrays in function(*arguments):
+                _send(pipe, {}, arrays)
+        except InputError as error:
+            is_path = isinstance(error.where, Path)
+            where = None if error.where is None else str(error.where)
+            place = {"where": where, "is_path": is_path}
+            _send(pipe, {"what": error.what, "remedy": error.remedy, **place})
+        except MemoryError:
+            _send(pipe, {"memory": True})
+        except Exception as error:
+            first = (str(error).splitlines() or [type(error).__name__])[0]
+            _send(pipe, {"failed": first[:200]})
+
+
+def _limit(cpu_seconds: int) -> None:
+    """The limits of a parser: CPU time, open files, no dump, no socket, no program."""
+    with suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds + 1))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (_LIMITS.open_files,) * 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    # The kernel's number of the architecture, and of its calls socket, connect, bind,
+    # execve, execveat, ptrace and io_uring_setup.
+    forbidden = {
+        "x86_64": (0xC000003E, (41, 42, 49, 59, 322, 101, 425)),
+        "aarch64": (0xC00000B7, (198, 203, 200, 221, 281, 117, 425)),
+    }
+    architecture, calls = forbidden.get(platform.machine(), (0, ()))
+    if sys.platform != "linux" or not calls:
+        return
+    # A filter of the kernel (seccomp): load the architecture, load the call's number,
+    # compare; what is forbidden fails with EPERM.
+    code = struct.Struct("HBBI")
+    load, jump_equal, jump_above, answer = 0x20, 0x15, 0x35, 0x06
+    allow, deny = 0x7FFF0000, 0x00050001
+    program = [
+        code.pack(load, 0, 0, 4),
+        code.pack(jump_equal, 1, 0, architecture),
+        code.pack(answer, 0, 0, deny),
+        code.pack(load, 0, 0, 0),
+        code.pack(jump_above, len(calls) + 1, 0, 0x40000000),
+    ]
+    for k, call in enumerate(calls):
+        program.append(code.pack(jump_equal, len(calls) - k, 0, call))
+    program += [code.pack(answer, 0, 0, allow), code.pack(answer, 0, 0, deny)]
+    text = ctypes.create_string_buffer(b"".join(program), 8 * len(program))
+    head = struct.pack("HP", len(program), ctypes.addressof(text))
+    kernel = ctypes.CDLL(None)
+    end_with_parent, no_new_rights, set_filter, filter_mode = 1, 38, 22, 2
+    kernel.prctl(end_with_parent, signal.SIGKILL, 0, 0, 0)
+    kernel.prctl(no_new_rights, 1, 0, 0, 0)
+    kernel.prctl(set_filter, filter_mode, ctypes.c_char_p(head), 0, 0)
+
+
+class _Timed:
+    """A pipe whose reader waits only so long for the next bytes."""
+
+    def __init__(self, pipe: Any, seconds: float) -> None:
+        self._pipe, self._seconds = pipe, seconds
+
+    def read_into(self, room: memoryview) -> int:
+        """Fill the room; fewer bytes where the pipe has ended. Raises TimeoutError."""
+        n_read, end = 0, time.monotonic() + self._seconds
+        while n_read < len(room):
+            if hasattr(select, "poll"):  # Windows waits without a limit
+                poll = select.poll()
+                poll.register(self._pipe, select.POLLIN)
+                if not poll.poll(1000.0 * max(end - time.monotonic(), 0.0)):
+                    raise TimeoutError
+            n_bytes = self._pipe.readinto(room[n_read:])
+            if not n_bytes:
+                break
+            n_read += n_bytes
+            end = time.monotonic() + self._seconds
+        return n_read
+
+
+def _send(
+    pipe: BinaryIO, head: Mapping[str, Any], arrays: Arrays | None = None
+) -> None:
+    """One message: the length of its head, the head, the numbers."""
+    blocks = {
+        name: np.ascontiguousarray(block, "<f8")
+        for name, block in (arrays or {}).items()
+    }
+    shapes = [[name, list(block.shape)] for name, block in blocks.items()]
+    text = json.dumps({**head, "arrays": shapes}).encode()
+    pipe.write(struct.pack("<Q", len(text)) + text)
+    for block in blocks.values():
+        pipe.write(block.data.cast("B") if block.size else b"")
+    pipe.flush()
+
+
+def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
+    """One message, None where the pipe has ended, whole or within a message.
+
+    Raises ParserEndedError for what is no message: a parser that was taken over can
+    send anything.
+    """
+    start = bytearray(8)
+    if source.read_into(memoryview(start)) < len(start):
+        return None
+    (length,) = struct.unpack("<Q", start)
+    if length > _LIMITS.head:
+        raise ParserEndedError("its parser sent no message")
+    text = bytearray(length)
+    if source.read_into(memoryview(text)) < length:
+        return None
+    arrays: dict[str, NDArray[np.float64]] = {}
+    try:
+        head = dict(json.loads(text))
+        shapes = [(str(name), tuple(map(int, shape))) for name, shape in head["arrays"]]
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ParserEndedError("its parser sent no message") from error
+    for name, shape in shapes:
+        n_bytes = 8 * int(np.prod([float(n) for n in shape]))
+        if len(shape) > 3 or min(shape, default=0) < 0 or n_bytes > _LIMITS.array:
+            raise ParserEndedError("its parser sent no array")
+        block = np.empty(shape, "<f8")
+        if block.size and source.read_into(block.data.cast("B")) < block.nbytes:
+            return None
+        arrays[name] = block
+    return head, arrays
+
+
+class _Server:
+    """A process with one thread that forks the children of a process with several."""
+
+    def __init__(self) -> None:
+        home = str(Path(__file__).parents[2])
+        code = (
+            f"import sys; sys.path.append({home!r});"
+            " from sdp_vs_penalty.robot.isolated import serve; serve()"
+        )
+        options: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        command = [sys.executable, "-P", "-c", code]
+        self.process = subprocess.Popen(command, bufsize=0, **options)
+        self.owner = os.getpid()
+
+
+#: Servers that do nothing; a call takes one of them, or starts one.
+_idle: list[_Server] = []
+
+
+def _idle_server() -> _Server:
+    while _idle:
+        server = _idle.pop()
+        if server.owner == os.getpid() and server.process.poll() is None:
+            return server
+    return _Server()
+
+
+def _ask_server(
+    request: Mapping[str, Any],
+) -> _Messages:
+    """The messages of a child of a server's."""
+    server, is_done = _idle_server(), False
+    try:
+        server.process.stdin.write(json.dumps(request).encode() + b"\n")  # type: ignore[union-attr]
+        # The server itself ends a silent parser; it takes seconds to start.
+        source = _Timed(server.process.stdout, request["seconds"] + 30.0)
+        while (message := _receive(source)) is not None:
+            if "end" in message[0]:
+                is_done = True
+                return
+            yield message
+        yield {"failed": "its parser has ended"}, {}
+    except (BrokenPipeError, TimeoutError):
+        yield {"failed": "its parser has ended"}, {}
+    finally:
+        if is_done:
+            _idle.append(server)
+        else:  # what it still sends would answer the next request
+            server.process.kill()
+            server.process.wait()
+
+
+def serve() -> None:
+    """Of the server: a request a line on stdin, messages on stdout, until stdin
+    ends."""
+    pipe = sys.stdout.buffer
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for line in sys.stdin.buffer:
+        request = json.loads(line)
+        if hasattr(os, "fork"):
+            try:
+                for head, arrays in _fork_and_parse(request):
+                    _send(pipe, head, arrays)
+            except ImportError as error:
+                _send(pipe, {"not_installed": str(error)})
+        else:  # a broken file ends this server, and the next call starts another one
+            function = _function(*request["parser"])
+            _send_answers(function, request["arguments"], pipe)
+        _send(pipe, {"end": True})

@@ -1,0 +1,173 @@
+"""Triangles of a mesh file, read by assimp in a process of its own.
+
+assimp opens what a mesh names (materials, textures, buffers) wherever it lies. It is
+therefore handed a copy that names nothing: of an OBJ the lines of its geometry; of a
+glTF its geometry with the buffers inside. Only formats whose suffix alone decides the
+reader are read.
+"""
+
+import base64
+import binascii
+import json
+import struct
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError, Remark
+from sdp_vs_penalty.files import LARGEST_TEXT, read_bytes
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.isolated import ParserEndedError, parse_isolated
+
+#: What a glTF's geometry is made of.
+_GLTF_PARTS = "asset", "scene", "scenes", "nodes", "meshes", "accessors", "bufferViews"
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """vertices (k, 3) [m]; triangles (m, 3), three rows of vertices each, none where
+    they were not asked for; volume that they enclose [m^3], meaningless where the
+    surface is open."""
+
+    vertices: Array
+    triangles: Array
+    volume: float
+
+
+def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | None:
+    """A mesh file, times scale (3,); None, with a remark, where it cannot be read."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix not in _COPIES:
+            raise ValueError(f"{suffix or 'no suffix'} is not read")
+        text = _COPIES[suffix](path, read_bytes(path, LARGEST_TEXT))
+        with tempfile.TemporaryDirectory() as folder:
+            # The copy of a binary glTF is a text one.
+            copy = Path(folder) / f"mesh{'.gltf' if suffix == '.glb' else suffix}"
+            copy.write_bytes(text)
+            factors = [float(x) for x in scale]
+            (found,) = parse_isolated(
+                mesh_of, copy, factors, triangles, prepare=load_coal
+            )
+    except (
+        InputError,
+        LookupError,
+        MemoryError,
+        OSError,
+        ParserEndedError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
+        why = error.what if isinstance(error, InputError) else error
+        why = "too much memory" if isinstance(error, MemoryError) else why
+        what = f"{path}: this mesh is left out ({str(why)[:200]})"
+        warnings.warn(what, Remark, stacklevel=2)
+        return None
+    return Mesh(found["vertices"], found["triangles"], abs(float(found["volume"][0])))
+
+
+def load_coal() -> None:
+    """What :func:`mesh_of` needs."""
+    import coal  # noqa: F401
+
+
+def mesh_of(
+    path: str, scale: list[float], has_triangles: bool
+) -> Iterator[dict[str, Array]]:
+    """Vertices (k, 3), triangles (m, 3) and volume (1,) of a file; a broken one can end
+    this process."""
+    import coal
+
+    try:
+        model = coal.MeshLoader().load(path, np.array(scale))
+    except (RuntimeError, ValueError) as error:
+        remedy = "export it as STL"
+        raise InputError("assimp cannot read it", remedy, path) from error
+    corners = [
+        [corner[k] for k in range(3)]
+        for corner in (
+            model.tri_indices(k) for k in range(has_triangles * model.num_tris)
+        )
+    ]
+    yield {
+        "vertices": np.array(model.vertices(), float).reshape(-1, 3),
+        "triangles": np.array(corners, float).reshape(-1, 3),
+        "volume": np.array([float(model.computeVolume())]),
+    }
+
+
+def _as_it_is(_: Path, content: bytes) -> bytes:
+    return content
+
+
+def _obj_geometry(_: Path, content: bytes) -> bytes:
+    """The lines of vertices and faces, and those that go on with one."""
+    lines = content.replace(b"\0", b"\n").replace(b"\f", b"\n").splitlines()
+    geometry = tuple(b"v f 0 1 2 3 4 5 6 7 8 9 + - . \\".split())
+    return b"\n".join(x for x in lines if x.lstrip().startswith(geometry))
+
+
+def _gltf_geometry(path: Path, content: bytes) -> bytes:
+    """A glTF without materials and textures, its buffers inside.
+
+    Raises LookupError, TypeError or ValueError for what is none, and InputError for a
+    buffer that cannot be read or lies outside of the mesh's folder.
+    """
+    inside = b""
+    if content[:4] == b"glTF":
+        n_json = struct.unpack_from("<I", content, 12)[0]
+        inside = content[20 + n_json + 8 :]
+        content = content[20 : 20 + n_json]
+    document = json.loads(content)
+    geometry = {name: document[name] for name in _GLTF_PARTS if name in document}
+    for mesh in geometry.get("meshes", []):
+        mesh["primitives"] = [
+            {k: x for k, x in part.items() if k in ("attributes", "indices", "mode")}
+            for part in mesh["primitives"]
+        ]
+    buffers = [
+        _buffer(path, buffer.get("uri"), inside) for buffer in document["buffers"]
+    ]
+    head = "data:application/octet-stream;base64,"
+    geometry["buffers"] = [
+        {"byteLength": len(x), "uri": head + base64.b64encode(x).decode()}
+        for x in buffers
+    ]
+    return json.dumps(geometry).encode()
+
+
+def _buffer(path: Path, uri: Any, inside: bytes) -> bytes:
+    if uri is None:
+        return inside
+    if uri.startswith("data:"):
+        try:
+            return base64.b64decode(uri.partition(",")[2], validate=True)
+        except binascii.Error as error:
+            raise ValueError(f"a buffer: {error}") from error
+    folder = path.resolve().parent
+    place = (folder / uri).resolve()
+    if not place.is_relative_to(folder):
+        raise InputError(
+            f"the buffer {uri!r} lies elsewhere", "keep it in the mesh's folder", path
+        )
+    return read_bytes(place, LARGEST_TEXT)
+
+
+#: What assimp is handed of a file, by its suffix.
+_COPIES: dict[str, Callable[[Path, bytes], bytes]] = {
+    ".3ds": _as_it_is,
+    ".dae": _as_it_is,
+    ".fbx": _as_it_is,
+    ".glb": _gltf_geometry,
+    ".gltf": _gltf_geometry,
+    ".obj": _obj_geometry,
+    ".off": _as_it_is,
+    ".ply": _as_it_is,
+    ".stl": _as_it_is,
+}

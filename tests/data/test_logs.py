@@ -1,0 +1,219 @@
+"""Logs as other programs write them: separators, decimal marks, stamps, names, lists,
+columns that nobody needs, no clock; the same numbers come out of all of them."""
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import run_cli
+from logger_samples import HOME, SAMPLES, sample_run
+from recorded import refusal
+from scipy.io import savemat
+
+from sdp_vs_penalty import convert, load_measurements
+from sdp_vs_penalty.data import read_run
+from sdp_vs_penalty.data.formats.recognition import LOGGERS, recognise
+from sdp_vs_penalty.errors import Remark
+
+JOINTS = ("joint1", "joint2")
+RUN = sample_run()
+#: What a file keeps of the numbers: floats of 32 bits.
+COARSE = {"lerobot.parquet": 2e-6}
+
+
+def read_sample(name: str) -> tuple[object, str]:
+    """A sample's run, and the remarks about it."""
+    with pytest.warns(Remark) as heard:
+        run = read_run(HOME / name, 2, JOINTS)
+    return run, " ".join(str(w.message) for w in heard)
+
+
+def test_every_logger_of_the_table_has_its_sample():
+    assert {logger["sample"] for logger in LOGGERS} <= set(SAMPLES)
+    assert {path.name for path in HOME.iterdir()} == set(SAMPLES)
+    assert all(logger["source"] for logger in LOGGERS)
+
+
+@pytest.mark.parametrize("name", sorted(set(SAMPLES) - {"lerobot.parquet"}))
+def test_a_sample_is_what_its_logger_writes(name, tmp_path):
+    SAMPLES[name](tmp_path / name, RUN)
+    assert (tmp_path / name).read_bytes() == (HOME / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_the_same_motion_comes_out_of_every_log(name):
+    run, said = read_sample(name)
+    atol = COARSE.get(name, 1e-8)
+    np.testing.assert_allclose(run.q, RUN.q, atol=atol)
+    np.testing.assert_allclose(run.tau, RUN.tau, atol=20.0 * atol)
+    assert "columns recognised" in said
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_the_clock_of_every_log_goes_at_its_rate(name):
+    run, _ = read_sample(name)
+    steps = np.diff(run.t)
+    np.testing.assert_allclose(steps[np.abs(steps - 0.02) < 0.1], 0.02, atol=1e-6)
+
+
+@pytest.mark.parametrize("logger", LOGGERS, ids=lambda logger: logger["name"])
+def test_a_logger_is_called_by_its_name(logger):
+    _, said = read_sample(logger["sample"])
+    assert f"columns recognised ({logger['name']})" in said
+
+
+@pytest.mark.parametrize(
+    "name", sorted(set(SAMPLES) - {"lerobot.parquet", "lists.csv"})
+)
+def test_the_printed_command_reads_the_same(name, tmp_path, monkeypatch):
+    run, said = read_sample(name)
+    (command,) = re.findall("the same by `sdp-vs-penalty (.*?)`", said)
+    monkeypatch.chdir(tmp_path)
+    assert run_cli(*shlex.split(command)) == 0
+    again = load_measurements("run.csv")
+    np.testing.assert_allclose(again.q, run.q, rtol=1e-10)
+    np.testing.assert_allclose(again.t, run.t, rtol=1e-10)
+
+
+def test_every_sample_goes_from_convert_through_check_to_identify(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for name in SAMPLES:
+        convert_ = ("convert", HOME / name, "--problem", "two_link", "--out", "a.csv")
+        assert run_cli(*convert_) == 0, name
+        assert run_cli("check", "a.csv", "--problem", "two_link") == 0, name
+        options = ("--method", "ols", "--out", "m.json")
+        assert run_cli("identify", "two_link", "--data", "a.csv", *options) == 0, name
+
+
+def test_joints_that_are_called_otherwise_keep_the_order_of_the_file():
+    with pytest.warns(Remark, match="in the file's order"):
+        run = read_run(HOME / "ros2_echo.csv", 2, ("shoulder", "elbow"))
+    np.testing.assert_allclose(run.q, RUN.q[:, ::-1])
+
+
+def table(path: Path, head: str, rows: np.ndarray, mark: str = ",") -> Path:
+    lines = [mark.join(f"{x:.10g}" for x in row) for row in rows]
+    path.write_text("\n".join([head, *lines]) + "\n")
+    return path
+
+
+BARE = np.column_stack([RUN.q, RUN.dq, RUN.tau])
+HEAD = "q1,q2,dq1,dq2,tau1,tau2"
+
+
+def test_without_a_clock_the_rate_is_proposed_from_velocities(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table(Path("bare.csv"), HEAD, BARE)
+    said = refusal(lambda: load_measurements("bare.csv"), "no column t")
+    (command,) = re.findall("`sdp-vs-penalty (.*?)`", said)
+    assert "--rate 50" in command
+    assert run_cli(*shlex.split(command)) == 0
+    np.testing.assert_allclose(load_measurements("run.csv").t, RUN.t, atol=1e-9)
+
+
+def test_without_velocities_the_rate_is_asked_for(tmp_path):
+    path = table(tmp_path / "bare.csv", "q1,q2,tau1,tau2", BARE[:, [0, 1, 4, 5]])
+    refusal(lambda: load_measurements(path), "--rate HZ")
+
+
+def test_a_rate_stands_for_the_clock_in_every_format(tmp_path):
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    columns = dict(zip(HEAD.split(","), BARE.T, strict=True))
+    table(tmp_path / "a.csv", HEAD, BARE)
+    table(tmp_path / "headless.csv", ",".join(f"{x:.10g}" for x in BARE[0]), BARE[1:])
+    np.savez(tmp_path / "a.npz", **columns)
+    savemat(tmp_path / "a.mat", columns)
+    parquet.write_table(arrow.table(columns), tmp_path / "a.parquet")
+    table(tmp_path / "named.csv", HEAD.replace("q", "x"), BARE)
+    for path in sorted(tmp_path.iterdir()):
+        rename = {"q*": "x*", "tau*": "tau*"} if path.stem == "named" else None
+        run = convert(path, rate=50.0, rename=rename)
+        np.testing.assert_allclose(run.t, RUN.t, atol=1e-9, err_msg=path.name)
+        np.testing.assert_allclose(run.q, RUN.q, err_msg=path.name)
+    refusal(lambda: convert(tmp_path / "a.csv", rate=-1.0), "not a frequency")
+
+
+def test_columns_that_nobody_chose_may_hold_anything(tmp_path):
+    path = tmp_path / "run.csv"
+    rows = [
+        ",".join([f"{t:.10g}", "ok", "", f"{q:.10g}", f"{tau:.10g}", "{1;2}"])
+        for t, q, tau in zip(RUN.t, RUN.q[:, 0], RUN.tau[:, 0], strict=True)
+    ]
+    path.write_text("\n".join(["t,mode,note,q1,tau1,extra", *rows]))
+    with pytest.warns(Remark, match="not used: mode, note, extra"):
+        run = load_measurements(path)
+    np.testing.assert_allclose(run.q[:, 0], RUN.q[:, 0])
+
+
+def test_a_chosen_column_of_words_is_named_once(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t,q1,tau1\n" + "".join(f"0.{k},0.1,off\n" for k in range(1, 9)))
+    refusal(lambda: load_measurements(path), "column tau1 is never a number", "'off'")
+
+
+def test_a_channel_that_is_never_a_number_is_named_once(tmp_path):
+    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
+    rows[:, 4] = np.nan
+    path = table(tmp_path / "run.csv", "t,q1,q2,tau1,tau2", rows)
+    refusal(
+        lambda: read_run(path), "column tau2 is never a number", "nothing to repair"
+    )
+
+
+def test_velocities_that_are_never_numbers_are_left_out(tmp_path):
+    rows = np.column_stack([RUN.t, RUN.q, np.full_like(RUN.q, np.nan), RUN.tau])
+    path = table(tmp_path / "run.csv", "t,q1,q2,dq1,dq2,tau1,tau2", rows)
+    with pytest.warns(Remark, match="dq is left out"):
+        assert load_measurements(path).dq is None
+
+
+def test_topics_with_stamps_of_their_own_come_together(tmp_path):
+    """Efforts a fifth of a period after the positions."""
+    rows = ["t,q1,q2,tau1,tau2"]
+    for t, q, tau in zip(RUN.t, RUN.q, RUN.tau, strict=True):
+        rows += [f"{t:.6f},{q[0]},{q[1]},,", f"{t + 0.004:.6f},,,{tau[0]},{tau[1]}"]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(rows))
+    with pytest.warns(Remark, match="400 rows without all channels"):
+        run = load_measurements(path)
+    np.testing.assert_allclose(run.tau, RUN.tau)
+
+
+@pytest.mark.parametrize("mark", [";", "\t", " ", "  "])
+def test_separators(mark, tmp_path):
+    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
+    head = mark.join(["t", "q1", "q2", "tau1", "tau2"])
+    run = load_measurements(table(tmp_path / "run.txt", head, rows, mark))
+    np.testing.assert_allclose(run.tau, RUN.tau)
+
+
+def test_joints_of_the_robot_that_a_log_lacks_do_not_change_the_order():
+    columns = [
+        "time",
+        *(f"{j}_position" for j in "bca"),
+        *(f"{j}_effort" for j in "bca"),
+    ]
+    found = recognise(columns, ["a", "b", "c", "finger"])
+    assert [found.rename[f"q{k}"][0] for k in (1, 2, 3)] == ["a", "b", "c"]
+
+
+def test_commands_quote_what_a_shell_would_read(tmp_path):
+    path = table(tmp_path / "my $(run).csv", HEAD, BARE)
+    said = refusal(lambda: load_measurements(path), "--rate 50")
+    (command,) = re.findall("`sdp-vs-penalty (.*?)` \\(", said)
+    assert shlex.split(command)[1] == str(path)
+
+
+def test_columns_are_chosen_by_their_numbers_without_a_header(tmp_path):
+    rows = np.column_stack([RUN.t, RUN.q, RUN.tau])
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(",".join(map(str, row)) for row in rows.tolist()))
+    refusal(lambda: load_measurements(path), "row 1 holds numbers instead of a header")
+    pairs = {"t": "#1", "q1": "#2", "q2": "#3", "tau1": "#4", "tau2": "#5"}
+    np.testing.assert_array_equal(convert(path, rename=pairs).tau, RUN.tau)

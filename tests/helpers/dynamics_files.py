@@ -1,0 +1,95 @@
+"""Who reads the files of dynamics that are exported, and the torque that each makes."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import urdfdom_torque
+from lxml import etree
+
+from sdp_vs_penalty.robot import Robot, load_urdf
+
+Rows = np.ndarray
+Torques = Callable[[Path, Robot, Rows, Rows, Rows], Rows]
+
+
+def of_the_file(path: Path, robot: Robot, dq: Rows, ddq: Rows) -> Rows:
+    """Damping, dry friction and (Drake's) rotors that a URDF writes."""
+    root = etree.parse(str(path)).getroot()
+    joints, rotors = root.findall("joint"), np.zeros(robot.n)
+    for own in root.findall("transmission"):
+        at = robot.joint_names.index(own.find("joint").get("name"))
+        rotors[at] = float(
+            own.find("actuator/{http://drake.mit.edu}rotor_inertia").get("value")
+        )
+    written = {j.get("name"): j.find("dynamics") for j in joints}
+    rows = [
+        [float(written[j.name].get(key)) for key in ("damping", "friction")]
+        for j in robot.joints
+    ]
+    damping, friction = np.array(rows).T
+    return damping * dq + friction * np.tanh(dq / 0.01) + rotors * ddq
+
+
+def by_urdfdom(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+    return urdfdom_torque(path, robot, q, dq, ddq) + of_the_file(path, robot, dq, ddq)
+
+
+def by_our_reader(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+    ours, links = load_urdf(path, robot.gravity)
+    order = [[j.name for j in ours.joints].index(j.name) for j in robot.joints]
+    back = np.argsort(order)
+    made = ours.inverse_dynamics(links.ravel(), q[:, back], dq[:, back], ddq[:, back])
+    return made[:, order] + of_the_file(path, robot, dq, ddq)
+
+
+def by_mujoco(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+    """MuJoCo's own inverse dynamics: links, armature and damping; dry friction is a
+    soft constraint there, so that only its size is taken."""
+    mujoco = pytest.importorskip("mujoco", minversion="3.0")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    at = [model.joint(j.name).dofadr[0] for j in robot.joints]
+    for j in robot.joints:
+        if np.isfinite(j.effort):
+            assert model.actuator(j.name).ctrlrange.tolist() == [-j.effort, j.effort]
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data, made = mujoco.MjData(model), np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[at], data.qvel[at], data.qacc[at] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        made[k] = data.qfrc_inverse[at]
+    return made + model.dof_frictionloss[at] * np.tanh(dq / 0.01)
+
+
+def by_c(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    (function,) = re.findall(r"static inline void (\w+_torque)\(", path.read_text())
+    assert function == f"{re.sub(r'[^a-zA-Z0-9]', '_', robot.name)}_torque"
+    source, library = path.with_suffix(".c"), path.with_suffix(".so")
+    source.write_text(
+        f'#include "{path.name}"\nvoid torque(double *q, double *v, double *a, double'
+        f" *t) {{ {function}(q, v, a, t); }}"
+    )
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC"]
+    subprocess.run(["cc", *strict, str(source), "-o", str(library), "-lm"], check=True)
+    loaded, out = ctypes.CDLL(str(library)), np.zeros_like(q)
+    for row in zip(q, dq, ddq, out, strict=True):
+        loaded.torque(
+            *(np.ascontiguousarray(x).ctypes.data_as(ctypes.c_void_p) for x in row)
+        )
+    return out
+
+
+#: By ending: who reads the file, and what it has no place for.
+READERS: dict[str, tuple[tuple[Torques, ...], tuple[str, ...]]] = {
+    ".urdf": ((by_urdfdom, by_our_reader), ("rotor_inertia", "torque_offset")),
+    ".drake.urdf": ((by_urdfdom, by_our_reader), ("torque_offset",)),
+    ".xml": ((by_mujoco,), ("torque_offset",)),
+    ".h": ((by_c,), ()),
+}

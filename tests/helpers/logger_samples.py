@@ -1,0 +1,215 @@
+"""One small log of a two-joint arm as each logger writes it; by ``python
+tests/helpers/logger_samples.py`` they are written to tests/data/logs.
+
+The same numbers in all of them, so that a test can compare what is read.
+"""
+
+import datetime
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from small_runs import small_run
+
+from sdp_vs_penalty import Measurements, load_problem
+
+HOME = Path(__file__).parents[1] / "data" / "logs"
+#: When the logs with stamps of the day begin [s since 1970].
+START = 1_740_000_000
+JOINTS = ("joint_1", "joint_2")
+
+
+def sample_run() -> Measurements:
+    """Eight seconds of the two-link arm at 50 Hz, of five decimals."""
+    run = small_run(load_problem("two_link"), seconds=8.0, rate=50.0)
+    q, dq, tau = (np.round(x, 5) for x in (run.q, run.dq, run.tau))
+    return Measurements(np.round(run.t, 6), q, tau, dq)
+
+
+def _write(
+    path: Path, head: Sequence[str] | None, columns: Sequence[object], mark: str = ","
+) -> None:
+    """Columns of texts or numbers as one text table."""
+    rows = zip(*(map(_cell, column) for column in columns), strict=True)  # type: ignore[call-overload]
+    lines = [] if head is None else [mark.join(head)]
+    path.write_text("\n".join([*lines, *map(mark.join, rows)]) + "\n")
+
+
+def _cell(x: object) -> str:
+    return x if isinstance(x, str) else f"{x:.10g}"
+
+
+def _numbered(*patterns: str) -> list[str]:
+    """Names by patterns like "q_{}", counted from 0."""
+    return [pattern.format(k) for pattern in patterns for k in range(2)]
+
+
+def _blocks(*blocks: np.ndarray) -> list[np.ndarray]:
+    return [column for block in blocks for column in block.T]
+
+
+def rtde(path: Path, run: Measurements) -> None:
+    names = _numbered("actual_q_{}", "actual_qd_{}", "actual_current_{}", "target_q_{}")
+    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau, run.q + 1e-4)]
+    _write(path, ["timestamp", *names], columns, " ")
+
+
+def rostopic(path: Path, run: Measurements) -> None:
+    fields = _numbered(*(f"field.{x}{{}}" for x in ("position", "velocity", "effort")))
+    stamps = [str(START * 10**9 + round(1e9 * t)) for t in run.t]
+    names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
+    blocks = _blocks(*(x[:, ::-1] for x in (run.q, run.dq, run.tau)))
+    empty = [""] * len(run.t)
+    head = ["%time", "field.header.frame_id", *_numbered("field.name{}"), *fields]
+    _write(path, head, [stamps, empty, *names, *blocks])
+
+
+def ros2_echo(path: Path, run: Measurements) -> None:
+    seconds, nanoseconds = _two_parts(run)
+    names = [[joint] * len(run.t) for joint in JOINTS[::-1]]
+    blocks = _blocks(*(x[:, ::-1] for x in (run.q, run.dq, run.tau)))
+    _write(path, None, [seconds, nanoseconds, [""] * len(run.t), *names, *blocks])
+
+
+def bagpy(path: Path, run: Measurements) -> None:
+    seconds, nanoseconds = _two_parts(run)
+    names = [[joint] * len(run.t) for joint in JOINTS]
+    head = ["Time", "header.seq", "header.stamp.secs", "header.stamp.nsecs"]
+    head += _numbered("name_{}", "position_{}", "velocity_{}", "effort_{}")
+    late = [f"{START + t + 0.001:.4f}" for t in run.t]
+    blocks = _blocks(run.q, run.dq, run.tau)
+    count = list(range(len(run.t)))
+    _write(path, head, [late, count, seconds, nanoseconds, *names, *blocks])
+
+
+def flattened(path: Path, run: Measurements) -> None:
+    seconds, nanoseconds = _two_parts(run)
+    fields = [f"{joint}_{x}" for x in ("position", "effort") for joint in JOINTS]
+    head = ["header.stamp.sec", "header.stamp.nanosec", *fields]
+    _write(path, head, [seconds, nanoseconds, *_blocks(run.q, run.tau)])
+
+
+def mujoco(path: Path, run: Measurements) -> None:
+    head = ["time", *_numbered("qpos_{}", "qvel_{}", "qfrc_actuator_{}")]
+    _write(path, head, [run.t, *_blocks(run.q, run.dq, run.tau)])
+
+
+def franka(path: Path, run: Measurements) -> None:
+    fields = ("state.q[{}]", "state.q_d[{}]", "state.dq[{}]", "state.tau_J[{}]")
+    head = ["time", "success_rate", *_numbered(*fields)]
+    blocks = _blocks(run.q, run.q + 1e-4, run.dq, run.tau)
+    _write(path, head, [1e3 * run.t, np.ones(len(run.t)), *blocks])
+
+
+def franka_old(path: Path, run: Measurements) -> None:
+    fields = ("q[{}]", "q_d[{}]", "dq[{}]", "tau_J[{}]", "tau_ext_hat_filtered[{}]")
+    head = ["duration", " success rate", *_numbered(*fields)]
+    blocks = _blocks(run.q, run.q + 1e-4, run.dq, run.tau, 0.1 * run.tau)
+    _write(path, head, [1e3 * run.t, np.ones(len(run.t)), *blocks], ", ")
+
+
+def plotjuggler(path: Path, run: Measurements) -> None:
+    """Sparse: every row belongs to one of two topics."""
+    head = ["__time"]
+    head += [f"/joint_states/{j}/{x}" for j in JOINTS for x in ("position", "effort")]
+    rows = [",".join([*head, "/battery/voltage"])]
+    for k, t in enumerate(run.t):
+        q, tau = run.q[k], run.tau[k]
+        cells = [f"{START + t:.6f}", q[0], tau[0], q[1], tau[1]]
+        rows.append(",".join(map(str, cells)) + ",")
+        rows.append(f"{START + t + 0.004:.6f},,,,,{24.0 + 0.01 * k:.2f}")
+    path.write_text("\n".join(rows) + "\n")
+
+
+def lerobot(path: Path, run: Measurements) -> None:
+    """Two episodes, positions in degrees."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    half = len(run.t) // 2
+    episode = np.arange(len(run.t)) // half
+    degrees = np.degrees(run.q).astype(np.float32)
+    columns = {
+        "action": list(degrees),
+        "observation.state": list(degrees),
+        "observation.effort": list(run.tau.astype(np.float32)),
+        "timestamp": (run.t - half / 50.0 * episode).astype(np.float32),
+        "frame_index": np.arange(len(run.t)) % half,
+        "episode_index": episode,
+        "task": ["lift"] * len(run.t),
+    }
+    parquet.write_table(arrow.table(columns), path)
+
+
+def zero_based(path: Path, run: Measurements) -> None:
+    head = ["t", *_numbered("q{}", "tau{}")]
+    _write(path, head, [run.t, *_blocks(run.q, run.tau)])
+
+
+def iso(path: Path, run: Measurements) -> None:
+    begin = datetime.datetime(2025, 5, 1, 12)
+    stamps = [
+        (begin + datetime.timedelta(seconds=float(t))).isoformat(" ", "milliseconds")
+        for t in run.t
+    ]
+    head = ["time", "q1", "q2", "tau1", "tau2"]
+    _write(path, head, [stamps, *_blocks(run.q, run.tau)])
+
+
+def lists(path: Path, run: Measurements) -> None:
+    """As pandas writes cells of arrays."""
+    cells = [
+        [f'"[{row[0]:.10g}, {row[1]:.10g}]"' for row in block]
+        for block in (run.q, run.dq, run.tau)
+    ]
+    names = ["\"['joint_1', 'joint_2']\""] * len(run.t)
+    head = ["time", "name", "position", "velocity", "effort"]
+    _write(path, head, [run.t, names, *cells])
+
+
+def decimal_comma(path: Path, run: Measurements) -> None:
+    """As a German spreadsheet writes it, with a row of units."""
+    rows = ["t;q1;q2;tau1;tau2", "s;deg;deg;Nm;Nm"]
+    for k, t in enumerate(run.t):
+        cells = [t, *np.degrees(run.q[k]), *run.tau[k]]
+        rows.append(";".join(f"{x:.8g}".replace(".", ",") for x in cells))
+    path.write_text("\n".join(rows) + "\n")
+
+
+def commented(path: Path, run: Measurements) -> None:
+    """As numpy.savetxt writes a header."""
+    head = "# " + " ".join(["t", *_numbered("q_{}", "dq_{}", "tau_{}")])
+    values = np.column_stack([run.t, run.q, run.dq, run.tau])
+    np.savetxt(path, values, "%.10g", header=head[2:])
+
+
+def _two_parts(run: Measurements) -> tuple[list[str], list[str]]:
+    """Stamps as seconds and nanoseconds."""
+    whole = [START * 10**9 + round(1e9 * t) for t in run.t]
+    return [str(x // 10**9) for x in whole], [str(x % 10**9) for x in whole]
+
+
+#: What writes each file of tests/data/logs.
+SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
+    "rtde.csv": rtde,
+    "rostopic.csv": rostopic,
+    "ros2_echo.csv": ros2_echo,
+    "bagpy.csv": bagpy,
+    "flattened.csv": flattened,
+    "mujoco.csv": mujoco,
+    "franka.csv": franka,
+    "franka_old.csv": franka_old,
+    "plotjuggler.csv": plotjuggler,
+    "lerobot.parquet": lerobot,
+    "zero_based.csv": zero_based,
+    "iso.csv": iso,
+    "lists.csv": lists,
+    "decimal_comma.csv": decimal_comma,
+    "commented.csv": commented,
+}
+
+if __name__ == "__main__":
+    HOME.mkdir(exist_ok=True)
+    for name in sys.argv[1:] or SAMPLES:
+        SAMPLES[name](HOME / name, sample_run())
