@@ -89,7 +89,9 @@ def run_case(case: Case) -> Row:
         return Row(case.key, "", True, str(error), "", "", "", "", 0.0)
     spent = time.process_time() - begin
     truth = " ".join([*(h.effect for h in built.hidden), case.kind, case.nuisance])
-    said = {(f.kind, f.where): f for r in reports for f in r.problems}.values()
+    said = {
+        (f.kind, f.where): f for r in reports for f in r.errors_and_warnings
+    }.values()
     false, true, arm, errors, facts = [], [], [], [], []
     for f in said:
         text = f"{f.kind} ({f.where})"

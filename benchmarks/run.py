@@ -46,12 +46,12 @@ from sdp_vs_penalty import (
 )
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.estimation.build_problem import build_problem, read_and_filter
 from sdp_vs_penalty.estimation.identify import (
     build_estimate,
     estimate_parameters,
     versions,
 )
-from sdp_vs_penalty.estimation.pose import pose, read_and_filter
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
@@ -117,7 +117,7 @@ def text(problem: Problem, folder: Path) -> list[Row]:
         "neither checks the data; theirs: every 28th sample, Pinocchio, CVXPY; no"
         " certificate"
     )
-    posed, method = pose(problem, run), LmiSdp()
+    posed, method = build_problem(problem, run), LmiSdp()
     fit = method.fit(posed.task)
     again = partial(
         replace, posed.task
@@ -162,7 +162,7 @@ def text(problem: Problem, folder: Path) -> list[Row]:
 def fits(problem: Problem, run: Measurements) -> list[Row]:
     """Compressed data to a certified fit, by the default and by Clarabel in the same
     loop."""
-    tasks = {"the measured Panda": pose(problem, run).task}
+    tasks = {"the measured Panda": build_problem(problem, run).task}
     tasks |= {f"{n} links": chain_task(n) for n in (7, 20, 60)}
     rows, methods = [], (LmiSdp(), LmiSdp(solver="clarabel"))
     for name, task in tasks.items():

@@ -3,7 +3,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from sdp_vs_penalty.plugins import surface
+from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.version import __version__
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ _NAMES = {
     "simulation.follow": "follow",
     "simulation.hidden_runs": "simulate",
 }
-_found = surface(__name__, **_NAMES)
+_found = lazy_exports(__name__, **_NAMES)
 __all__ = ["__version__", "effects", *" ".join(_NAMES.values()).split()]
 
 

@@ -375,7 +375,7 @@ def lives(process: int) -> bool:
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
+def folder_lock(folder: Path) -> Iterator[None]:
     """While this runs, no other command adds its results to this folder; the lock ends
     with the process.
     A folder that was made for it goes again where nothing was written there.
@@ -423,7 +423,7 @@ def problems_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "problems"
 
 
-class Plain:
+class JsonRecord:
     """A dataclass of numbers, texts, arrays, other ``Plain`` ones, and tuples and
     mappings of these."""
 
@@ -448,7 +448,7 @@ class Plain:
         return cls(**{name: _restored(kinds[name], data[name]) for name in there})
 
 
-class Sparse(Plain):
+class JsonRecordSkippingNone(JsonRecord):
     """The same, without fields that hold nothing: infinite limits, what a robot lacks."""
 
     def to_dict(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
     )
 
 
-def named(
+def load_class(
     kind: str,
     package: str,
     path: Iterable[str],
@@ -66,7 +66,7 @@ def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
     return dict(sorted(out.items()))
 
 
-def surface(package: str, **homes: str) -> Callable[[str], Any]:
+def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:
     """A package's ``__getattr__`` for the names that others use, by the module that has
     them; imported when it is asked for, so that nobody pays for what he does not use.
     """

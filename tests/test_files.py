@@ -201,6 +201,6 @@ def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(InputError, match="cannot be written"),
-        files.alone(tmp_path / "file" / "out"),
+        files.folder_lock(tmp_path / "file" / "out"),
     ):
         pass

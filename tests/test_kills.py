@@ -22,7 +22,7 @@ from commands import HOME
 from small_runs import small_run, write_run
 
 from sdp_vs_penalty import InputError, identify, load_problem
-from sdp_vs_penalty.files import alone
+from sdp_vs_penalty.files import folder_lock
 
 psutil = pytest.importorskip(
     "psutil", reason="it counts the processes: install the extra [test]"
@@ -123,9 +123,9 @@ def test_a_command_that_is_killed_leaves_nothing_and_runs_again(name, tmp_path):
 
 def test_of_two_writers_the_second_is_told(tmp_path):
     with (
-        alone(tmp_path),
+        folder_lock(tmp_path),
         pytest.raises(InputError, match="another command is writing"),
-        alone(tmp_path),
+        folder_lock(tmp_path),
     ):
         pass
     code = f"""if True:
@@ -139,9 +139,9 @@ def test_of_two_writers_the_second_is_told(tmp_path):
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout.readline() == "mine\n"
-        with pytest.raises(InputError, match="another command"), alone(tmp_path):
+        with pytest.raises(InputError, match="another command"), folder_lock(tmp_path):
             pass
         other.send_signal(signal.SIGKILL)
         other.wait()
-    with alone(tmp_path):  # a killed command holds no lock
+    with folder_lock(tmp_path):  # a killed command holds no lock
         pass

@@ -15,7 +15,7 @@ from recorded import refusal
 
 from sdp_vs_penalty import InputError, errors, formatting, plugins
 from sdp_vs_penalty.data import parsing
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 
 finite = st.floats(-1e6, 1e6)
 
@@ -72,13 +72,13 @@ def test_pairs_are_ours_and_theirs():
 
 
 @dataclass(frozen=True)
-class Inner(Plain):
+class Inner(JsonRecord):
     size: float
     kind: Literal["a", "b"] = "a"
 
 
 @dataclass(frozen=True)
-class Outer(Plain):
+class Outer(JsonRecord):
     name: str
     few: tuple[int, str]
     many: tuple[Inner, ...]
@@ -227,4 +227,4 @@ def test_a_name_is_registered_once():
     said = "int and str have the same table_place, 3"
     refusal(lambda: plugins.by_word([(3, int), (3, str)], "table_place"), said)
     with pytest.raises(AttributeError, match="'p' has no attribute 'x'"):
-        plugins.surface("p")("x")
+        plugins.lazy_exports("p")("x")

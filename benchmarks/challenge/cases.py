@@ -30,10 +30,10 @@ from challenge.worlds.runs import Logged, draw_motion, draw_world, log_run, urdf
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
-from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
-from sdp_vs_penalty.files import alone, write_text
+from sdp_vs_penalty.files import folder_lock, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.simulation.worlds import hidden as makers
@@ -268,7 +268,7 @@ def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list
     challenge.md."""
     store, report = out / "challenge.json", out / "challenge.md"
     records: dict[str, Record] = {}
-    with alone(out):
+    with folder_lock(out):
         if store.is_file():
             kept = json.loads(store.read_text())
             records = kept["cases"] if kept.get("version") == VERSION else {}

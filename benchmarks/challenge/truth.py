@@ -14,9 +14,9 @@ import numpy as np
 from challenge.worlds.runs import Logged
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.candidates import list_candidates
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.library import library
 from sdp_vs_penalty.diagnosis.score import orthonormal
 from sdp_vs_penalty.diagnosis.whitening import (
     diagnosis_rows,
@@ -45,7 +45,7 @@ def beyond_one_name(logged: Sequence[Logged], estimate: Estimate, joint: int) ->
     rows, noise, Q, left = _white(logged, estimate, False, 0)
     mine = slice(joint * len(rows.t), (joint + 1) * len(rows.t))
     best = 0.0
-    for batch in library(whitened(rows, noise, estimate, False)).batches:
+    for batch in list_candidates(whitened(rows, noise, estimate, False)).batches:
         for f in range(len(batch.forms)) if batch.joints == (joint,) else ():
             Z = batch.columns(f)[joint]
             overlap = Q[mine].T @ Z

@@ -98,7 +98,7 @@ def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
 def run_case(arm: Arm, corruption: Corruption) -> Case:
     problem, run = given(arm, corruption)
     reports = check(problem, run)
-    problems = [f for report in reports for f in report.problems]
+    problems = [f for report in reports for f in report.errors_and_warnings]
     outcome, harm = _outcome(corruption, problems), np.nan
     if outcome == "silent":
         try:
@@ -118,14 +118,16 @@ def _case(
     of: tuple[str, str, str, str], outcome: str, harm: float, reports: Sequence[Report]
 ) -> Case:
     said = "; ".join(
-        f"{f.kind} ({f.where})" for report in reports for f in report.problems
+        f"{f.kind} ({f.where})"
+        for report in reports
+        for f in report.errors_and_warnings
     )
     return Case(*of, outcome, harm, said, any(map(contradicts, reports)))
 
 
 def contradicts(report: Report) -> bool:
     """Whether two issues are about the same number of the same joint."""
-    every = product(_NUMBERS.items(), report.problems)
+    every = product(_NUMBERS.items(), report.errors_and_warnings)
     asked = [
         (number, _joints(f) or {0}) for (number, kinds), f in every if f.kind in kinds
     ]
@@ -161,9 +163,9 @@ def clean(arm: Arm) -> list[Case]:
         for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
             part, harm = run.window(a, b), np.nan
             (report,) = check(arm.problem, part)
-            outcome = "false warning" if report.problems else "silent"
+            outcome = "false warning" if report.errors_and_warnings else "silent"
             outcome = "false error" if report.meaningless else outcome
-            if {f.kind for f in report.problems} == {"poor excitation"}:
+            if {f.kind for f in report.errors_and_warnings} == {"poor excitation"}:
                 harm = arm.harm(identify(arm.problem, part))
                 outcome = "true warning" if harm > HARMFUL else outcome
             what = arm.problem.name, "(clean)", run.names[0], f"{a:.3g}-{b:.3g} s"

@@ -4,10 +4,10 @@ The command line, the page and Python call these functions. Paths, problem and o
 are resolved, read, checked and filtered once here, and handed on.
 """
 
-from sdp_vs_penalty.plugins import surface
+from sdp_vs_penalty.plugins import lazy_exports
 
 __all__ = ["diagnose", "identify", "identify_and_judge", "identify_black_box"]
-__getattr__ = surface(
+__getattr__ = lazy_exports(
     __name__,
     diagnosis="diagnose",
     identification="identify identify_and_judge identify_black_box",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.api.identification import WITHOUT_CHECK
-from sdp_vs_penalty.checks.first import consented, refuse_meaningless
+from sdp_vs_penalty.checks.gate import consented, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
@@ -92,9 +92,7 @@ def diagnose(
         progress("checking the measurements")
         if warn is None:
             warn = functools.partial(warnings.warn, stacklevel=3)
-        refuse_meaningless(
-            model.problem, recording, "diagnose", without_check, warn=warn
-        )
+        raise_on_errors(model.problem, recording, "diagnose", without_check, warn=warn)
     return find_missing_effects(
         model,
         recording,

@@ -8,15 +8,20 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.checks.first import refuse_meaningless
+from sdp_vs_penalty.checks.gate import raise_on_errors
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare_filtered
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import (
+    PoseOptions,
+    filter_runs,
+    load_and_check,
+    logged,
+)
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
-from sdp_vs_penalty.estimation.pose import PoseOptions, behind_filters, logged, readable
 from sdp_vs_penalty.estimation.verdict import NoiseFloor
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
@@ -184,7 +189,7 @@ def identify_black_box(
         For input that cannot be used.
     """
     problem = as_problem(problem, "identify_black_box(problem=...)")
-    data = readable(problem, answers, "identify_black_box(answers=...)")
+    data = load_and_check(problem, answers, "identify_black_box(answers=...)")
     if not isinstance(data, BlackBox):
         raise InputError(
             "identify_black_box(answers=...) are measured runs",
@@ -222,12 +227,12 @@ def identify_and_judge(
     without it, in words. Everything else is as in :func:`identify`.
     """
     problem = as_problem(problem, "identify(problem=...)")
-    data = readable(problem, measurements, "identify(measurements=...)")
+    data = load_and_check(problem, measurements, "identify(measurements=...)")
     issues: dict[str, Any] = {}
     if check and isinstance(data, Measurements):
         progress("checking the measurements")
         determines_gains = bool(known_loads)
-        issues = refuse_meaningless(
+        issues = raise_on_errors(
             problem, data, "identify", without_check, determines_gains, warn
         )
     options = PoseOptions(
@@ -245,7 +250,7 @@ def identify_and_judge(
         runs = data
     else:
         log = logged(data)
-        runs = behind_filters(problem, data, preprocessing)
+        runs = filter_runs(problem, data, preprocessing)
     estimate = estimate_parameters(
         problem,
         runs,
@@ -260,7 +265,7 @@ def identify_and_judge(
         return estimate, None
     judged = runs
     if runs.settings != estimate.preprocessing:
-        judged = behind_filters(problem, log, estimate.preprocessing)
+        judged = filter_runs(problem, log, estimate.preprocessing)
     comparison = compare_filtered({estimate.method: estimate}, judged, noise_from)[0]
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
     recording = noise_from or runs.measurements

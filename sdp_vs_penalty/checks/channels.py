@@ -7,12 +7,12 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.constants import LOCKSTEP, STUCK, TIMES
-from sdp_vs_penalty.checks.glance import READ, Glance, Rows
+from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import beside_range, far_outside
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.encoder import lattice_step
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -20,7 +20,7 @@ from sdp_vs_penalty.signals.runs import spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
 
-def never_a_number(g: Glance) -> Iterator[Issue]:
+def never_a_number(g: RunSummary) -> Iterator[Issue]:
     """Channels that hold no number in any row: no row can be saved by deleting others."""
     for name, x in g.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
@@ -36,7 +36,7 @@ def never_a_number(g: Glance) -> Iterator[Issue]:
             )
 
 
-def wrapped(g: Glance) -> Iterator[Issue]:
+def wrapped(g: RunSummary) -> Iterator[Issue]:
     """A revolute position that jumps by a turn from one row to the next: by 2 pi, or by
     360, which says that it is in degrees as well."""
     steps = np.abs(np.diff(g.run.q, axis=0))
@@ -70,7 +70,7 @@ def _jumps_by(steps: Array, turn: float) -> Rows:
     return np.any(near, axis=0) & (np.median(steps, axis=0) < 0.05 * turn)
 
 
-def _degrees(g: Glance, turns: Rows, how: str, unwrap: bool) -> Iterator[Issue]:
+def _degrees(g: RunSummary, turns: Rows, how: str, unwrap: bool) -> Iterator[Issue]:
     """All revolute positions in degrees, their jumps by a turn undone."""
     factor = float(np.radians(1.0))
     joints = np.flatnonzero(turns)
@@ -112,7 +112,7 @@ def _into_range(robot: Robot, q: Array) -> Array:
     return np.asarray(q - 2.0 * np.pi * turns)
 
 
-def degrees(g: Glance) -> Iterator[Issue]:
+def degrees(g: RunSummary) -> Iterator[Issue]:
     """Positions that are far outside the joints' ranges, and inside them as degrees."""
     turns = np.array([joint.kind == "revolute" for joint in g.robot.joints])
     far = far_outside(g.robot, g.run.q)
@@ -122,7 +122,7 @@ def degrees(g: Glance) -> Iterator[Issue]:
             yield from _degrees(g, turns, "", unwrap=False)
 
 
-def lockstep(g: Glance) -> Iterator[Issue]:
+def lockstep(g: RunSummary) -> Iterator[Issue]:
     """Joints that move in proportion: what one of them does, the others do as well."""
     moving = np.flatnonzero(g.moving)
     if len(moving) < 2:
@@ -152,7 +152,7 @@ def lockstep(g: Glance) -> Iterator[Issue]:
 def lockstep_groups(q: Array) -> list[list[int]]:
     """Columns of positions (N, n) whose correlation is one, group by group."""
     size = np.std(q, axis=0)
-    z = (q - q.mean(axis=0)) / or_one(size)
+    z = (q - q.mean(axis=0)) / nonzero_or_one(size)
     alike = np.abs(z.T @ z / len(z)) > LOCKSTEP
     groups: list[list[int]] = []
     for j in range(q.shape[1]):
@@ -166,12 +166,12 @@ def lockstep_groups(q: Array) -> list[list[int]]:
 def motion_rank(q: Array) -> int:
     """How many directions hold 99.9 % of the variance of positions (N, n), each in
     units of its own scatter."""
-    z = (q - q.mean(axis=0)) / or_one(np.std(q, axis=0))
+    z = (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))
     power = np.linalg.svd(z, compute_uv=False) ** 2
     return int(np.searchsorted(np.cumsum(power) / power.sum(), 0.999) + 1)
 
 
-def idle(g: Glance) -> Iterator[Issue]:
+def idle(g: RunSummary) -> Iterator[Issue]:
     """Joints that never move, or all of them."""
     sure, joints = (
         "certain: the positions change by noise only",
@@ -208,7 +208,7 @@ def idle(g: Glance) -> Iterator[Issue]:
         )
 
 
-def beside(g: Glance) -> Iterator[Issue]:
+def beside(g: RunSummary) -> Iterator[Issue]:
     if joints := beside_range(g.robot, g.run.q):
         yield Issue.of(
             kind="encoder offset",
@@ -220,7 +220,7 @@ def beside(g: Glance) -> Iterator[Issue]:
         )
 
 
-def torques(g: Glance) -> Iterator[Issue]:
+def torques(g: RunSummary) -> Iterator[Issue]:
     """Channels that never change, that stay exactly at their largest value while they
     are never constant elsewhere, or that lost their sign: whenever these come near
     zero, by a fifth of the largest, they come within a usual step of it: by chance with
@@ -284,7 +284,7 @@ def torques(g: Glance) -> Iterator[Issue]:
         )
 
 
-def counts(g: Glance) -> Iterator[Issue]:
+def counts(g: RunSummary) -> Iterator[Issue]:
     """Torques that are whole numbers in every row and channel: no sensor's N m."""
     tau = g.run.tau[:, g.moving]
     n_values = [len(np.unique(x)) for x in tau.T]
@@ -306,7 +306,7 @@ def counts(g: Glance) -> Iterator[Issue]:
         )
 
 
-def coarse(g: Glance, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
+def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
     """Whether the motion's fastest part is sampled often enough to be differentiated
     twice, in positions fine enough for the accelerations of a motion behind the filter
     of these settings. Rounding errors renew themselves when the level changes; the part

@@ -14,13 +14,13 @@ from sdp_vs_penalty.checks import channels, residual
 from sdp_vs_penalty.checks.clock import velocity
 from sdp_vs_penalty.checks.constants import RUN
 from sdp_vs_penalty.checks.facts import mended
-from sdp_vs_penalty.checks.glance import Glance
+from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.regression_data import RegressionData
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.checks.search import Search
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
@@ -121,7 +121,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         error = InputError(f"fewer than {RUN} usable rows", "record longer", report.run)
         issues.append(_stopped("too little data", error, "certain: too few rows"))
         return replace(report, issues=tuple(issues))
-    glance = Glance(work, problem.robot, settings.standstill)
+    glance = RunSummary(work, problem.robot, settings.standstill)
     issues += [*channels.idle(glance)]
     if glance.moving.any():
         issues += [*channels.lockstep(glance), *velocity(glance)]
@@ -147,7 +147,7 @@ NO_DYNAMICS = (
 )
 
 
-def _coarse(glance: Glance, settings: Preprocessing) -> list[Issue]:
+def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
     """Whether rate and steps of the positions are fine enough."""
     try:
         known = settings.resolve(glance.run)
@@ -174,7 +174,7 @@ def judge_dynamics(
     logs = dict[int, Likelihood]()
     for k in asked:
         try:
-            logs[k] = _log(problem, out[k].mended, settings)
+            logs[k] = _log(problem, out[k].repaired_all, settings)
         except InputError as error:
             issue = _stopped("too little data", error, "certain: the filters need more")
             out[k] = replace(out[k], issues=(*out[k].issues, issue))
@@ -188,16 +188,16 @@ def judge_dynamics(
         return out
     search = Search(common, [*logs.values()], [out[k].issues for k in logs])
     net = search.confirmed(search.run())
-    stated = search.told(net)
+    stated = search.describe_faults(net)
     counted = any(f.kind == "torque in counts" for r in out for f in r.issues)
-    size = [] if counted else [*residual.size(common, net)]
+    size = [] if counted else [*residual.torque_magnitude(common, net)]
     if any(f.kind in ("torque channel kind", "external torque") for f in size):
         stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
     for k, log in logs.items():
         own, apart = net, list[Issue]()
         if not _is_poor(out[k]) and (parted := [*residual.two_arms(log, net)]):
             own, apart = replace(net, events=()), parted
-        poor = [] if search.is_poor else [*residual.find(log, own)]
+        poor = [] if search.is_poor else [*residual.unexplained_torque(log, own)]
         left = [*size, *poor, *apart]
         issues = [*out[k].issues, *_without_repetition(stated, out[k].issues), *left]
         out[k] = _with_repairs(out[k], issues, net, log, left)
@@ -207,7 +207,7 @@ def judge_dynamics(
 def _has_dynamics(report: Report) -> bool:
     """Whether there are torques and rows of a run whose dynamics can be judged."""
     stops = any(f.kind in NO_DYNAMICS for f in report.issues)
-    return report.mended.torque_logged and not stops
+    return report.repaired_all.torque_logged and not stops
 
 
 def _log(problem: Problem, run: Measurements, settings: Preprocessing) -> Likelihood:
@@ -236,19 +236,19 @@ def _without_repetition(stated: Sequence[Issue], facts: Sequence[Issue]) -> list
 def _with_repairs(
     report: Report,
     issues: Sequence[Issue],
-    net: Repair,
+    net: LogTransform,
     log: Likelihood,
     left: Sequence[Issue],
 ) -> Report:
     """The report with what explains its torques, and the run as it would be repaired."""
-    work = net.apply(report.mended)
+    work = net.apply(report.repaired_all)
     for issue in left:
         if issue.repair is not None:
             work = issue.repair(work)
     return replace(
         report,
         issues=tuple(issues),
-        mended=work,
+        repaired_all=work,
         unexplained=log.score(net).unexplained,
         # A report holds the rows, not what was worked out of them.
         arm=(Likelihood(log.problem, log.data), net) if log.spare > 0.0 else None,
@@ -263,7 +263,7 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
         [k for k, r in enumerate(reports) if r.arm and not _is_poor(r)],
     )
     arms = [(*arm, reports[k].run) for k in whole if (arm := reports[k].arm)]
-    for number, issue in residual.compare(arms):
+    for number, issue in residual.compare_runs(arms):
         report = out[k := whole[number]]
         if (issue.kind, issue.where) not in [(f.kind, f.where) for f in report.issues]:
             out[k] = replace(report, issues=(*report.issues, issue))
@@ -272,11 +272,13 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
 
 def judge_ranges(problem: Problem, report: Report) -> Report:
     """Positions against the joints' ranges: what `identify` refuses is an error."""
-    issues, run = [*report.issues], report.original or report.mended
+    issues, run = [*report.issues], report.original or report.repaired_all
     explained = "encoder offset", *POSITION_UNITS
-    rows = len(report.mended.t) >= RUN
+    rows = len(report.repaired_all.t) >= RUN
     if rows and not any(f.kind in explained for f in issues):
-        glance = Glance(report.mended, problem.robot, problem.preprocessing.standstill)
+        glance = RunSummary(
+            report.repaired_all, problem.robot, problem.preprocessing.standstill
+        )
         issues += [*channels.beside(glance)]
     if not any(f.severity == "error" for f in issues):
         try:
@@ -303,7 +305,7 @@ def judge_excitation(
     if report.unexplained is None:
         return report
     gravity = report.arm[1].gravity if report.arm else problem.robot.gravity
-    run = report.mended
+    run = report.repaired_all
     known = settings.resolve(run)
     rows = FilteredRuns.of(run, known)
     issues = residual.not_excited(problem.with_gravity(gravity), rows)
@@ -322,8 +324,8 @@ def _report_of_run(run: Measurements, windows: Sequence[Report]) -> Report:
     return Report(
         run=run.names[0],
         issues=tuple(issues_of_run([(w.run, w.issues) for w in windows])),
-        mended=run,
-        fixed=run,
+        repaired_all=run,
+        repaired_certain=run,
         unexplained=float(np.mean(shares)) if shares else None,
         arm=next((w.arm for w in windows if w.arm is not None), None),
     )

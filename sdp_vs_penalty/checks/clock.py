@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import MOST_REPEATED, RUN, TIMES
-from sdp_vs_penalty.checks.glance import CONTINUE, READ, Glance, Rows, stepping
+from sdp_vs_penalty.checks.glance import CONTINUE, READ, Rows, RunSummary, stepping
 from sdp_vs_penalty.checks.issue import Issue, rows_text
 from sdp_vs_penalty.data.formats.recognition import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.runs import spans
 
 #: Time steps [s] of a log that somebody would identify from.
@@ -23,7 +23,7 @@ _STEPS = (2e-5, 0.5)
 _UNITS = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 
 
-def time_unit(g: Glance) -> Iterator[Issue]:
+def time_unit(g: RunSummary) -> Iterator[Issue]:
     """A clock that does not count seconds, and in another unit is that of a robot's
     motion."""
     q, (least, most) = g.run.q[:, g.moving], _STEPS
@@ -52,17 +52,17 @@ def time_unit(g: Glance) -> Iterator[Issue]:
     )
 
 
-def _goes_on(g: Glance, rows: NDArray[np.intp]) -> Rows:
+def _goes_on(g: RunSummary, rows: NDArray[np.intp]) -> Rows:
     """(K,) whether the moving arm comes no farther in steps of the clock than in those
     around them."""
     travel = np.linalg.norm(
-        np.diff(g.run.q / or_one(np.ptp(g.run.q, axis=0)), axis=0), axis=1
+        np.diff(g.run.q / nonzero_or_one(np.ptp(g.run.q, axis=0)), axis=0), axis=1
     )
     usual = np.array([np.median(travel[max(k - 10, 0) : k + 11]) for k in rows])
     return np.asarray(travel[rows] < 3.0 * usual + 1e-3)
 
 
-def backwards(g: Glance) -> Iterator[Issue]:
+def backwards(g: RunSummary) -> Iterator[Issue]:
     """Rows whose time lies before that of an earlier row."""
     bad = np.flatnonzero(g.steps < 0.0)
     if not len(bad):
@@ -104,7 +104,7 @@ def backwards(g: Glance) -> Iterator[Issue]:
     )
 
 
-def coarse_stamps(g: Glance) -> Iterator[Issue]:
+def coarse_stamps(g: RunSummary) -> Iterator[Issue]:
     """Equal stamps whose values go on: a clock that was printed with too few digits.
 
     The rows are taken to be even between two gaps, and none is lost.
@@ -142,7 +142,7 @@ def _even(t: Array) -> Array:
     return np.asarray(np.mean(t) + slope * k) if len(t) > 2 else t
 
 
-def repeated_time(g: Glance) -> Iterator[Issue]:
+def repeated_time(g: RunSummary) -> Iterator[Issue]:
     """Single rows with the time of the row before."""
     bad = np.concatenate([[False], g.steps == 0.0])
     same = bool(np.all(np.diff(g.run.q, axis=0)[bad[1:]] == 0.0))
@@ -152,7 +152,7 @@ def repeated_time(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("repeated time", bad, what, remedy=first, unusable=True)
 
 
-def change_of_rate(g: Glance) -> Iterator[Issue]:
+def change_of_rate(g: RunSummary) -> Iterator[Issue]:
     """A stretch in which the rows are several times farther apart, and the motion goes
     on: the logger wrote every so manieth row."""
     if not g.step:
@@ -177,7 +177,7 @@ def change_of_rate(g: Glance) -> Iterator[Issue]:
         )
 
 
-def velocity(g: Glance) -> Iterator[Issue]:
+def velocity(g: RunSummary) -> Iterator[Issue]:
     """The logged velocity against the derivative of the position, over all joints.
 
     One factor in every joint is that of the clock, or of the unit of velocity: dq / dt
@@ -228,7 +228,7 @@ def _faster(ratio: float) -> str:
     return f"{times} fast" if ratio < 1.0 else f"{times} slow"
 
 
-def _velocity_ratios(g: Glance) -> Array:
+def _velocity_ratios(g: RunSummary) -> Array:
     """(n,) logged velocity over the derivative of the position, by least squares on
     means of a few rows; nan where the two are not proportional."""
     assert g.run.dq is not None
@@ -248,7 +248,7 @@ def _velocity_ratios(g: Glance) -> Array:
     return out
 
 
-def uneven(g: Glance) -> Iterator[Issue]:
+def uneven(g: RunSummary) -> Iterator[Issue]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q
     is smoother over the row number."""
     steps, q = g.steps, g.run.q[:, g.moving]
@@ -290,7 +290,7 @@ def uneven(g: Glance) -> Iterator[Issue]:
     )
 
 
-def jumps(g: Glance) -> Iterator[Issue]:
+def jumps(g: RunSummary) -> Iterator[Issue]:
     """Steps that are no jitter: of a clock that was set where the motion goes on,
     otherwise gaps."""
     is_long = g.steps > max(TIMES * g.step, 0.02)

@@ -14,7 +14,7 @@ from sdp_vs_penalty.checks.clock import (
     uneven,
 )
 from sdp_vs_penalty.checks.constants import RUN
-from sdp_vs_penalty.checks.glance import Glance
+from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.rows import (
     end_stops,
@@ -31,7 +31,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.robot import Robot
 
 #: In the order of mending; all but the first ask of RUN rows in which something moves.
-RULES: tuple[Callable[[Glance], Iterator[Issue]], ...] = (
+RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
     never_a_number,
     missing,
     time_unit,
@@ -61,7 +61,7 @@ def mended(
     """The issues of a run's rows and clock; the run with all of them mended, and with
     the certain ones."""
     issues: list[Issue] = []
-    fixed, glance = run, Glance(run, robot, standstill)
+    fixed, glance = run, RunSummary(run, robot, standstill)
     for asked in RULES:
         if any(issue.kind == "channel without numbers" for issue in issues):
             break
@@ -75,5 +75,5 @@ def mended(
                 # What is only likely is mended for the rules that follow, and deletes
                 # no row.
                 fixed = issue.repair(fixed) if issue.mends else fixed
-                glance = Glance(issue.repair(glance.run), robot, standstill)
+                glance = RunSummary(issue.repair(glance.run), robot, standstill)
     return issues, glance.run, fixed

@@ -88,7 +88,7 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
     first, because signs and gains count joints."""
     facts = [f for f in report.issues if f.mends]
     named = [f for f in report.issues if f.apply in apply and f.repair is not None]
-    run = report.fixed
+    run = report.repaired_certain
     for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
         assert issue.repair is not None
         run = issue.repair(run)

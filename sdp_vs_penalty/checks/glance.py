@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import Issue, rows_text
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 
@@ -25,7 +25,7 @@ READ, CONTINUE = (
 
 
 @dataclass(frozen=True)
-class Glance:
+class RunSummary:
     """A run, the robot it is of, and the share of its speed below which the robot
     stands still."""
 
@@ -135,9 +135,9 @@ class Glance:
         for name, _, x in self.channels:
             if name in channels:
                 size = np.abs(x - np.median(x))
-                energy = np.square(size / or_one(size.max()))
+                energy = np.square(size / nonzero_or_one(size.max()))
                 shares.append(
-                    float(energy[channels[name]].sum() / or_one(energy.sum()))
+                    float(energy[channels[name]].sum() / nonzero_or_one(energy.sum()))
                 )
         return max(shares)
 

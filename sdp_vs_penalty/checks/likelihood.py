@@ -37,15 +37,15 @@ from sdp_vs_penalty.checks.constants import (
     ROUNDS,
 )
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
-from sdp_vs_penalty.checks.repair import Event, Numbers, Order, Repair
+from sdp_vs_penalty.checks.repair import Event, LogTransform, Numbers, Order
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Weighted normal equations (s, s), (s,); a repair by one number.
 Normal: TypeAlias = tuple[Array, Array]
-At: TypeAlias = Callable[[float], Repair]
+At: TypeAlias = Callable[[float], LogTransform]
 
 
 @dataclass(frozen=True)
@@ -129,9 +129,9 @@ class Likelihood:
         self.revolute = [
             j for j in self.joints if problem.robot.joints[j].kind == "revolute"
         ]
-        self.none = Repair.none(self.n, problem.robot.gravity)
+        self.none = LogTransform.none(self.n, problem.robot.gravity)
         self._rows, self.columns = (
-            lru_cache(6)(partial(Rows, self)),
+            lru_cache(6)(partial(RepairedRows, self)),
             lru_cache(12)(self._made_columns),
         )
         self._model = lru_cache(12)(self._made_model)
@@ -171,7 +171,7 @@ class Likelihood:
         asked = len(score.theta) + self.n * self.data.own.shape[2]
         return 1.0 - asked / max(held * len(self.joints), 1.0)
 
-    def channels(self, repair: Repair) -> Array:
+    def channels(self, repair: LogTransform) -> Array:
         """(n, M) the torque as repaired, 0 where it is not asked for."""
         out = np.empty((self.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
@@ -182,9 +182,9 @@ class Likelihood:
                 )  # a dead channel
                 value = limit * np.arctanh(np.clip(value / limit, -0.999, 0.999))
             out[j] = repair.gain[j] * (value + repair.lag[j] * rate)
-        return out * self.heard(repair)
+        return out * self.filter_gain(repair)
 
-    def heard(self, repair: Repair) -> Array:
+    def filter_gain(self, repair: LogTransform) -> Array:
         """(n, M) 1 where a joint's torque is asked for."""
         return self.data.heard.T[list(repair.order)]
 
@@ -194,7 +194,9 @@ class Likelihood:
         late = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
         return torque(late), torque(late, 1)
 
-    def motion(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Motion:
+    def motion(
+        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
+    ) -> Motion:
         """States as repaired, with so many times their velocity and acceleration."""
         m, order, scale = self.data.motion, list(repair.order), np.array(repair.scale)
         dq = speed * scale * m.dq[:, order] / repair.rate
@@ -203,18 +205,18 @@ class Likelihood:
             m.t[0] + repair.rate * (m.t - m.t[0]), repair.positions(m.q), dq, ddq
         )
 
-    def rows(self, repair: Repair) -> Rows:
+    def rows(self, repair: LogTransform) -> RepairedRows:
         """What depends on the motion alone."""
         return self._rows(repair.of_motion)
 
-    def raw(self, repair: Repair) -> Array:
+    def raw(self, repair: LogTransform) -> Array:
         """(n, M, s) the columns of the parameters that joints share, 0 where torque is
         not asked for."""
         columns = self.shared(repair)
         if any(repair.lacks):
             weight = self.shared(repair, 0.0, 0.0)
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
-        return np.asarray(self.heard(repair)[:, :, None] * columns)
+        return np.asarray(self.filter_gain(repair)[:, :, None] * columns)
 
     def _made_model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
         """What joints share, under another gravity, with other distances between joints
@@ -222,7 +224,7 @@ class Likelihood:
         robot, joints = self.problem.robot, list(self.problem.robot.joints)
         for j in np.flatnonzero(longer).tolist():
             placement = joints[j].placement.copy()
-            placement[:3, 3] *= 1.0 + longer[j] / or_one(
+            placement[:3, 3] *= 1.0 + longer[j] / nonzero_or_one(
                 np.linalg.norm(placement[:3, 3])
             )
             joints[j] = replace(joints[j], placement=placement)
@@ -233,7 +235,7 @@ class Likelihood:
         return None if shared is None else on_robot(shared, robot)
 
     def _made_columns(
-        self, repair: Repair, speed: float = 1.0, push: float = 1.0
+        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
     ) -> Array:
         """(n, M, p) columns of all parameters that joints share, of ``motion``."""
         model, motion = (
@@ -243,16 +245,18 @@ class Likelihood:
         return (
             np.zeros((self.n, self.data.count, 0))
             if model is None
-            else model.wide(motion)
+            else model.dense_columns(motion)
         )
 
-    def shared(self, repair: Repair, speed: float = 1.0, push: float = 1.0) -> Array:
+    def shared(
+        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
+    ) -> Array:
         """(n, M, s) those that say all that the others do."""
         return self.columns(repair.of_arm, speed, push)[
             :, :, list(self.data.independent)
         ]
 
-    def nominal(self, repair: Repair, speed: float = 1.0) -> Array:
+    def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion, of its weight what
         channels hold; where speed is 0, all of its weight."""
         known = self.data.shared
@@ -287,17 +291,19 @@ class Likelihood:
         ]
         columns = np.concatenate([data.own[list(order)], *shapes], axis=2)
         columns = columns * data.heard.T[list(order)][:, :, None]
-        columns = columns / or_one(np.linalg.norm(columns, axis=1, keepdims=True))
+        columns = columns / nonzero_or_one(
+            np.linalg.norm(columns, axis=1, keepdims=True)
+        )
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(u * (s > 1e-6 * s.max(axis=1, keepdims=True))[:, None])
 
-    def unexplained(self, repair: Repair, theta: Array) -> Array:
+    def unexplained(self, repair: LogTransform, theta: Array) -> Array:
         """(n, M) what an arm (s,) leaves of the channels, its joints' own columns
         apart."""
         return np.asarray(self.channels(repair) - self.raw(repair) @ theta)
 
     def parts(
-        self, repair: Repair, count: int = PARTS, more: Array | None = None
+        self, repair: LogTransform, count: int = PARTS, more: Array | None = None
     ) -> tuple[Array, int]:
         """(count, n, w, w) Gram matrices of that many parts of the log, which add, and
         how many of their columns are own ones; more (n, M, r) : further columns that
@@ -309,7 +315,7 @@ class Likelihood:
         parts = [full[:, a:b] for a, b in pairwise(edges.tolist())]
         return np.stack([np.swapaxes(p, 1, 2) @ p for p in parts]), rows.basis.shape[2]
 
-    def scores(self, repairs: Sequence[Repair]) -> list[Score]:
+    def scores(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
         """One arm fitted to each."""
         rows, y = [self.rows(r) for r in repairs], [self.channels(r) for r in repairs]
         gram = np.stack([x.gram for x in rows])
@@ -322,15 +328,15 @@ class Likelihood:
             self.moving
         )
         both = zip(rows, y, theta, left, whole, strict=True)
-        return [Score(self, *found) for found in both]
+        return [ArmFit(self, *found) for found in both]
 
-    def score(self, repair: Repair) -> Score:
+    def score(self, repair: LogTransform) -> ArmFit:
         """One arm fitted to one repair."""
         return self.scores([repair])[0]
 
-    def left_out(
+    def jackknife_errors(
         self,
-        repair: Repair,
+        repair: LogTransform,
         weights: Array,
         more: Array | None = None,
         others: Normal | None = None,
@@ -352,7 +358,7 @@ class Likelihood:
             PARTS * rests.left_of(parts, arms[:, None]) / whole, FLOOR
         )
 
-    def alone(self, repair: Repair) -> Array:
+    def alone(self, repair: LogTransform) -> Array:
         """(n,) share of each channel that its joint's own model leaves of parts it was
         not fitted to."""
         parts, k = self.parts(repair)
@@ -362,8 +368,8 @@ class Likelihood:
             left.sum(axis=0) / _positive(parts[..., -1, -1].sum(axis=0)), FLOOR
         )
 
-    def steps(
-        self, now: Repair, ats: Sequence[At], values: Array, h: Array
+    def first_order_steps(
+        self, now: LogTransform, ats: Sequence[At], values: Array, h: Array
     ) -> tuple[Array, Array]:
         """(r,) by how much each of some numbers of ``now`` would have to change alone,
         to first order, and (r,) the standard deviations of that, infinite where the
@@ -382,7 +388,7 @@ class Likelihood:
                 self.unexplained(at(values[r] + h[r]), score.theta) - here
             ) / h[r]
         sizes = np.linalg.norm(slopes, axis=(0, 1))
-        parts, k = self.parts(now, PARTS, -slopes / or_one(sizes))
+        parts, k = self.parts(now, PARTS, -slopes / nonzero_or_one(sizes))
         gram, cross = Equations.of(parts.sum(axis=0) - parts, k).normal(score.weights)
         s = gram.shape[-1] - len(ats)
         full = np.concatenate([gram, cross[:, :, None]], axis=2)
@@ -392,7 +398,9 @@ class Likelihood:
             np.einsum("pkk->pk", x[..., :-1]) for x in (beside, full[:, s:, s:])
         )
         change, spread = jackknifed(
-            beside[..., -1] / np.maximum(own + RIDGE * whole, 1e-300) / or_one(sizes)
+            beside[..., -1]
+            / np.maximum(own + RIDGE * whole, 1e-300)
+            / nonzero_or_one(sizes)
         )
         seen = sizes > FLOOR * np.linalg.norm(score.channels)
         seen &= own.sum(axis=0) > FLOOR * whole.sum(axis=0)
@@ -405,12 +413,12 @@ class Likelihood:
         return float(np.mean(change) / max(np.std(change) / np.sqrt(PARTS), 1e-300))
 
 
-class Rows:
+class RepairedRows:
     """What a repair of the motion makes of the rows of n joints: basis (n, M, k) of own
     columns, raw (n, M, s) columns of the shared parameters, apart (n, M, s) the same
     with own columns projected out, gram (n, s, s) of these."""
 
-    def __init__(self, of: Likelihood, repair: Repair) -> None:
+    def __init__(self, of: Likelihood, repair: LogTransform) -> None:
         self.of, self.repair = of, repair
         self.basis, self.raw = of._basis(repair.order, repair.events), of.raw(repair)
         left = self.rest(self.raw)
@@ -439,12 +447,12 @@ class Rows:
 
 
 @dataclass
-class Score:
+class ArmFit:
     """One arm fitted to one repaired log: channels (n, M), theta (s,), left and whole
     (n,) [(N m)^2]."""
 
     of: Likelihood
-    rows: Rows
+    rows: RepairedRows
     channels: Array
     theta: Array
     left: Array
@@ -501,7 +509,7 @@ class Score:
             np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
         )
         rho = np.fft.irfft(power)[:, :count]
-        rho = rho / or_one(rho[:, :1])
+        rho = rho / nonzero_or_one(rho[:, :1])
         lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
         return max(self.of.spare, 0.1) * count / max(float(np.median(lasts)), 1.0)
 
@@ -510,7 +518,7 @@ class Score:
         """(n,) of each joint's rows, 0 where it does not move."""
         return np.where(self.of.moving, 1.0 / self.left, 0.0)
 
-    def physics(self, repair: Repair, samples: float) -> float:
+    def physics(self, repair: LogTransform, samples: float) -> float:
         """log-probability that inertia and masses are positive and friction takes
         power: the mean of dq_j times what the links leave of joint j's torque, of ddq^T
         times the inertial torque, and of the weight times that of a plausible arm."""
@@ -521,7 +529,7 @@ class Score:
         states -= states.mean(
             axis=2, keepdims=True
         )  # what is constant, as a weight, is neither
-        states = states * self.of.heard(repair)
+        states = states * self.of.filter_gain(repair)
         values = np.sum(states * (self.channels - self.rows.raw @ self.theta), axis=2)
         gradients = -(states[:, :, None, :] @ self.rows.raw)[:, :, 0]
         noise = self.left / samples * np.sum(states**2, axis=2)

@@ -10,7 +10,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.robot.arrays import or_one
+from sdp_vs_penalty.robot.arrays import nonzero_or_one
 from sdp_vs_penalty.robot.inertia import inertia_matrix
 from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
 
@@ -25,7 +25,7 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
     sizes = []
     for name, link in zip(names, problem.nominal_links, strict=True):
         mass = float(link[0])
-        com = link[1:4] / or_one(mass)
+        com = link[1:4] / nonzero_or_one(mass)
         about_frame = inertia_matrix(link[4:])
         about_com = about_frame - mass * (com @ com * np.eye(3) - np.outer(com, com))
         largest = float(np.linalg.eigvalsh(about_com)[-1])

@@ -31,7 +31,7 @@ from sdp_vs_penalty.signals.constants import SLIDES
 from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
-from sdp_vs_penalty.signals.runs import Stretch, moving_joints, stretches
+from sdp_vs_penalty.signals.runs import Stretch, moving_joints, split_at_gaps
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -146,7 +146,7 @@ class RegressionData:
         filters, (laws, shared) = RunFilter(run, settings), split(problem.model())
         margin = filters.state.half + filters.column.half
         places = []
-        for part in stretches(run):
+        for part in split_at_gaps(run):
             k = np.arange(margin, part.count - margin)
             places.append((part, k[filters.movement.at(part.clock(k))]))
         count = sum(len(k) for _, k in places)
@@ -245,4 +245,6 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     model = on_robot(shared, replace(shared.robot, gravity=gravity))
     few = 2 * len(model.parameters) // shared.robot.n + 1
     q, dq, ddq = (states[:few] for states in shared.robot.random_states)
-    return structure(np.concatenate(model.wide(Motion(np.zeros(few), q, dq, ddq))))[1]
+    return structure(
+        np.concatenate(model.dense_columns(Motion(np.zeros(few), q, dq, ddq)))
+    )[1]

@@ -44,7 +44,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Repair:
+class LogTransform:
     """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base
     frame; ``lacks``, the share of the arm's weight that each torque channel lacks, and
     ``longer`` [m], how much farther a joint is from the one before than the problem
@@ -67,7 +67,7 @@ class Repair:
     events: tuple[Event, ...] = ()
 
     @classmethod
-    def none(cls, n: int, gravity: tuple[float, ...]) -> Repair:
+    def none(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
         """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
         return cls(same, one, zero, same, one, zero, zero, gravity, zero, zero, zero)
@@ -77,21 +77,23 @@ class Repair:
         """How many joints."""
         return len(self.order)
 
-    def with_entries(self, name: str, joints: Sequence[int], value: Any) -> Repair:
+    def with_entries(
+        self, name: str, joints: Sequence[int], value: Any
+    ) -> LogTransform:
         """Some joints' entries of one of the tuples."""
         entries: Any = tuple(
             value if j in joints else x for j, x in enumerate(getattr(self, name))
         )
         return replace(self, **{name: entries})
 
-    def times(self, name: str, joints: Sequence[int], factor: float) -> Repair:
+    def times(self, name: str, joints: Sequence[int], factor: float) -> LogTransform:
         """Some joints' entries multiplied by a factor."""
         entries: Any = tuple(
             factor * x if j in joints else x for j, x in enumerate(getattr(self, name))
         )
         return replace(self, **{name: entries})
 
-    def with_swap(self, a: int, b: int, *names: str) -> Repair:
+    def with_swap(self, a: int, b: int, *names: str) -> LogTransform:
         """The channels that joints a and b take, exchanged: of ``order``, ``tau_order``
         or both."""
         places = [b if j == a else a if j == b else j for j in range(self.n)]
@@ -100,7 +102,7 @@ class Repair:
         }
         return replace(self, **swapped)
 
-    def with_event(self, event: Event) -> Repair:
+    def with_event(self, event: Event) -> LogTransform:
         """With one more event; itself where it has it."""
         return (
             self
@@ -108,7 +110,7 @@ class Repair:
             else replace(self, events=(*self.events, event))
         )
 
-    def without(self, event: Event) -> Repair:
+    def without(self, event: Event) -> LogTransform:
         """But for an event."""
         return replace(self, events=tuple(e for e in self.events if e != event))
 
@@ -121,21 +123,21 @@ class Repair:
         return [((j,), x) for j, x in enumerate(values) if x]
 
     @cached_property
-    def of_motion(self) -> Repair:
+    def of_motion(self) -> LogTransform:
         """Without what is done to the torque's channels alone, and whichever way time
         runs."""
         return self.reset("tau_order", "gain", "lead", "lag", "bend", "reversed")
 
     @cached_property
-    def of_arm(self) -> Repair:
+    def of_arm(self) -> LogTransform:
         """What of it the columns depend on that joints share, with all of the arm's
         weight."""
         return self.of_motion.reset("lacks", "events")
 
-    def reset(self, *names: str) -> Repair:
+    def reset(self, *names: str) -> LogTransform:
         """With these entries as a log has them that is right; itself where it is, as
         most hypotheses."""
-        none = Repair.none(self.n, self.gravity)
+        none = LogTransform.none(self.n, self.gravity)
         right: dict[str, Any] = {name: getattr(none, name) for name in names}
         same = all(getattr(self, name) == value for name, value in right.items())
         return self if same else replace(self, **right)
@@ -149,7 +151,7 @@ class Repair:
     def apply(self, run: Measurements) -> Measurements:
         """The log repaired; gravity, weight and events are the model's matter and are
         left alone."""
-        if self.reset("lacks", "longer", "bend", "events") == Repair.none(
+        if self.reset("lacks", "longer", "bend", "events") == LogTransform.none(
             self.n, self.gravity
         ):
             return run

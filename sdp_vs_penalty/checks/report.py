@@ -8,7 +8,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.long_runs import LONG
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 
@@ -27,7 +27,7 @@ class Report(Shown):
     mended: Measurements
     fixed: Measurements
     unexplained: float | None = None
-    arm: tuple[Likelihood, Repair] | None = field(
+    arm: tuple[Likelihood, LogTransform] | None = field(
         default=None, compare=False, repr=False
     )
     original: Measurements | None = field(default=None, compare=False, repr=False)
@@ -40,10 +40,10 @@ class Report(Shown):
     @property
     def is_long(self) -> bool:
         """Whether windows stand for the run: it is not repaired then."""
-        return self.mended.samples > LONG
+        return self.repaired_all.samples > LONG
 
     @property
-    def problems(self) -> tuple[Issue, ...]:
+    def errors_and_warnings(self) -> tuple[Issue, ...]:
         """Errors and warnings, without notes."""
         return tuple(f for f in self.issues if f.severity != "note")
 
@@ -51,10 +51,10 @@ class Report(Shown):
     def verdict(self) -> str:
         """How many problems there are, and how well the arm's dynamics explain the
         torque."""
-        found = formatting.count(len(self.problems), "problem")
+        found = formatting.count(len(self.errors_and_warnings), "problem")
         if self.unexplained is None:
             why = "nothing to identify from"
-            if not self.mended.torque_logged:
+            if not self.repaired_all.torque_logged:
                 why = "no torque was logged"
             elif not self.meaningless:
                 why = "its torques were not judged"
@@ -75,7 +75,7 @@ class Report(Shown):
     def changes(self, name: str, done: Sequence[Issue]) -> str:
         """What a repaired copy of the file of this name differs in from it, and what is
         left to do; done : the issues that were repaired."""
-        left = [f for f in self.problems if f not in done]
+        left = [f for f in self.errors_and_warnings if f not in done]
         title = (
             "Repaired copy of {}, in the order of repair:" if done else "Copy of {}:"
         )

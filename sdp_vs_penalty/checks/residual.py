@@ -21,14 +21,14 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import UNITS
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Equations, Likelihood, Score, jackknifed
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.likelihood import ArmFit, Equations, Likelihood, jackknifed
+from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
+from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 explanation = partial(Issue.of, nature=EXPLANATION)
@@ -40,7 +40,7 @@ _SURE = (
 )
 
 
-def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
+def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     """A warning where more is left over than such an arm leaves, of logs with samples
     to spare for its parameters; an error where nothing is explained."""
     score = log.score(repair)
@@ -86,11 +86,11 @@ def find(log: Likelihood, repair: Repair) -> Iterator[Issue]:
         yield from _event(log, repair, score)
 
 
-def _dark(score: Score) -> float:
+def _dark(score: ArmFit) -> float:
     return float(np.mean(score.shares[score.of.moving]))
 
 
-def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
+def _event(log: Likelihood, repair: LogTransform, score: ArmFit) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push. At
     its ends the arm starts or comes to rest, which is stiction; a step has been told.
     """
@@ -120,7 +120,7 @@ def _event(log: Likelihood, repair: Repair, score: Score) -> Iterator[Issue]:
             return
 
 
-def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
+def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     """Torques of an impossible size: another unit, motor currents, the motor's side of
     the gear.
 
@@ -176,7 +176,7 @@ def size(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     if known:  # least and largest ratio of measured to nominal torque
         rows, arm = (
             log.rows(repair),
-            (log.heard(repair).T * log.nominal(repair)).T[:, :, None],
+            (log.filter_gain(repair).T * log.nominal(repair)).T[:, :, None],
         )
         measured = _size(channels) / _size(arm)
         least, most = (
@@ -248,8 +248,8 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     if log.data.shared is None or not any(log.none.gravity) or log.spare <= 0.0:
         return
     score = log.score(log.none)
-    weight = log.heard(log.none)[:, :, None] * log.shared(log.none, 0.0, 0.0)
-    ones = log.heard(log.none)[:, :, None]
+    weight = log.filter_gain(log.none)[:, :, None] * log.shared(log.none, 0.0, 0.0)
+    ones = log.filter_gain(log.none)[:, :, None]
     n_joints, n_rows = weight.shape[:2]
     place = np.eye(n_joints)[:, None, :] * ones
     columns = np.concatenate([weight, place], axis=2).reshape(n_joints * n_rows, -1)
@@ -274,14 +274,16 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
 
 def _size(torques: Array) -> float:
     """Their norm, by which others may be divided."""
-    return float(or_least(np.linalg.norm(torques)))
+    return float(at_least_tiny(np.linalg.norm(torques)))
 
 
 def _resembles(torques: Array, nominal: Array) -> float:
     """The largest squared correlation of a joint's torque (N, n) with the nominal arm's."""
     x, y = (v - v.mean(axis=0) for v in (torques, nominal))
     common = np.sum(x * y, axis=0) ** 2
-    return float(np.max(common / or_one(np.sum(x**2, axis=0) * np.sum(y**2, axis=0))))
+    return float(
+        np.max(common / nonzero_or_one(np.sum(x**2, axis=0) * np.sum(y**2, axis=0)))
+    )
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
@@ -337,8 +339,8 @@ _WORDS = {
 }
 
 
-def compare(
-    logs: Sequence[tuple[Likelihood, Repair, str]], worse: float = 1.0
+def compare_runs(
+    logs: Sequence[tuple[Likelihood, LogTransform, str]], worse: float = 1.0
 ) -> Iterator[tuple[int, Issue]]:
     """(number, issue) where the arm of a log is not that of the others; none for a
     single one.
@@ -437,7 +439,7 @@ def _can_be(log: Likelihood, kind: str, j: int, x: float) -> bool:
     return bool(abs(x) < max(float(masses.sum()), 1.0))
 
 
-def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
+def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     """Two stretches of a log that are not one arm's, as two runs: a load picked up, or
     two arms' logs in one file. Each run has offsets of its own, so that of a step in a
     torque alone nothing is left."""
@@ -465,7 +467,7 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
     logs = [
         (log.some(rows), repair, name) for rows, name in zip(sides, names, strict=True)
     ]
-    for _, issue in compare(
+    for _, issue in compare_runs(
         logs, c.TIMES**0.5
     ):  # within a log, friction changes as well
         place = (
@@ -484,7 +486,7 @@ def two_arms(log: Likelihood, repair: Repair) -> Iterator[Issue]:
 
 
 def _changes(
-    log: Likelihood, repair: Repair, theta: Array
+    log: Likelihood, repair: LogTransform, theta: Array
 ) -> Iterator[tuple[str, int, Array]]:
     """Kind, joint and columns (n, M, r) of what may be different in a run, beside an
     arm's torque."""
@@ -499,4 +501,4 @@ def _changes(
         )
     if log.data.shared is not None:
         last = log.columns(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]
-        yield "another load", log.n - 1, log.heard(repair)[:, :, None] * last
+        yield "another load", log.n - 1, log.filter_gain(repair)[:, :, None] * last

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sdp_vs_penalty.checks.constants import RUN, SPIKE, STUCK, STUCK_SECONDS, TIMES
-from sdp_vs_penalty.checks.glance import READ, Glance, Rows, mask_of, stepping
+from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary, mask_of, stepping
 from sdp_vs_penalty.checks.issue import Issue, rows_text
 from sdp_vs_penalty.data.measurements import LARGEST_VALUE
 from sdp_vs_penalty.robot.arrays import Array
@@ -14,7 +14,7 @@ from sdp_vs_penalty.signals.encoder import lattice_step
 from sdp_vs_penalty.signals.runs import spans
 
 
-def missing(g: Glance) -> Iterator[Issue]:
+def missing(g: RunSummary) -> Iterator[Issue]:
     parts = {"t": g.run.t[:, None], **g.run.groups}.items()  # nan compares false
     finite = np.all(
         [np.all(np.abs(x) <= LARGEST_VALUE[k], axis=1) for k, x in parts], axis=0
@@ -26,7 +26,7 @@ def missing(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("missing numbers", ~finite, what, unusable=True)
 
 
-def repeated_run(g: Glance) -> Iterator[Issue]:
+def repeated_run(g: RunSummary) -> Iterator[Issue]:
     """Rows that come a second time, all at the same distance and one after the other.
 
     Where a motion repeats and its columns are coarse, single rows are equal by chance.
@@ -50,7 +50,7 @@ def repeated_run(g: Glance) -> Iterator[Issue]:
         yield from g.deleted("repeated run", again, what, lag=most)
 
 
-def held_rows(g: Glance) -> Iterator[Issue]:
+def held_rows(g: RunSummary) -> Iterator[Issue]:
     """Rows that are copies of the one before. Frozen packets: for long, and a joint has
     then come farther than in its usual step. Doubled rows: single ones while the arm
     moves, under an even clock; the motion goes on behind them, or skips ahead."""
@@ -100,7 +100,7 @@ def held_rows(g: Glance) -> Iterator[Issue]:
     )
 
 
-def end_stops(g: Glance) -> Iterator[Issue]:
+def end_stops(g: RunSummary) -> Iterator[Issue]:
     """Rows in which a joint is told to go beyond its range and does not: its stop holds
     it, whose torque no model has. Where it follows the command, the range is not where
     the stop is."""
@@ -123,7 +123,7 @@ def end_stops(g: Glance) -> Iterator[Issue]:
     )
 
 
-def interpolated_rows(g: Glance) -> Iterator[Issue]:
+def interpolated_rows(g: RunSummary) -> Iterator[Issue]:
     """Rows that lie on straight lines in every channel: a gap that was filled in."""
     if not g.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
@@ -155,7 +155,7 @@ def interpolated_rows(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("interpolated rows", mask_of(len(inside), parts), what)
 
 
-def zeros(g: Glance) -> Iterator[Issue]:
+def zeros(g: RunSummary) -> Iterator[Issue]:
     """Exact zeros that a logger filled in because it had no sample: its joint moves, the
     channel comes back to where it was before, on the same side, and no other value of
     it does so.
@@ -202,7 +202,7 @@ def _filled(x: Array) -> Rows:
     return mask_of(len(x), [] if elsewhere * TIMES > len(filled) else filled)
 
 
-def spikes(g: Glance) -> Iterator[Issue]:
+def spikes(g: RunSummary) -> Iterator[Issue]:
     """Single samples far from the median of seven: bits turned, packets torn. Half a
     second off every start and stop of the arm."""
     moves, t, bad = g.movement.at, g.run.t, {}
@@ -222,7 +222,7 @@ def spikes(g: Glance) -> Iterator[Issue]:
     yield from g.deleted("spikes", bad, what, "certain: no joint moves like that")
 
 
-def lost_rows(g: Glance) -> Iterator[Issue]:
+def lost_rows(g: RunSummary) -> Iterator[Issue]:
     """All joints skip ahead within one step of an even clock: rows are missing that it
     does not show.
 
@@ -266,7 +266,7 @@ def lost_rows(g: Glance) -> Iterator[Issue]:
         )
 
 
-def frozen(g: Glance, word: str, name: str) -> Iterator[Issue]:
+def frozen(g: RunSummary, word: str, name: str) -> Iterator[Issue]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow
     down before."""
     asked = [
@@ -285,7 +285,7 @@ def frozen(g: Glance, word: str, name: str) -> Iterator[Issue]:
     yield from g.deleted(f"frozen {word}", bad, what + "the channel was frozen.", sure)
 
 
-def _stuck(g: Glance, j: int, x: Array, position: bool) -> Rows:
+def _stuck(g: RunSummary, j: int, x: Array, position: bool) -> Rows:
     """(N,) where a channel of joint j is frozen: the same number for long, and then not
     the next one."""
     parts = spans(np.diff(x) == 0.0)

@@ -14,10 +14,10 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults import FAULTS
-from sdp_vs_penalty.checks.faults.fault import Element, Number, Transformation
+from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Faults that a motion shows whose directions are half as many as its joints.
 TOLD_BY_A_POOR_MOTION = "degrees", "sign", "mounting", "events"
@@ -43,7 +43,7 @@ class Search:
         self.elements = lru_cache(99)(self._elements)
         self.posterior = lru_cache(99)(self._posterior)
 
-    def _elements(self, repair: Repair) -> tuple[Element, ...]:
+    def _elements(self, repair: LogTransform) -> tuple[Fault, ...]:
         return tuple(e for t in FAULTS for e in t.elements(self.log, repair))
 
     @property
@@ -55,32 +55,32 @@ class Search:
         barred = {"order"} if "lockstep motion" in self.known else set()
         return [fault for fault in FAULTS if fault.name not in barred]
 
-    def likelihood(self, score: Score, repair: Repair) -> float:
+    def likelihood(self, score: ArmFit, repair: LogTransform) -> float:
         """Log-likelihood less the repair's cost; round numbers come first."""
         cost = sum(e.cost + 0.5 * c.ODDS * e.odd for e in self.elements(repair))
         return -0.5 * self.samples * score.score - cost
 
-    def _posterior(self, repair: Repair) -> float:
+    def _posterior(self, repair: LogTransform) -> float:
         score = self.log.score(repair)
         return self.likelihood(score, repair) + score.physics(repair, self.samples)
 
-    def new(self, repair: Repair, now: Repair) -> list[Element]:
+    def new(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
         """What it does beyond another one; where that is the same by name, what it does
         otherwise."""
         known = {e.name: e.what for e in self.elements(now)}
         more = [e for e in self.elements(repair) if e.name not in known]
         return more or [e for e in self.elements(repair) if e.what != known[e.name]]
 
-    def run(self) -> Repair:
+    def run(self) -> LogTransform:
         """The net repair."""
         now = self.log.none
         for _ in range(c.MOST):
-            if (better := self.added(now)) is None:
+            if (better := self.add_best_fault(now)) is None:
                 break
             now = self.rounded(better)
         return now
 
-    def proposals(self, now: Repair) -> list[Repair]:
+    def proposals(self, now: LogTransform) -> list[LogTransform]:
         """One more thing that may be believed, the best first.
 
         A number's best value explains at most twice what a rough one does, and physics
@@ -111,34 +111,34 @@ class Search:
         tied = [r for r in order if _same_fit(r, now)]
         # Of each thing its best number: a grid's neighbours must not crowd out another
         # thing.
-        best: dict[frozenset[object], Repair] = {}
+        best: dict[frozenset[object], LogTransform] = {}
         for r in order:
             best.setdefault(frozenset(e.name for e in self.elements(r)), r)
         return list(dict.fromkeys([*best.values()][: c.MOST] + tied[: c.MOST]))
 
-    def added(self, now: Repair) -> Repair | None:
+    def add_best_fault(self, now: LogTransform) -> LogTransform | None:
         """The best composition with one thing more, or None where none is believed."""
         refined = [self.refined(r, now) for r in self.proposals(now)]
         self._known_of([self.log.score(r) for r in refined])
         least = self.posterior(now) + c.ODDS
         likely = [r for r in refined if self.posterior(r) >= least]
 
-        def rank(repair: Repair) -> int:
+        def rank(repair: LogTransform) -> int:
             """What explains as much by a law, which arms have, comes before a fault."""
             law = all(e.severity == "note" for e in self.new(repair, now))
             return -round(self.posterior(repair) + c.ODDS * law)
 
         return next(
-            (r for r in sorted(likely, key=rank) if self.believed(r, now)), None
+            (r for r in sorted(likely, key=rank) if self.is_confirmed(r, now)), None
         )
 
-    def _known_of(self, scores: Sequence[Score]) -> None:
+    def _known_of(self, scores: Sequence[ArmFit]) -> None:
         """The error of a wrong arm lasts longer than noise does: of that the best one
         knows most."""
         self.samples = max([self.samples, *(s.samples for s in scores)])
         self.posterior.cache_clear()
 
-    def believed(self, repair: Repair, now: Repair) -> bool:
+    def is_confirmed(self, repair: LogTransform, now: LogTransform) -> bool:
         """Whether it predicts what the arm was not fitted to, better than physics does,
         and its numbers are beyond what is usual.
         Of a number, whose interval tells as well, half as clear a prediction of several
@@ -147,7 +147,7 @@ class Search:
         if not all(self._determined(e.number) for e in new if e.number):
             return False
         before, after = (
-            fits.left_out(r, fits.score(r).weights)[1] for r in (now, repair)
+            fits.jackknife_errors(r, fits.score(r).weights)[1] for r in (now, repair)
         )
         least = c.SIGMAS * (
             0.5 if len(fits.joints) > 1 and all(e.number for e in new) else 1.0
@@ -165,12 +165,16 @@ class Search:
             is_law or self.beats_physics(fits, repair, now)
         )
 
-    def _signs_alone(self, new: Sequence[Element]) -> bool:
+    def _signs_alone(self, new: Sequence[Fault]) -> bool:
         """Whether all that is new are signs of torques, which no effect explains."""
         return all(e.kind == "torque sign" for e in new)
 
     def beats_physics(
-        self, log: Likelihood, repair: Repair, now: Repair, strict: bool = False
+        self,
+        log: Likelihood,
+        repair: LogTransform,
+        now: LogTransform,
+        strict: bool = False,
     ) -> bool:
         """Whether a fault makes the error on parts left out of a log smaller in some
         joint, where every law that its joints may have is free to
@@ -190,7 +194,7 @@ class Search:
             harmless = ratio.min() > 1.0 / c.WORSE
         return bool(ratio.max() > least and harmless)
 
-    def confirmed(self, net: Repair) -> Repair:
+    def confirmed(self, net: LogTransform) -> LogTransform:
         """Without what does not hold in every run: order, signs, units, gains, clock and
         mounting are those of the logger."""
         for e in self.elements(net):
@@ -205,7 +209,7 @@ class Search:
                 net = known[0].without if known else net
         return net
 
-    def _holds(self, log: Likelihood, net: Repair, without: Repair) -> bool:
+    def _holds(self, log: Likelihood, net: LogTransform, without: LogTransform) -> bool:
         """Whether a run does not speak against what is said of all: its error on parts
         left out is no larger, where its joints move."""
         before, after = (
@@ -214,7 +218,7 @@ class Search:
         )
         return bool(np.mean((before - after)[log.moving]) > -0.1)
 
-    def _determined(self, number: Number) -> bool:
+    def _determined(self, number: FaultSize) -> bool:
         """Beyond what is usual by more than its interval, which is closed: as far as
         the best value is looked for, to either side, it explains less."""
         spread = self.step(number)[1]
@@ -223,7 +227,7 @@ class Search:
             return False
         if 2.0 * spread > max(number.tolerance, number.widest):
             return False
-        far = max(number.reach, reach)
+        far = max(number.search_radius, reach)
         here, *sides = self.log.scores(
             [number.at(number.value + x) for x in (0.0, -far, far)]
         )
@@ -232,20 +236,22 @@ class Search:
             >= (0.5 * c.SIGMAS) ** 2
         )
 
-    def step(self, number: Number) -> tuple[float, float]:
+    def step(self, number: FaultSize) -> tuple[float, float]:
         """To first order, what a number lacks of its best value, and its standard
         deviation."""
         value, h = np.array([[number.value], [0.3 * number.tolerance]])
-        (change,), (spread,) = self.log.steps(
+        (change,), (spread,) = self.log.first_order_steps(
             number.at(number.value), [number.at], value, h
         )
         return float(change), float(spread)
 
-    def numbers(self, repair: Repair) -> dict[tuple[str, tuple[int, ...]], Number]:
+    def numbers(
+        self, repair: LogTransform
+    ) -> dict[tuple[str, tuple[int, ...]], FaultSize]:
         """The numbers of a repair, by the names of their elements."""
         return {e.name: e.number for e in self.elements(repair) if e.number}
 
-    def refined(self, repair: Repair, now: Repair) -> Repair:
+    def refined(self, repair: LogTransform, now: LogTransform) -> LogTransform:
         """With the best values of its numbers, of those first that ``now`` does not
         have, and itself where these are none: looked for on few rows, then one step to
         first order on all; round ones where arms differ as much."""
@@ -256,7 +262,10 @@ class Search:
             return repair
         for name in sorted(found, key=lambda name: name in known):
             number = self.numbers(repair)[name]
-            ends = number.value - number.reach, number.value + number.reach
+            ends = (
+                number.value - number.search_radius,
+                number.value + number.search_radius,
+            )
             few = lambda x, at=number.at: self.log.screen.score(at(float(x))).score  # noqa: E731
             settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
             least = minimize_scalar(
@@ -273,11 +282,11 @@ class Search:
             repair = max(tried, key=lambda r: self.likelihood(self.log.score(r), r))
         return repair
 
-    def rounded(self, repair: Repair) -> Repair:
+    def rounded(self, repair: LogTransform) -> LogTransform:
         """A number that is believed becomes the round one from which it is not told as
         it is from none: by more than arms differ, and its standard errors."""
         for name in [
-            name for name, number in self.numbers(repair).items() if number.snaps
+            name for name, number in self.numbers(repair).items() if number.round_values
         ]:
             number = self.numbers(repair)[name]
             for x in number.round_within(
@@ -286,7 +295,7 @@ class Search:
                 repair = number.at(x)
         return repair
 
-    def alone(self, net: Repair, element: Element) -> Repair:
+    def alone(self, net: LogTransform, element: Fault) -> LogTransform:
         """The repair that does one thing of the net repair, and no other."""
         for other in self.elements(net):
             if other.name != element.name:
@@ -294,7 +303,7 @@ class Search:
                 net = here[0].without if here else net
         return net
 
-    def told(self, net: Repair) -> list[Issue]:
+    def describe_faults(self, net: LogTransform) -> list[Issue]:
         """An issue for each element of the net repair, with its interval and what it
         explains."""
         out, after = list[Issue](), self.log.score(net).shares
@@ -350,11 +359,11 @@ class Search:
         return out
 
 
-def _same_fit(a: Repair, b: Repair) -> bool:
+def _same_fit(a: LogTransform, b: LogTransform) -> bool:
     """Whether two repairs differ in signs alone: of torques, of gravity, of the
     direction of time."""
 
-    def unsigned(r: Repair) -> Repair:
+    def unsigned(r: LogTransform) -> LogTransform:
         gravity = max(r.gravity, tuple(-g for g in r.gravity))
         return replace(r, reversed=False, gain=tuple(map(abs, r.gain)), gravity=gravity)
 

@@ -39,7 +39,7 @@ def say(text: str, style: str | None = None) -> None:
     out.print(text, style=style, markup=False, soft_wrap=True)
 
 
-def explain(text: str) -> None:
+def paragraph(text: str) -> None:
     """Sentences on stdout, broken between words at the terminal's width."""
     out.print(text, markup=False)
 

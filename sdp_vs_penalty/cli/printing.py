@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.cli.console import details, explain, out, say, table
+from sdp_vs_penalty.cli.console import details, out, paragraph, say, table
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows
@@ -119,9 +119,9 @@ def verdict(said: Verdict, name: str = "") -> None:
     """The grade with its reason, the weakest of three lines, then the other two."""
     say(f"{name}: {said.headline}" if name else said.headline, style="bold")
     for line in said.lines[1:]:
-        explain(f"{line.about} ({line.grade}): {line.text}")
+        paragraph(f"{line.about} ({line.grade}): {line.text}")
     if said.remark:
-        explain(said.remark)
+        paragraph(said.remark)
 
 
 def certificate(result: Estimate) -> None:
@@ -167,7 +167,7 @@ def certificate(result: Estimate) -> None:
         )
     details(*zip(*lines, strict=True))
     for remark in filter(None, (result.certificate.not_found, result.unweighed)):
-        explain(remark)
+        paragraph(remark)
 
 
 def comparison(
@@ -208,9 +208,9 @@ def where_it_fails(
     )
     told = [f for f in failures if dependences(f) or f.orders]
     for f in told:
-        explain(f"joint {f.joint}: {' '.join(sentences(f, units[f.joint - 1]))}")
+        paragraph(f"joint {f.joint}: {' '.join(sentences(f, units[f.joint - 1]))}")
     if rest := [f for f in failures if f not in told]:
-        explain(
+        paragraph(
             f"{formatting.joints([f.joint for f in rest])}: {sentences(rest[0], '')[0]}"
         )
 
@@ -249,19 +249,19 @@ def diagnosis(
     from sdp_vs_penalty.diagnosis.findings import event_lines
 
     say(result.headline, style="bold")
-    if result.unknown or not found:
-        explain(result.advice)
+    if result.unexplained_sentence or not found:
+        paragraph(result.advice)
     for retune in result.retuned:
         weak = f" (weak: {'; '.join(retune.remarks)})" if retune.remarks else ""
-        explain(f"retune {retune.explanation}{weak}")
+        paragraph(f"retune {retune.explanation}{weak}")
     if result.effects:
         _findings(
             result,
             units,
-            worth_showing(result.effects) if not verbose else result.effects,
+            without_trailing_weak(result.effects) if not verbose else result.effects,
         )
     for curve in result.curves:
-        explain(f"curve: {curve.sentence(units)}")
+        paragraph(f"curve: {curve.sentence(units)}")
     beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
     known = result.noise_known
     left = ", ".join(
@@ -282,18 +282,18 @@ def diagnosis(
         names = ", ".join(
             f"{k}:{'+'.join(v)}" if v[0] else k for k, v in hidden.items()
         )
-        explain(
+        paragraph(
             "not identifiable from these runs (absorbed by existing parameters):"
             f" {names}"
         )
     for remark in result.remarks:
-        explain(remark)
+        paragraph(remark)
 
 
-def undecided(result: Diagnosis, model: Path) -> None:
+def runs_that_decide(result: Diagnosis, model: Path) -> None:
     """The runs that would tell a finding from what fits as well, or a weak one from
     nothing."""
-    for k, finding in enumerate(worth_showing(result.effects), start=1):
+    for k, finding in enumerate(without_trailing_weak(result.effects), start=1):
         if told := finding.telling_run(str(model), k):
             say(f"Finding {k}, the run that would tell: {told}")
 
@@ -327,16 +327,16 @@ def _findings(
             )
         said.add(finding.effect)
         why = f" Weak: {'; '.join(finding.remarks)}." if finding.remarks else ""
-        explain(f"{k}. {head}{rest}{why}")
+        paragraph(f"{k}. {head}{rest}{why}")
     if len(shown) < len(result.effects):
         more = ", ".join(f.text.partition("@")[0] for f in result.effects[len(shown) :])
-        explain(f"further weak candidates: {more}")
+        paragraph(f"further weak candidates: {more}")
 
 
-def worth_showing(effects: Sequence[Finding]) -> Sequence[Finding]:
+def without_trailing_weak(effects: Sequence[Finding]) -> Sequence[Finding]:
     """The history without the findings at its end that are not sure, but for the first
     two of them."""
-    last = max((k for k, f in enumerate(effects) if f.sure), default=-1)
+    last = max((k for k, f in enumerate(effects) if f.torque_is_certain), default=-1)
     return effects[: last + 3]
 
 

@@ -20,7 +20,7 @@ from sdp_vs_penalty.regression.black_box import BlackBox, load_answers
 NO_CHECK = "pass --no-check to"
 
 
-def as_told(
+def problem_from_options(
     source: str,
     gravity: str | None = None,
     bounds: str | None = None,
@@ -32,7 +32,7 @@ def as_told(
     return with_filters(with_bounds(load_problem(source, mounting), bounds), filters)
 
 
-def runs_as_told(
+def runs_from_options(
     problem: Problem, data: Sequence[Path], window: str | None
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
     """The runs, or a black box's answers, behind --data: whole, and what --window

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from sdp_vs_penalty.errors import require_known
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 
 #: Where GitHub serves single files of a commit.
 GITHUB = "https://raw.githubusercontent.com"
 
 
 @dataclass(frozen=True)
-class RemoteFile(Plain):
+class RemoteFile(JsonRecord):
     """One file of a repository: its path there, its SHA-256; cached : its name in the
     cache, if another; rows : the first and the last one (from 1) that hold samples,
     where others do not."""
@@ -29,7 +29,7 @@ class RemoteFile(Plain):
 
 
 @dataclass(frozen=True)
-class Dataset(Plain):
+class Dataset(JsonRecord):
     """Measurements that their authors publish.
 
     source : GitHub owner/name; commit : which version; problem : whose robot it is;

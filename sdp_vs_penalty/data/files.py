@@ -23,7 +23,7 @@ from sdp_vs_penalty.data.measurements import (
     concatenate,
     without_traces,
 )
-from sdp_vs_penalty.data.store import parts
+from sdp_vs_penalty.data.store import iter_chunks
 from sdp_vs_penalty.errors import InputError, Remark, given, other_robot
 from sdp_vs_penalty.files import reading
 
@@ -237,7 +237,7 @@ def _without_silent_channels(path: Path, run: Measurements) -> Measurements:
     groups, needed = dict(run.groups), {"q", "tau"}
     for name, block in run.groups.items():
         is_number = np.zeros(block.shape[1], bool)
-        for _, part in parts(block):
+        for _, part in iter_chunks(block):
             is_number |= np.isfinite(part).any(axis=0)
         if is_number.all() or len(block) == 0:
             continue
@@ -267,7 +267,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
         )
 
     for name, values in {"t": m.t[:, None], **m.groups}.items():
-        for start, part in parts(values):
+        for start, part in iter_chunks(values):
             bad = ~(np.abs(part) <= LARGEST_VALUE[name])  # not a number compares false
             if bad.any():
                 row, joint = np.argwhere(bad)[0].tolist()
@@ -281,7 +281,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
                     what = f"{where} is not a finite number"
                 raise InputError(what, f"correct the {word} or delete it", path)
     stays = np.concatenate(
-        [a + np.flatnonzero(np.diff(x) <= 0) for a, x in parts(m.t, overlap=1)]
+        [a + np.flatnonzero(np.diff(x) <= 0) for a, x in iter_chunks(m.t, overlap=1)]
     )
     if len(stays):
         row = int(stays[0])

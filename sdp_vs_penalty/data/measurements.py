@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.store import PART, Growing, digest, joined, parts
+from sdp_vs_penalty.data.store import (
+    PART,
+    AppendableArray,
+    concatenate_chunks,
+    digest,
+    iter_chunks,
+)
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
@@ -112,7 +118,7 @@ class Measurements(Shown):
     def _runs(self) -> list[Measurements]:
         run = self.run
         assert run is not None
-        if all(np.all(np.diff(part) >= 0) for _, part in parts(run, overlap=1)):
+        if all(np.all(np.diff(part) >= 0) for _, part in iter_chunks(run, overlap=1)):
             # One after the other: views, no copies.
             edges = np.searchsorted(run, np.arange(len(self.names) + 1))
             slices = [slice(a, b) for a, b in pairwise(edges.tolist())]
@@ -125,7 +131,7 @@ class Measurements(Shown):
         """The samples with start <= t < stop, t in seconds from the start of each run."""
         cut = []
         for run in self.runs():
-            since = (part - run.t[0] for _, part in parts(run.t))
+            since = (part - run.t[0] for _, part in iter_chunks(run.t))
             inside = np.concatenate([(s >= start) & (s < stop) for s in since])
             first, last = int(inside.argmax()), len(inside) - int(inside[::-1].argmax())
             # In a clock that advances they are one stretch: a view, no copy.
@@ -212,9 +218,11 @@ def without_traces(measured: Measurements) -> Measurements:
     """
     found, least = {"t": measured.t, **measured.groups}, 1e-30
     odd = {
-        name: joined(np.where(np.abs(x) < least, 0.0, x) for _, x in parts(block))
+        name: concatenate_chunks(
+            np.where(np.abs(x) < least, 0.0, x) for _, x in iter_chunks(block)
+        )
         for name, block in found.items()
-        if any(np.any((np.abs(x) < least) & (x != 0.0)) for _, x in parts(block))
+        if any(np.any((np.abs(x) < least) & (x != 0.0)) for _, x in iter_chunks(block))
     }
     found |= odd
     return (
@@ -227,11 +235,11 @@ def without_traces(measured: Measurements) -> Measurements:
 def gathered(pieces: Iterable[Measurements]) -> Measurements:
     """One run from consecutive pieces of it, at least one; on the disk where there are
     many."""
-    whole: dict[str, Growing] = {}
+    whole: dict[str, AppendableArray] = {}
     for piece in pieces:
         first = piece
         for name, block in {"t": piece.t, **piece.groups}.items():
-            whole.setdefault(name, Growing()).append(block)
+            whole.setdefault(name, AppendableArray()).append(block)
     found = {name: block.array() for name, block in whole.items()}
     return Measurements.of(found["t"], found, first.names)
 
@@ -257,8 +265,8 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         )
     everywhere = [g for g in runs[0].groups if all(g in r.groups for r in runs)]
     return Measurements.of(
-        joined(r.t for r in runs),
-        {g: joined(r.groups[g] for r in runs) for g in everywhere},
+        concatenate_chunks(r.t for r in runs),
+        {g: concatenate_chunks(r.groups[g] for r in runs) for g in everywhere},
         tuple(r.names[0] for r in runs),
-        joined(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
+        concatenate_chunks(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
     )

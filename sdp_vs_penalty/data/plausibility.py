@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import parts
+from sdp_vs_penalty.data.store import iter_chunks
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -87,7 +87,7 @@ def check_torque(run: Measurements) -> None:
     """InputError where no channel holds anything: zeros, or numbers whose squares are."""
     # No sensor resolves this [N m, N].
     if run.torque_logged and not any(
-        np.any(np.abs(part) > 1e-12) for _, part in parts(run.tau)
+        np.any(np.abs(part) > 1e-12) for _, part in iter_chunks(run.tau)
     ):
         raise InputError(
             "every torque is zero", "log the torque, or the current", run.names[0]
@@ -142,7 +142,7 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     if run.dq is None:
         return
     sums = np.zeros((3, run.n))
-    channels = (parts(x, overlap=1) for x in (run.t, run.q, run.dq))
+    channels = (iter_chunks(x, overlap=1) for x in (run.t, run.q, run.dq))
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
         for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
             way, told = (

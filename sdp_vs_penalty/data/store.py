@@ -29,7 +29,9 @@ LARGEST_IN_MEMORY = 2**24
 PART = 1 << 15
 
 
-def parts(array: NDArray[Any], overlap: int = 0) -> Iterator[tuple[int, NDArray[Any]]]:
+def iter_chunks(
+    array: NDArray[Any], overlap: int = 0
+) -> Iterator[tuple[int, NDArray[Any]]]:
     """Consecutive parts of an array with the index of their first row.
 
     overlap : rows that each part shares with the next one.
@@ -43,13 +45,13 @@ def digest(arrays: Iterable[NDArray[Any]]) -> str:
     found = hashlib.sha256()
     for array in arrays:
         found.update(repr(array.shape).encode())
-        for _, part in parts(array):
+        for _, part in iter_chunks(array):
             found.update(np.ascontiguousarray(part, dtype="<f8").data)
     return found.hexdigest()
 
 
 @dataclass
-class Growing:
+class AppendableArray:
     """An array (N, ...) that rows are appended to."""
 
     _pieces: list[NDArray[Any]] = field(default_factory=list)
@@ -65,7 +67,7 @@ class Growing:
             with _room():
                 self._file = self._file or _unnamed_file()
                 for piece in self._pieces:
-                    for _, part in parts(piece):
+                    for _, part in iter_chunks(piece):
                         self._file.write(np.ascontiguousarray(part).data)
             self._pieces = [rows[:0]]
 
@@ -84,7 +86,7 @@ class Growing:
         return np.frombuffer(mapped, first.dtype).reshape(self._rows, *first.shape[1:])
 
 
-class Shelf:
+class DiskCache:
     """Values in a temporary file, each read again when it is asked for: what every pass
     over a long recording needs."""
 
@@ -143,9 +145,9 @@ def _room() -> Iterator[None]:
         ) from error
 
 
-def joined(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
+def concatenate_chunks(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
     """Arrays one after the other, in memory or in a file as their size demands."""
-    whole = Growing()
+    whole = AppendableArray()
     for array in arrays:
         whole.append(array)
     return whole.array()

@@ -8,27 +8,27 @@ import numpy as np
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import FAR
+from sdp_vs_penalty.diagnosis.candidates import Candidate, Library
+from sdp_vs_penalty.diagnosis.constants import IMPLAUSIBLE_SIGMAS
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
-from sdp_vs_penalty.diagnosis.library import Form, Library
-from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.score import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, independent_gains
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import (
     certify,
     certify_beside,
     estimate_parameters,
     on_bounds,
-    record,
+    parameter_sources,
     versions,
 )
-from sdp_vs_penalty.estimation.pose import PoseOptions, independent_gains
 from sdp_vs_penalty.estimation.sensitivity import free_constants, sensitivities, settled
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.uncertainty import beside_held
@@ -129,13 +129,15 @@ def add(
         )
 
     progress("estimating shape constants")
-    new = shaped_effects(estimate, added, measurements, frozen)
+    new = estimate_constants(estimate, added, measurements, frozen)
     # Refuses constants that are there already.
     Model(estimate.robot, (*estimate.model.effects, *new))
     if frozen:
         return _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
     found = identified([*_own(estimate, retuned), *new])
-    together = found_together(found, [e for e in added if not all_given(e)], filtered)
+    together = joint_optimum_of_constants(
+        found, [e for e in added if not all_given(e)], filtered
+    )
     if together is None:
         return found
     model, shapes = together
@@ -185,7 +187,7 @@ def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
             for k in effect.shapes
             if all((effect.name, j, k) in estimated for j in effect.joints)
         ]
-        out.append(effect.opened(keys) if keys else effect)
+        out.append(effect.with_free_shapes(keys) if keys else effect)
     return out
 
 
@@ -213,7 +215,7 @@ def _add_frozen(
         if model.needs_reference:
             model = replace(model, reference=np.append(known, part))
         progress("compressing the measurements")
-        left = compress(runs, model).beside(estimate.theta)
+        left = compress(runs, model).given_first(estimate.theta)
         task = task_beside(estimate, own, left, seed, progress)
         progress("estimating the new effects")
         fit = estimator.fit(task)
@@ -232,7 +234,10 @@ def _add_frozen(
     held = (estimate.theta, estimate.uncertainty), base_rows(problem, estimate.model)
     data = compress(runs, wide)
     uncertainty = beside_held(task, data, *held, part, base, gain_errors)
-    old, new_record = estimate.details, record(task, part, base, estimator.rest)
+    old, new_record = (
+        estimate.details,
+        parameter_sources(task, part, base, estimator.undetermined_by),
+    )
     before, new_motion = estimate.training_motion, record_motion(runs)
     return replace(
         estimate,
@@ -269,7 +274,7 @@ def _add_frozen(
 # The shape constants of what joins, and of the model's own beside them.
 
 
-def _told(effect: Effect) -> frozenset[str]:
+def _given_constants(effect: Effect) -> frozenset[str]:
     """The shape constants that are not searched: given ones, and those that the effect
     has and its class has not, which say what it acts on, as its joints do."""
     return effect.given | (set(effect.shape) - set(type(effect).shapes))
@@ -278,10 +283,10 @@ def _told(effect: Effect) -> frozenset[str]:
 def all_given(effect: Effect) -> bool:
     """Whether nothing is left to estimate of an effect's shape constants."""
     clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
-    return _told(effect) >= clock.union(effect.searched)
+    return _given_constants(effect) >= clock.union(effect.searched)
 
 
-def shaped_effects(
+def estimate_constants(
     estimate: Estimate,
     wanted: Sequence[Effect],
     measurements: Measurements,
@@ -298,7 +303,7 @@ def shaped_effects(
         if search is None:
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
-            search = Search(prepare(rows, estimate, frozen), Library())
+            search = Search(whiten_rows(rows, estimate, frozen), Library())
         joints = (
             [None]
             if effect.whole_robot
@@ -312,23 +317,24 @@ def shaped_effects(
 
 def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
     """One joint's effect with the shape that scores most; given ones stay."""
-    fixed = _told(effect)
+    fixed = _given_constants(effect)
     start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
     given = {key: effect.shape[key] for key in fixed}
     forms = [
-        Form((effect.name, joint), one)
+        Candidate((effect.name, joint), one)
         for one in effect.candidates(effect.robot, joint, start, **given)
     ]
-    best = dict[tuple[Hashable, ...], Term]()
+    best = dict[tuple[Hashable, ...], ScoredEffect]()
     for term in sorted(
-        (search.judged(search.fit, form) for form in forms), key=lambda t: t.J
+        (search.evidence_of(search.fit, form) for form in forms),
+        key=lambda t: t.evidence,
     ):
-        best[term.form.law] = term
+        best[term.form.discrete_choice] = term
     found = (search.refined(search.fit, term, fixed) for term in best.values())
-    return max(found, key=lambda t: t.J).form.effect
+    return max(found, key=lambda t: t.evidence).form.effect
 
 
-def found_together(
+def joint_optimum_of_constants(
     found: Estimate, added: Sequence[Effect], runs: FilteredRuns
 ) -> tuple[Model, list[ShapeEstimate]] | None:
     """The model with its own estimated constants and those of what was ``added`` on the
@@ -355,7 +361,10 @@ def found_together(
     values = {
         (e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints
     }
-    if not any(abs(np.log(values[k] / s.after)) > FAR * std[k] for k, s in own.items()):
+    if not any(
+        abs(np.log(values[k] / s.after)) > IMPLAUSIBLE_SIGMAS * std[k]
+        for k, s in own.items()
+    ):
         return None
     out = [
         (

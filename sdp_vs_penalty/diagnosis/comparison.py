@@ -14,7 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.data.store import Growing, parts
+from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
@@ -328,7 +328,9 @@ def _kept_noise(
 def _judged(
     name: str, model: Estimate, runs: FilteredRuns, floor: tuple[Array | None, str]
 ) -> Comparison:
-    series = {name: Growing() for name in ("t", "q", "dq", "measured", "modelled")}
+    series = {
+        name: AppendableArray() for name in ("t", "q", "dq", "measured", "modelled")
+    }
     outside: dict[str, float] = {}  # rows
     for run in runs.runs:
         for rows in run.rows(model.model):
@@ -342,10 +344,12 @@ def _judged(
                 outside[first] = outside.get(first, 0.0) + float(beyond)
     signals = Signals(**{name: x.array() for name, x in series.items()})
     measured, count = signals.measured, len(signals.t)
-    pairs = zip(parts(measured), parts(signals.modelled), strict=True)
+    pairs = zip(iter_chunks(measured), iter_chunks(signals.modelled), strict=True)
     mse = sum(np.sum((a - b) ** 2, axis=0) for (_, a), (_, b) in pairs) / count
-    mean = sum(a.sum(axis=0) for _, a in parts(measured)) / count
-    variance = sum(np.sum((a - mean) ** 2, axis=0) for _, a in parts(measured)) / count
+    mean = sum(a.sum(axis=0) for _, a in iter_chunks(measured)) / count
+    variance = (
+        sum(np.sum((a - mean) ** 2, axis=0) for _, a in iter_chunks(measured)) / count
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         r2 = np.where(variance > 0.0, 1.0 - mse / variance, np.nan)
         relative = 100.0 * np.sqrt(np.sum(mse) / np.sum(variance + mean**2))

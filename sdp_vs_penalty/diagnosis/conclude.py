@@ -18,7 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.constants import ABSORBED, APART, FAR, UNCERTAIN
+from sdp_vs_penalty.diagnosis.constants import (
+    ABSORBED,
+    EVIDENCE_TO_ADD,
+    IMPLAUSIBLE_SIGMAS,
+    UNCERTAIN,
+)
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.findings import (
@@ -33,11 +38,11 @@ from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.remaining import (
     Remainder,
     events,
+    least_squares_refit,
     outliers,
-    refitted,
     remainder,
 )
-from sdp_vs_penalty.diagnosis.score import Fit, Term
+from sdp_vs_penalty.diagnosis.score import Fit, ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import (
     Moved,
@@ -60,7 +65,7 @@ from sdp_vs_penalty.signals.standstill import STILL
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchOutcome:
     """What a search came to: first : the model as it was given; estimate : with the
     constants of its own that explain most; shapes : those constants; search : the
     findings beside it, in order; left : by these; held_out : of all candidates, of
@@ -80,14 +85,14 @@ def what_is_left(search: Search, odd: NDArray[np.bool_] | None = None) -> Remain
     """Of the rows beside all terms of a search; odd (M, n) : its outliers, if they are
     known."""
     data, fit = search.data, search.fit
-    residual = refitted(data, [t.form.effect for t in search.terms])[1]
+    residual = least_squares_refit(data, [t.form.effect for t in search.terms])[1]
     if odd is None:
         odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
     return remainder(data, fit, residual, odd)
 
 
 def conclude(
-    found: Found, gain_errors: Array, new_share: float | None, seed: int
+    found: SearchOutcome, gain_errors: Array, new_share: float | None, seed: int
 ) -> Diagnosis:
     """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque
     channels' gains; new_share : of the test run's motion; seed : of the draws of a
@@ -95,37 +100,43 @@ def conclude(
     search, data = found.search, found.search.data
     rows, noise = data.rows, data.noise
     left, residual = found.left, found.left.residual
-    nameless = {j: float(left.beyond[j]) for j in left.matters}
+    nameless = {j: float(left.beyond[j]) for j in left.joints_unexplained}
     unnamed = {*nameless, *(c.joint for c in found.curves)}
-    happened = events(data, found.left.odd, residual, sorted(unnamed))
+    happened = events(data, found.left.outlier_rows, residual, sorted(unnamed))
     held_out, offered = found.held_out, found.offered
     own = len(offered) - len(search.terms)
     errors = np.array(
         [held_out.errors(offered[:k]) for k in range(own, len(offered) + 1)]
     )
     doubt = torque_errors(data, found.estimate, gain_errors)
-    moved = data.moved(
+    moved = data.constant_error_columns(
         [t.form.effect for t in search.terms], [t.beta for t in search.terms]
     )
     near = search.score.fit([*search.terms, *search.tolerances.values()], search.fit)
     sizes = [size_of_term(search, t, near, doubt, moved) for t in search.terms]
     findings = [
-        _finding(*both, _reasons(found, *both, errors[k : k + 2]), errors[k : k + 2])
+        _finding(
+            *both, reasons_for_doubt(found, *both, errors[k : k + 2]), errors[k : k + 2]
+        )
         for k, both in enumerate(zip(search.terms, sizes, strict=True))
     ]
     # Data left out have the last word on those that are sure, too, as a whole.
     sure = [
         *offered[:own],
-        *(k for k, f in zip(offered[own:], findings, strict=True) if f.sure),
+        *(
+            k
+            for k, f in zip(offered[own:], findings, strict=True)
+            if f.torque_is_certain
+        ),
     ]
-    alone = set(sure).difference(held_out.offered(sure))
+    alone = set(sure).difference(held_out.drop_harmful(sure))
     for i, k in enumerate(offered[own:]):
         if k in alone:
             why = *findings[i].remarks, REASONS["alone"]
             findings[i] = replace(findings[i], confidence="weak", remarks=why)
     retuned = tuple(
         retune(
-            replace(s, std=spread(search, moved, s)),
+            replace(s, std=constant_std(search, moved, s)),
             found.estimate.robot,
             held_out.errors([i for i in offered if i != k]),
             errors[-1],
@@ -146,7 +157,7 @@ def conclude(
         invisible_effects(search),
         tuple(happened),
         noise.source,
-        left.share,
+        left.in_sample_excess_variance,
         errors[-1],
         rows.cutoff,
         remarks(data, residual, held_out.source, new_share),
@@ -161,7 +172,7 @@ def conclude(
 
 
 def _finding(
-    term: Term, known: Size, weak: Mapping[str, str], errors: Array
+    term: ScoredEffect, known: Size, weak: Mapping[str, str], errors: Array
 ) -> Finding:
     """errors (2, n) : held out, before and after it."""
     effect = term.form.effect
@@ -185,13 +196,15 @@ def _finding(
         errors[1],
         sentence(effect, size, std, rivals),
         effect.text,
-        term.J,
+        term.evidence,
         tuple(weak.values()),
         effect.constants,
     )
 
 
-def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, str]:
+def reasons_for_doubt(
+    found: SearchOutcome, term: ScoredEffect, known: Size, errors: Array
+) -> dict[str, str]:
     """Why a finding is weak, with what is said of it; errors (2, n) : held out, before
     and after it."""
     search, effect, on = found.search, term.form.effect, sorted(term.joints)
@@ -209,7 +222,7 @@ def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, 
         "uncertain": (
             not std < UNCERTAIN * abs(size)
         ),  # nothing is known of a size of zero
-        "small": not term.J > 2.0 * APART,
+        "small": not term.evidence > 2.0 * EVIDENCE_TO_ADD,
         "not_held_out": not lowers(errors[0, on], errors[1, on]),
         "more_left": explained < beyond,
         "shared": _shared(search, term) > 1.0 - UNCERTAIN,
@@ -217,7 +230,7 @@ def _reasons(found: Found, term: Term, known: Size, errors: Array) -> dict[str, 
             bool(np.any(torque > np.mean(rows.torque**2, axis=0)))
             or (
                 plausible is not None
-                and np.sqrt(np.mean((known.beta / plausible) ** 2)) > FAR
+                and np.sqrt(np.mean((known.beta / plausible) ** 2)) > IMPLAUSIBLE_SIGMAS
             )
         ),
         "looks_like": bool(looks_like),
@@ -239,7 +252,7 @@ def _rival_name(own: Effect, other: Effect) -> str:
     return other.name
 
 
-def _shared(search: Search, term: Term) -> float:
+def _shared(search: Search, term: ScoredEffect) -> float:
     """Of a term's energy beside the model's columns what other terms make."""
     alone, beside = (
         search.score.fit(others, search.fit).energy(term)
@@ -327,13 +340,13 @@ class Size:
     given: Array
 
 
-def spread(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
+def constant_std(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
     """Standard deviation of a constant of the model beside the findings; infinite where
     the rows do not bound it."""
     for change, columns in moved:
         own = change.effect
         if own.name == s.effect and s.joint in own.joints and s.shape in change.keys:
-            left = search.fit.beside(search.fit.scaled(columns))[
+            left = search.fit.residual_of(search.fit.scaled(columns))[
                 :, :, change.keys.index(s.shape)
             ]
             told = float(np.sum(left**2))
@@ -346,17 +359,25 @@ def spread(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
 
 
 def size_of_term(
-    search: Search, term: Term, near: Fit, errors: Array, moved: Sequence[Moved]
+    search: Search,
+    term: ScoredEffect,
+    fit_with_tolerances: Fit,
+    errors: Array,
+    moved: Sequence[Moved],
 ) -> Size:
-    """near : a fit of all terms and all that is tolerated; errors (n, M, e) : a factor
+    """fit_with_tolerances : a fit of all terms and all that is tolerated; errors (n, M, e) : a factor
     of the covariance of white rows' torque, from :func:`torque_errors`; moved : of
-    :meth:`WhiteData.moved`."""
-    data, k = search.data, term.form.k
+    :meth:`WhiteData.constant_error_columns`."""
+    data, k = search.data, term.form.n_coefficients
     others = [t for t in search.terms if t != term]
-    fit = search.score.fit([*others, *search.tolerated(term, others)], near)
-    apart, known = search.score.apart(fit, term.form, term.columns)
+    fit = search.score.fit(
+        [*others, *search.tolerated(term, others)], fit_with_tolerances
+    )
+    apart, known = search.score.partial_out(fit, term.form, term.columns)
     moving = [
-        fit.beside(fit.scaled(z)) for _, z in moved if not term.joints.isdisjoint(z)
+        fit.residual_of(fit.scaled(z))
+        for _, z in moved
+        if not term.joints.isdisjoint(z)
     ]
     T = np.concatenate([apart, *moving], axis=2)
     prior = np.concatenate([known**-2.0, np.ones(T.shape[2] - k)])
@@ -371,7 +392,7 @@ def size_of_term(
     every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
     inside = [max(every, key=lambda u: float(np.sum(u**2)))]
     if errors.shape[2]:
-        doubt = fit.beside(fit.scaled(dict(enumerate(errors))))
+        doubt = fit.residual_of(fit.scaled(dict(enumerate(errors))))
         inside.append(np.tensordot(T, doubt, axes=((0, 1), (0, 1))))
     through = inverse @ np.hstack(inside)
     covariance = through @ through.T
@@ -414,7 +435,7 @@ def retune(
     """before, after (n,) : held-out errors of all findings without the new constant,
     and with it; alone : whether it does harm beside the sure findings alone."""
     shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
-    values = [shape.said(v, kind) for v in (s.after, s.before)]
+    values = [shape.format_with_unit(v, kind) for v in (s.after, s.before)]
     unit = plain_unit(robot.torque_units[s.joint])
     errors = float(before[s.joint]), float(after[s.joint])
     said = (

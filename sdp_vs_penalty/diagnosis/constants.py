@@ -9,7 +9,7 @@ Evidence is twice the logarithm of odds (Kass, Raftery, JASA 1995); shares have 
 #: Rows of a joint beyond which more of them tell no law better (Miller, Dunson, JASA
 #: 2019). Of six weak effects (seed 61001) 300 name none and 1000 name two; of three
 #: that 1000 does not name (73000) 3000 names two, and nothing false in 14 clean cases.
-ALPHA = 3000.0
+COARSENING_ROWS = 3000.0
 #: Share of a column's energy below which the model makes it itself, and a form is
 #: judged without it: its standard deviation is then 32 times as large as alone.
 ABSORBED = 1e-3
@@ -28,15 +28,15 @@ FORGETS = 0.03
 #: Evidence from which a term is taken: odds of 150 to 1, "very strong" (Kass, Raftery,
 #: sec. 3.2). From 6 on 65 of 101 weak effects are named, not 61, and on the real TX40
 #: the wrist's friction no more.
-APART = 10.0
+EVIDENCE_TO_ADD = 10.0
 #: Evidence by which another form must fall short to be told from a term: odds of 20 to
 #: 1, "strong" (ibid.).
-EQUIVALENT = 6.0
+EVIDENCE_TO_DISTINGUISH = 6.0
 #: A law is right to this share of what it explains: so much of it looks like what acts
 #: where it does.
-FORM = 0.04
+LAW_TOLERANCE = 0.04
 #: Candidates that are looked at closely.
-CLOSELY = 4
+MAX_CANDIDATES_REFINED = 4
 
 # Data left out.
 
@@ -60,9 +60,9 @@ MINOR = 0.01
 CHANCE = 1e-3
 #: Factor within which a spectrum tells the noise (.52 to 1.3 of the truth on 38 logs of
 #: two simulators, most too low): its square beyond what matters is asked.
-WITHIN = 2.0
+SPECTRUM_NOISE_FACTOR = 2.0
 #: Share by which it has to raise a joint's error above its noise to matter.
-MATTERS = 0.1
+MIN_ERROR_RISE = 0.1
 
 # Confidence.
 
@@ -72,4 +72,4 @@ MATTERS = 0.1
 UNCERTAIN = 0.2
 #: Standard deviations from which a size is not what its effect says is plausible, and a
 #: constant another one ("three sigma").
-FAR = 3.0
+IMPLAUSIBLE_SIGMAS = 3.0

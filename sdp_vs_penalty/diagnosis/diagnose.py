@@ -7,24 +7,24 @@ from pathlib import Path
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.conclude import Found, conclude, what_is_left
+from sdp_vs_penalty.diagnosis.candidates import Key, list_candidates
+from sdp_vs_penalty.diagnosis.conclude import SearchOutcome, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import Judge, harm, lowers
-from sdp_vs_penalty.diagnosis.library import Key, library
-from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData, harm, lowers
+from sdp_vs_penalty.diagnosis.score import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search, changed
 from sdp_vs_penalty.diagnosis.whitening import (
     diagnosis_rows,
     folds_of,
-    prepare,
+    whiten_rows,
     with_estimate,
 )
 from sdp_vs_penalty.effects.model import depends
+from sdp_vs_penalty.estimation.build_problem import independent_gains
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.pose import independent_gains
 from sdp_vs_penalty.estimation.shapes import with_shapes
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -90,19 +90,23 @@ def diagnose(
         noisy = windows(logged(noise_from, "noise_from", "runs for the noise"))
         whole = with_estimate(segmented(noisy, settings), estimate)
     progress("noise, and columns of all candidates")
-    data = prepare(rows, estimate, frozen, whole)
-    search = Search(data, library(data))
+    data = whiten_rows(rows, estimate, frozen, whole)
+    search = Search(data, list_candidates(data))
     search.run(progress)
     before = list[set[Key]]()
-    while search.late and (keys := {t.key for t in search.terms}) not in before:
+    while (
+        search.delays_torque and (keys := {t.key for t in search.terms}) not in before
+    ):
         before.append(keys)
-        search = search.referred()
-        search.library = search.library.again(search.data)
-        search.terms = search.settled(search.terms, frozenset(range(search.data.n)))
+        search = search.refer_to_current_model()
+        search.library = search.library.with_current_columns(search.data)
+        search.terms = search.refine_and_drop(
+            search.terms, frozenset(range(search.data.n))
+        )
         search.run(progress)
     progress("held-out errors")
     unseen = None if test is None else diagnosis_rows(test, estimate, settings)
-    found = _offered(search, Judge(estimate, unseen, frozen))
+    found = accept_on_held_out_data(search, HeldOutData(estimate, unseen, frozen))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
@@ -121,12 +125,12 @@ def diagnose(
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
-def _offered(search: Search, judge: Judge) -> Found:
+def accept_on_held_out_data(search: Search, judge: HeldOutData) -> SearchOutcome:
     """Findings and constants in order that data left out do not speak against."""
-    first, own = judge.first, [t for t in search.terms if t.form.own]
+    first, own = judge.first, [t for t in search.terms if t.form.replaces_own_constant]
 
-    def beside_model(
-        kept: Sequence[Term], findings: Sequence[Term]
+    def refit_beside(
+        kept: Sequence[ScoredEffect], findings: Sequence[ScoredEffect]
     ) -> tuple[Estimate, Search]:
         """Findings beside the model with other constants of its own."""
         effects = with_shapes(first.model.effects, changed(kept, first.model))
@@ -138,50 +142,60 @@ def _offered(search: Search, judge: Judge) -> Found:
         found = copy(search)
         found.terms = [*findings]
         if own:
-            found = found.carried(now)
+            found = found.beside_model(now)
         while True:
-            if kept or found.late or any(depends(t.form.effect) for t in found.terms):
-                found = found.referred()
-            left = found.limited(found.terms)
+            if (
+                kept
+                or found.delays_torque
+                or any(depends(t.form.effect) for t in found.terms)
+            ):
+                found = found.refer_to_current_model()
+            left = found.drop_disfavoured(found.terms)
             if len(left.terms) == len(found.terms):
                 return left.data.estimate, left
             found = left  # no part of the torque that others delay
 
-    now, final = beside_model(own, [t for t in search.terms if not t.form.own])
-    terms = [*own, *sorted(final.terms, key=lambda t: -t.J)]
+    now, final = refit_beside(
+        own, [t for t in search.terms if not t.form.replaces_own_constant]
+    )
+    terms = [*own, *sorted(final.terms, key=lambda t: -t.evidence)]
     effects = [t.form.effect for t in terms]
-    held_out = judge.of(final.data.rows, effects, replace(first, theta=now.theta))
+    held_out = judge.held_out_errors(
+        final.data.rows, effects, replace(first, theta=now.theta)
+    )
     # Evidence against a noise that is guessed proves nothing by itself.
-    order = held_out.offered(range(len(terms)), needed=not search.data.known)
+    order = held_out.drop_harmful(range(len(terms)), needed=not search.data.known)
     kept, left_in = (
         [terms[k] for k in order if (k < len(own)) is x] for x in (True, False)
     )
     if len(order) < len(terms):
-        now, final = beside_model(kept, left_in)
+        now, final = refit_beside(kept, left_in)
     else:  # in the order of evidence
-        final = final.limited(left_in)
+        final = final.drop_disfavoured(left_in)
     left = what_is_left(final)
     if (
-        left.matters and left.odd.any()
+        left.joints_unexplained and left.outlier_rows.any()
     ):  # what happens once is no evidence, if it is that alone
-        beside = final.carried(now, left.odd)
-        beside = beside.limited(beside.terms)
-        rest = what_is_left(beside, left.odd)
-        if len(rest.matters) < len(left.matters):
+        beside = final.beside_model(now, left.outlier_rows)
+        beside = beside.drop_disfavoured(beside.terms)
+        rest = what_is_left(beside, left.outlier_rows)
+        if len(rest.joints_unexplained) < len(left.joints_unexplained):
             final, left = beside, rest
     shapes, stay = tuple(changed(kept, first.model)), {t.text for t in final.terms}
     order = [k for k in order if k < len(own) or terms[k].text in stay]
-    found = Found(first, now, shapes, final, left, held_out, tuple(order))
+    found = SearchOutcome(first, now, shapes, final, left, held_out, tuple(order))
     parts = in_parts(final)
-    if not left.raised and not parts:
+    if not left.joints_above_noise and not parts:
         return found
     curves = measured_curves(
-        final, left.raised, parts, folds_of(final.data.rows, THIRDS)
+        final, left.joints_above_noise, parts, folds_of(final.data.rows, THIRDS)
     )
     return _with_curves(found, curves, judge) if curves else found
 
 
-def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Found:
+def _with_curves(
+    found: SearchOutcome, curves: Sequence[Measured], judge: HeldOutData
+) -> SearchOutcome:
     """Those curves that lower their joint's held-out error by more than what is minor,
     raise no other's, and whose tables the test run does not leave; each with what it
     does to the errors."""
@@ -189,7 +203,9 @@ def _with_curves(found: Found, curves: Sequence[Measured], judge: Judge) -> Foun
     places = range(len(named), len(named) + len(curves))
     effects = [*named, *(c.table for c in curves)]
     by_fold = {k: c.by_fold for k, c in zip(places, curves, strict=True)}
-    held = judge.of(found.search.data.rows, effects, found.estimate, by_fold)
+    held = judge.held_out_errors(
+        found.search.data.rows, effects, found.estimate, by_fold
+    )
     before, taken = held.errors(range(len(named))), list[int]()
     for k, curve in zip(places, curves, strict=True):
         gone = {t for c in (*out, curve) for t in c.replaced}

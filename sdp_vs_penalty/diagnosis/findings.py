@@ -15,7 +15,7 @@ from sdp_vs_penalty.diagnosis.remaining import Event
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
-from sdp_vs_penalty.files import Plain, read_json
+from sdp_vs_penalty.files import JsonRecord, read_json
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
@@ -41,21 +41,21 @@ REASONS: Mapping[str, str] = {
 }
 
 
-class Told(Plain):
+class Rated(JsonRecord):
     """What is told with its confidence, and why that is weak."""
 
     confidence: str
     remarks: tuple[str, ...]
 
     @property
-    def sure(self) -> bool:
+    def torque_is_certain(self) -> bool:
         """Whether its torque is there, whatever its name: confident, or weak only as
         another effect fits as well."""
         return self.confidence == "confident" or [*self.remarks] == [REASONS["rivals"]]
 
 
 @dataclass(frozen=True)
-class Finding(Told):
+class Finding(Rated):
     """One missing effect.
 
     joints from 1, empty for the whole robot; size : of the effect's parameter (the
@@ -130,7 +130,7 @@ class Finding(Told):
 
 
 @dataclass(frozen=True)
-class Invisible(Plain):
+class Invisible(JsonRecord):
     """An effect whose torque the model's own parameters absorb: no measurement like
     this shows it."""
 
@@ -140,7 +140,7 @@ class Invisible(Plain):
 
 
 @dataclass(frozen=True)
-class Remaining(Plain):
+class Remaining(JsonRecord):
     """Something unknown on a joint (from 1), of this size [N m or N]."""
 
     joint: int
@@ -148,7 +148,7 @@ class Remaining(Plain):
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown, Plain):
+class Diagnosis(Shown, JsonRecord):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the
     order of adding; noise_floor (n,) of the filtered torque; events : what happened
     once.
@@ -202,9 +202,10 @@ class Diagnosis(Shown, Plain):
         chosen = tuple(
             f
             for k, f in enumerate(self.effects, start=1)
-            if (numbers is None or k in numbers) and (not confident or f.sure)
+            if (numbers is None or k in numbers)
+            and (not confident or f.torque_is_certain)
         )
-        retuned = tuple(r for r in self.retuned if not confident or r.sure)
+        retuned = tuple(r for r in self.retuned if not confident or r.torque_is_certain)
         whole = numbers is None and all(
             any(f is g for g in chosen) for f in self.effects
         )
@@ -221,7 +222,7 @@ class Diagnosis(Shown, Plain):
     def sure(self) -> tuple[Finding | Retune, ...]:
         """Constants and findings whose torque is sure: what to add."""
         every: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
-        return tuple(f for f in every if f.sure)
+        return tuple(f for f in every if f.torque_is_certain)
 
     @property
     def noise_known(self) -> bool:
@@ -252,12 +253,12 @@ class Diagnosis(Shown, Plain):
         counted = (
             f"{_named(confident or self.effects)} ({' and '.join(counts)} {findings})"
         )
-        if self.unknown:
+        if self.unexplained_sentence:
             if confident:
-                return f"Missing: {counted}; besides, {self.unknown}."
+                return f"Missing: {counted}; besides, {self.unexplained_sentence}."
             return (
                 "Missing:"
-                f" {self.unknown}{f'; possibly {counted}' if self.effects else ''}."
+                f" {self.unexplained_sentence}{f'; possibly {counted}' if self.effects else ''}."
             )
         if self.effects:
             text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
@@ -278,7 +279,7 @@ class Diagnosis(Shown, Plain):
         return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
 
     @property
-    def unknown(self) -> str:
+    def unexplained_sentence(self) -> str:
         """What no effect explains, with its joints and size; "" where nothing of the
         kind is left."""
         if self.verdict != "unknown_effect":
@@ -299,7 +300,7 @@ class Diagnosis(Shown, Plain):
     @property
     def advice(self) -> str:
         """What to do next, in one sentence."""
-        if self.unknown:
+        if self.unexplained_sentence:
             return (
                 "Look first at what the error that is left depends on: `compare`"
                 " says it."
@@ -384,7 +385,7 @@ def load_diagnosis(path: str | Path) -> Diagnosis:
 
 
 @dataclass(frozen=True)
-class Retune(Told):
+class Retune(Rated):
     """A shape constant of the model's own effect on one joint, as it explains most
     beside the findings.
 

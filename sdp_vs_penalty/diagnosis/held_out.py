@@ -47,7 +47,7 @@ class Split:
         sizes = [len(e.parameters) for e in self.effects]
         new = [e for k, e in enumerate(self.effects) if k in chosen]
         picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
-        own, left = exchanged(() if frozen else estimate.model.effects, new)
+        own, left = with_replaced_joints(() if frozen else estimate.model.effects, new)
         wanted = np.append(left, picked).astype(bool)
         theta = fitted_parameters(
             estimate, own, new, self.train.keeping(wanted), frozen
@@ -76,7 +76,7 @@ class HeldOut:
             self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._known[key]
 
-    def offered(self, every: Sequence[int], needed: bool = False) -> list[int]:
+    def drop_harmful(self, every: Sequence[int], needed: bool = False) -> list[int]:
         """Of effects those that do no harm beside all others, and lower an error where
         that is ``needed``: the least useful of those that do is left out, and the rest
         is asked again."""
@@ -103,7 +103,7 @@ def harm(before: Array, after: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Judge:
+class HeldOutData:
     """Who has the last word: a test run, or folds by phase. first : the model as it was
     given; test : the rows of a run that was not searched."""
 
@@ -111,7 +111,7 @@ class Judge:
     test: SegmentedRuns | None
     frozen: bool
 
-    def of(
+    def held_out_errors(
         self,
         rows: SegmentedRuns,
         effects: Sequence[Effect],
@@ -178,7 +178,7 @@ class Judge:
         return float(np.mean(np.concatenate(away)[self.test.keep.any(axis=1)] > 0.5))
 
 
-def exchanged(
+def with_replaced_joints(
     effects: Sequence[Effect], new: Sequence[Effect]
 ) -> tuple[list[Effect], list[bool]]:
     """Effects without those joints of theirs on which a new one, with another shape

@@ -19,12 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import CHANCE, MATTERS, MINOR, WITHIN
+from sdp_vs_penalty.diagnosis.constants import (
+    CHANCE,
+    MIN_ERROR_RISE,
+    MINOR,
+    SPECTRUM_NOISE_FACTOR,
+)
 from sdp_vs_penalty.diagnosis.score import Fit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import plausible_sizes
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,
@@ -42,24 +47,24 @@ from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 @dataclass(frozen=True)
 class Remainder:
-    """share (n,) : variance of what is left over that of the noise, less one; beyond
-    (n,) [N m or N] : its RMS beyond the noise while the joint slides; raised : the
+    """in_sample_excess_variance (n,) : variance of what is left over that of the noise, less one; beyond
+    (n,) [N m or N] : its RMS beyond the noise while the joint slides; joints_above_noise : the
     joints (from 0) whose error that raises, so that a curve is looked for; matters :
     those on which the noise is known well enough to say so without one; residual (M, n)
-    [N m or N]; odd (M, n) : rows that are outliers of it."""
+    [N m or N]; outlier_rows (M, n) : rows that are outliers of it."""
 
-    share: Array
+    in_sample_excess_variance: Array
     beyond: Array
-    raised: tuple[int, ...]
-    matters: tuple[int, ...]
+    joints_above_noise: tuple[int, ...]
+    joints_unexplained: tuple[int, ...]
     residual: Array
-    odd: NDArray[np.bool_]
+    outlier_rows: NDArray[np.bool_]
 
 
 def remainder(
     data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
 ) -> Remainder:
-    """residual (M, n) [N m or N], white in ``fit``; odd (M, n) : rows of events, left
+    """residual (M, n) [N m or N], white in ``fit``; outlier_rows (M, n) : rows of events, left
     out."""
     rows, noise = data.rows, data.noise
     white = (fit.residual * fit.level[:, None]).T
@@ -74,13 +79,17 @@ def remainder(
         return np.asarray((which * squares).sum(axis=0) / degrees)
 
     variance = mean(white**2, slides)
-    squares, floor, more = mean(residual**2, slides), noise.floor, (1.0 + MATTERS) ** 2
+    squares, floor, more = (
+        mean(residual**2, slides),
+        noise.floor,
+        (1.0 + MIN_ERROR_RISE) ** 2,
+    )
     raised = np.flatnonzero((squares > more * floor**2) & data.known)
     if raised.size:  # not all encoders are fine
         floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
         raised = raised[squares[raised] > more * floor[raised] ** 2]
     beyond = np.sqrt(np.maximum(squares - floor**2, 0.0))
-    least = np.full(len(variance), WITHIN**2 * more)
+    least = np.full(len(variance), SPECTRUM_NOISE_FACTOR**2 * more)
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         least = more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -92,7 +101,9 @@ def remainder(
     )
 
 
-def refitted(data: WhiteData, effects: Sequence[Effect]) -> tuple[Array, Array]:
+def least_squares_refit(
+    data: WhiteData, effects: Sequence[Effect]
+) -> tuple[Array, Array]:
     """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N]
     what these leave: least squares on the white rows and on what is known of sizes,
     joints weighted by what is left of them; parameters that rows do not tell are the
@@ -128,7 +139,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Event(Plain):
+class Event(JsonRecord):
     """joint from 1; t_start, t_end [s] on the clock of the measurements; what : "local"
     or "hum"."""
 
@@ -142,7 +153,7 @@ class Event(Plain):
 def events(
     data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]
 ) -> list[Event]:
-    """The events of a final model. residual (M, n) [N m or N] : what it leaves; odd (M,
+    """The events of a final model. residual (M, n) [N m or N] : what it leaves; outlier_rows (M,
     n) : its outliers; named : the joints (from 0) on which something without a name is
     left, whose peaks are no events."""
     rows, mask = data.rows, odd.copy()
@@ -154,14 +165,14 @@ def events(
             own = piece[mask[piece, j]]
             apart = np.flatnonzero(np.diff(rows.t[own]) > 2.0 * SAME_PHASE) + 1
             for group in np.split(own, apart) if len(own) else ():
-                group = _loudest(group, residual[:, j])
+                group = _core_of_event(group, residual[:, j])
                 found.append(
                     Event(j + 1, float(rows.t[group[0]]), float(rows.t[group[-1]]))
                 )
     return sorted(found + _hums(data, residual), key=lambda e: (e.t_start, e.joint))
 
 
-def _loudest(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
+def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
     """From the first to the last row of those that hold nearly all of a window's
     energy: windows are longer than what happens in them."""
     squares = residual[group] ** 2
@@ -191,10 +202,10 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             found &= lone_windows(white[:, j], rows.pieces[j], slow, rows.rate, rows.n)
         if found.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = found
-    return out | _odd_ones(data, residual)
+    return out | _unrepeated_rows(data, residual)
 
 
-def _odd_ones(data: WhiteData, residual: Array) -> Mask:
+def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
     """(M, n) where the repetitions of a motion differ: an event, in the one that leaves
     more error."""
     rows, repeats, suspect = data.rows, data.noise.repeats, data.noise.suspect

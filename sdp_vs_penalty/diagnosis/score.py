@@ -34,41 +34,41 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import ABSORBED, ALPHA
-from sdp_vs_penalty.diagnosis.library import Batch, Form, Key
-from sdp_vs_penalty.diagnosis.misfit import Misfit
+from sdp_vs_penalty.diagnosis.candidates import Batch, Candidate, Key
+from sdp_vs_penalty.diagnosis.constants import ABSORBED, COARSENING_ROWS
+from sdp_vs_penalty.diagnosis.nuisances import Nuisance
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, cluster_sums
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 #: Share of a column below which what others leave of it is rounding.
 DEPENDENT = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class ScoredEffect:
     """A form with its white columns (M, k) by joint, judged beside others: the drop of
     the deviance, how many rows are worth one, and the form's price; its coefficients
     (k,), the squares (n,) of the white torque that nothing else makes, and the forms
     that do as well. Equal to itself alone."""
 
-    form: Form
+    form: Candidate
     columns: dict[int, Array]
     drop: float = -np.inf
-    worth: float = 1.0
+    rows_worth_one: float = 1.0
     price: float = 0.0
     beta: Array = field(default_factory=lambda: np.zeros(0))
     squares: Array = field(default_factory=lambda: np.zeros(0))
-    rivals: tuple[Term, ...] = ()
+    rivals: tuple[ScoredEffect, ...] = ()
 
     @property
-    def J(self) -> float:  # noqa: N802
-        return self.drop / self.worth - self.price
+    def evidence(self) -> float:
+        return self.drop / self.rows_worth_one - self.price
 
-    def against(self, other: Term) -> float:
+    def evidence_with_worth_of(self, other: ScoredEffect) -> float:
         """J where rows are worth what they are to another term: of two that make nearly
         the same torque the estimated worths alone differ by more than the evidence
         between them."""
-        return self.drop / other.worth - self.price
+        return self.drop / other.rows_worth_one - self.price
 
     @property
     def key(self) -> tuple[str, int | None]:
@@ -103,13 +103,16 @@ class Design:
     extra: Array
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
-    def holds(self, terms: Sequence[Term | Misfit]) -> bool:
+    def holds(self, terms: Sequence[ScoredEffect | Nuisance]) -> bool:
         return all(t.text in self.at for t in terms)
 
     def of(self, batch: Batch) -> list[tuple[Array, Array]]:
         """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z."""
         if batch not in self.products:
-            M, pairs = batch.white.shape[1], zip(batch.joints, batch.white, strict=True)
+            M, pairs = (
+                batch.whitened_columns.shape[1],
+                zip(batch.joints, batch.whitened_columns, strict=True),
+            )
             self.products[batch] = [
                 (self.A[j, :M].T @ Z, Z.T @ self.y[j, :M]) for j, Z in pairs
             ]
@@ -121,7 +124,7 @@ class Fit:
     """The model and some terms fitted to white rows, each joint's divided by its
     ``level`` (n,).
 
-    kept : the columns that take part; W (p, r) : the columns A W, divided by the
+    kept : the columns that take part; whitener (p, r) : the columns A W, divided by the
     levels, are orthonormal; theta (p,) : coefficients; residual (n, M) : what they
     leave; rss, degrees (n,) : squared error in units of the noise, and rows less the
     joint's share of the rank.
@@ -129,7 +132,7 @@ class Fit:
 
     design: Design
     kept: tuple[int, ...]
-    W: Array
+    whitener: Array
     theta: Array
     level: Array
     residual: Array
@@ -147,7 +150,7 @@ class Fit:
     @cached_property
     def basis(self) -> Array:
         """(n, M, r) an orthonormal one of the columns."""
-        return np.asarray(self.design.A @ self.W / self.level[:, None, None])
+        return np.asarray(self.design.A @ self.whitener / self.level[:, None, None])
 
     def deviance(self, rss: Array) -> Array:
         """(...,) -2 log L of the joints' squared errors (..., n)."""
@@ -157,28 +160,32 @@ class Fit:
     def scaled(self, columns: dict[int, Array]) -> dict[int, Array]:
         return {j: z / self.level[j] for j, z in columns.items()}
 
-    def beside(self, scaled: dict[int, Array]) -> Array:
+    def residual_of(self, scaled: dict[int, Array]) -> Array:
         """(n, M, k) what the fit leaves of columns, all of them weighted."""
         A = self.design.A
         along = sum(A[j, : len(z)].T @ (z / self.level[j]) for j, z in scaled.items())
-        left = -(A @ (self.W @ (self.W.T @ along)) / self.level[:, None, None])
+        left = -(
+            A @ (self.whitener @ (self.whitener.T @ along)) / self.level[:, None, None]
+        )
         for j, z in scaled.items():
             left[j, : len(z)] += z
         return np.asarray(left)
 
-    def energy(self, term: Term) -> float:
+    def energy(self, term: ScoredEffect) -> float:
         """Weighted squares of what the fit leaves of a term."""
-        return float(np.sum((self.beside(self.scaled(term.columns)) @ term.beta) ** 2))
+        return float(
+            np.sum((self.residual_of(self.scaled(term.columns)) @ term.beta) ** 2)
+        )
 
 
-class Score:
-    """The score of forms on some rows; looked : candidates that there are; laws : among
+class EvidenceScorer:
+    """The score of forms on some rows; n_candidates : candidates that there are; laws : among
     how many each of them chooses, if more than one."""
 
     def __init__(
-        self, data: WhiteData, looked: int, laws: Mapping[Key, int] | None = None
+        self, data: WhiteData, n_candidates: int, laws: Mapping[Key, int] | None = None
     ) -> None:
-        self.data, self.looked, self.laws = data, max(looked, 1), laws or {}
+        self.data, self.looked, self.laws = data, max(n_candidates, 1), laws or {}
         self.floor = 1.0 if data.known else 1e-12
         self.alike = Counter(name for name, _ in self.laws)
 
@@ -200,7 +207,9 @@ class Score:
             at | {key: [r + k] for k, key in enumerate(own)},
         )
 
-    def fit(self, terms: Sequence[Term | Misfit], near: Fit | None = None) -> Fit:
+    def fit(
+        self, terms: Sequence[ScoredEffect | Nuisance], near: Fit | None = None
+    ) -> Fit:
         """The model with the terms, each joint's rows weighted by what is left of them;
         near : a fit whose columns serve where they hold the terms', and at whose levels
         it begins."""
@@ -209,7 +218,11 @@ class Score:
             if near is not None and near.design.holds(terms)
             else self._design(terms)
         )
-        others = {t.key for t in terms if isinstance(t, Term) and t.form.own}
+        others = {
+            t.key
+            for t in terms
+            if isinstance(t, ScoredEffect) and t.form.replaces_own_constant
+        }
         own = [
             i
             for key, columns in design.model.items()
@@ -221,17 +234,17 @@ class Score:
             design, kept, np.ones(len(design.y)) if near is None else near.level
         )
 
-    def without(self, fit: Fit, form: Form) -> Fit:
+    def without(self, fit: Fit, form: Candidate) -> Fit:
         """A fit, at its levels, without what a form stands in the place of; itself
         where that is nothing."""
-        if not form.own:
+        if not form.replaces_own_constant:
             return fit
         if form.key not in fit.apart:
             left = tuple(i for i in fit.kept if i not in fit.design.model[form.key])
             fit.apart[form.key] = self._fitted(fit.design, left, fit.level, rounds=1)
         return fit.apart[form.key]
 
-    def _design(self, terms: Sequence[Term | Misfit]) -> Design:
+    def _design(self, terms: Sequence[ScoredEffect | Nuisance]) -> Design:
         B, gram, model = self._basis
         n, M, r = B.shape
         ends = np.cumsum(
@@ -240,7 +253,7 @@ class Score:
         blocks = list(zip(terms, ends, ends[1:], strict=False))
         extra, behind = np.zeros(n), np.full(n, M)
         for t, first, stop in blocks:
-            if isinstance(t, Misfit):
+            if isinstance(t, Nuisance):
                 extra[[*t.columns]] += (stop - first) / len(t.columns)
                 behind[[*t.columns]] += stop - first
         A = np.zeros((n, behind.max(initial=M), ends[-1]))
@@ -251,7 +264,7 @@ class Score:
             at[t.text] = list(range(first, stop))
             for j, z in t.columns.items():
                 A[j, :M, first:stop] = z
-                if isinstance(t, Misfit):
+                if isinstance(t, Nuisance):
                     row = behind[j] + np.arange(stop - first)
                     A[j, row, at[t.text]] = 1.0 / t.deviations / len(t.columns) ** 0.5
                     behind[j] += len(row)
@@ -262,7 +275,7 @@ class Score:
             cross = A[j].T @ A[j][:, own]
             G[j][:, own], G[j][own] = cross, cross.T
         scale = np.ones(ends[-1])
-        scale[r:] = 1.0 / or_one(
+        scale[r:] = 1.0 / nonzero_or_one(
             np.sqrt(np.sum(np.diagonal(G, axis1=1, axis2=2), axis=0)[r:])
         )
         A[:, :, r:] *= scale[r:]
@@ -270,7 +283,9 @@ class Score:
         y = np.zeros(A.shape[:2])
         y[:, :M] = self.data.y
         pull = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
-        keys = {i: t.key for t in terms if isinstance(t, Term) for i in at[t.text]}
+        keys = {
+            i: t.key for t in terms if isinstance(t, ScoredEffect) for i in at[t.text]
+        }
         return Design(A, y, G, pull, model, at, keys, extra)
 
     def _fitted(
@@ -303,49 +318,57 @@ class Score:
         degrees = np.maximum(degrees - each @ (root @ root.T).ravel() / last**2, 1.0)
         return Fit(design, columns, W, every, last, residual, rss, degrees, self.floor)
 
-    def judged(self, fit: Fit, form: Form, columns: dict[int, Array]) -> Term:
+    def evidence_of(
+        self, fit: Fit, form: Candidate, columns: dict[int, Array]
+    ) -> ScoredEffect:
         """A form beside a fit, the better of two: the model's constants on its joints
         stay as they are, or move with it. Another constant of the model's own effect
         stands in that one's place."""
         beside, there = self.without(fit, form), set(fit.kept)
-        T, known = self.apart(beside, form, columns)
-        term = self._judged(fit, beside, form, columns, T, known)
+        T, known = self.partial_out(beside, form, columns)
+        term = self._evidence_of(fit, beside, form, columns, T, known)
         moving = (
             []
-            if form.own
+            if form.replaces_own_constant
             else [key for key in self.data.constants if key[1] in columns]
         )
         for name, j in (
             key for key in moving if there.issuperset(fit.design.model[key])
         ):
             if (name, j) not in fit.moved:
-                fit.moved[name, j] = fit.beside(
+                fit.moved[name, j] = fit.residual_of(
                     fit.scaled({j: self.data.constants[name, j]})
                 )
             T = np.concatenate([T, fit.moved[name, j]], axis=2)
-        if T.shape[2] == form.k or not T[:, :, : form.k].any():
+        if (
+            T.shape[2] == form.n_coefficients
+            or not T[:, :, : form.n_coefficients].any()
+        ):
             return term
-        known = np.append(known, np.ones(T.shape[2] - form.k))
-        moved = self._judged(fit, fit, form, columns, T, known)
-        return max(term, moved, key=lambda t: t.against(term))
+        known = np.append(known, np.ones(T.shape[2] - form.n_coefficients))
+        moved = self._evidence_of(fit, fit, form, columns, T, known)
+        return max(term, moved, key=lambda t: t.evidence_with_worth_of(term))
 
-    def _judged(
+    def _evidence_of(
         self,
         least: Fit,
         fit: Fit,
-        form: Form,
+        form: Candidate,
         columns: dict[int, Array],
         T: Array,
         known: Array,
-    ) -> Term:
+    ) -> ScoredEffect:
         """least : the fit that it has to better, fit : beside which it stands; T (n, M,
         K) : what that leaves of its columns and of what else may move; known (K,) :
         standard deviations of sizes."""
-        none, K = Term(form, columns, beta=np.zeros(form.k)), T.shape[2]
-        low = np.append(form.nonnegative, np.zeros(K - form.k, bool))
+        none, K = (
+            ScoredEffect(form, columns, beta=np.zeros(form.n_coefficients)),
+            T.shape[2],
+        )
+        low = np.append(form.nonnegative, np.zeros(K - form.n_coefficients, bool))
         flat = T.reshape(-1, K)
         D = flat.T @ flat
-        if not np.any(D[: form.k]):
+        if not np.any(D[: form.n_coefficients]):
             return none
         A, pull = D + np.diag(known**-2.0), flat.T @ fit.residual.ravel()
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
@@ -357,44 +380,49 @@ class Score:
             return float(fit.deviance(before.rss) - after - np.sum((beta / known) ** 2))
 
         drop = gained(least, beta)
-        if form.k < K:  # what those would do without the form is not its merit
-            more = np.linalg.solve(A[form.k :, form.k :], pull[form.k :])
-            drop -= gained(fit, np.append(np.zeros(form.k), more))
+        if (
+            form.n_coefficients < K
+        ):  # what those would do without the form is not its merit
+            more = np.linalg.solve(
+                A[form.n_coefficients :, form.n_coefficients :],
+                pull[form.n_coefficients :],
+            )
+            drop -= gained(fit, np.append(np.zeros(form.n_coefficients), more))
         on, some = list(columns), np.flatnonzero((beta != 0.0) | ~low)
         part = np.ix_(some, some)
         size = float(np.trace(np.linalg.solve(_ridged(A[part]), D[part])))
         count = float(fit.degrees[on].mean())
-        left, beta = fit.residual - T @ beta, beta[: form.k]
-        torque = T[:, :, : form.k] @ beta
-        if form.own:  # what its other constant makes of it
-            T = least.beside(least.scaled(columns))
+        left, beta = fit.residual - T @ beta, beta[: form.n_coefficients]
+        torque = T[:, :, : form.n_coefficients] @ beta
+        if form.replaces_own_constant:  # what its other constant makes of it
+            T = least.residual_of(least.scaled(columns))
             energy = float(np.sum(T**2))
             if not DEPENDENT**2 * float(np.sum(flat**2)) < energy:
                 return none
             inverse, torque = np.array([[1.0 / energy]]), T[:, :, 0]
             left = left - torque * float(np.sum(torque * left)) / energy
-        v = self.worth_of_one(T, left, inverse, K) + count / ALPHA
+        v = self.rows_worth_one(T, left, inverse, K) + count / COARSENING_ROWS
         N = max(count * len(on) / v, 3.0)
-        looked = self.choices(fit, form) * self.laws.get(form.key, 1)
+        looked = self.n_competing_candidates(fit, form) * self.laws.get(form.key, 1)
         price = float((size + form.constants) * np.log(N) + 2.0 * np.log(looked))
         squares = np.sum((torque * fit.level[:, None]) ** 2, axis=1)
         return replace(
-            none, drop=drop, worth=v, price=price, beta=beta, squares=squares
+            none, drop=drop, rows_worth_one=v, price=price, beta=beta, squares=squares
         )
 
-    def apart(
-        self, fit: Fit, form: Form, columns: dict[int, Array]
+    def partial_out(
+        self, fit: Fit, form: Candidate, columns: dict[int, Array]
     ) -> tuple[Array, Array]:
         """(n, M, k) what a fit leaves of a form's columns, all of them weighted,
         nothing of those that the fit makes itself; and (k,) standard deviations that
         are known of their coefficients."""
         scaled = fit.scaled(columns)
         energy = np.sum([np.sum(z**2, axis=0) for z in scaled.values()], axis=0)
-        T = fit.beside(scaled)
+        T = fit.residual_of(scaled)
         T = T * (np.sum(T**2, axis=(0, 1)) > ABSORBED * energy)
         return T, self.prior(fit, form.plausible, list(columns), energy)
 
-    def choices(self, fit: Fit, form: Form) -> float:
+    def n_competing_candidates(self, fit: Fit, form: Candidate) -> float:
         """Among how many candidates one is chosen: beside findings half of the odds are
         for effects that act on another joint already, as joints of an arm are built
         alike."""
@@ -403,7 +431,7 @@ class Score:
         alike = any(other == name and j != joint for other, j in found)
         return 2.0 * self.alike[name] if alike else every
 
-    def worth_of_one(
+    def rows_worth_one(
         self, T: Array, left: Array, inverse: Array, freedom: float
     ) -> float:
         """How many rows are worth one: by how much the sandwich's middle, of the
@@ -443,18 +471,22 @@ class Score:
         (F, k), and of each form's with each other (F, k, k)."""
         F, k, squares = (
             len(batch.forms),
-            batch.forms[0].k,
+            batch.forms[0].n_coefficients,
             fit.level[list(batch.joints)] ** -2.0,
         )
         of = list(zip(squares, fit.design.of(batch), strict=True))
         cross = sum(w * AZ for w, (AZ, _) in of)
         pull = sum(w * Zy for w, (_, Zy) in of) - fit.theta @ cross
         raw = np.tensordot(squares, batch.grams, axes=1)
-        return np.reshape(fit.W.T @ cross, (-1, F, k)), np.reshape(pull, (F, k)), raw
+        return (
+            np.reshape(fit.whitener.T @ cross, (-1, F, k)),
+            np.reshape(pull, (F, k)),
+            raw,
+        )
 
     def screened(self, fit: Fit, batch: Batch) -> Array:
         """(F,) drop of the weighted squared error less k log N, of a batch's forms."""
-        k, on, least = batch.forms[0].k, list(batch.joints), fit
+        k, on, least = batch.forms[0].n_coefficients, list(batch.joints), fit
         fit = self.without(fit, batch.forms[0])
         lost = float(np.sum((fit.rss - least.rss) / fit.level**2))
         price = np.log(max(float(fit.degrees[on].sum()), 3.0))
@@ -508,14 +540,16 @@ def orthonormal(columns: Array) -> Array:
 
 def _unit(columns: Array) -> Array:
     """Columns (n, M, k) at unit length."""
-    return columns / or_one(np.sqrt(np.sum(columns**2, axis=(0, 1))))
+    return columns / nonzero_or_one(np.sqrt(np.sum(columns**2, axis=(0, 1))))
 
 
 def _triangle(gram: Array) -> Array:
     """(p, p) Cholesky factor of a positive matrix, with a ridge against columns that
     others make."""
     return np.asarray(
-        np.linalg.cholesky(gram + np.diag(DEPENDENT**2 * or_one(np.diagonal(gram))))
+        np.linalg.cholesky(
+            gram + np.diag(DEPENDENT**2 * nonzero_or_one(np.diagonal(gram)))
+        )
     )
 
 

@@ -11,11 +11,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
-from sdp_vs_penalty.diagnosis.library import STEPS, Form, Key, Library, eligible
-from sdp_vs_penalty.diagnosis.misfit import Misfit, distorted
-from sdp_vs_penalty.diagnosis.remaining import refitted
-from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
+from sdp_vs_penalty.diagnosis.candidates import STEPS, Candidate, Key, Library, may_join
+from sdp_vs_penalty.diagnosis.constants import (
+    EVIDENCE_TO_ADD,
+    EVIDENCE_TO_DISTINGUISH,
+    LAW_TOLERANCE,
+    MAX_CANDIDATES_REFINED,
+)
+from sdp_vs_penalty.diagnosis.nuisances import Nuisance, law_misfit_columns
+from sdp_vs_penalty.diagnosis.remaining import least_squares_refit
+from sdp_vs_penalty.diagnosis.score import EvidenceScorer, Fit, ScoredEffect
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -35,10 +40,10 @@ class Search:
 
     def __init__(self, data: WhiteData, library: Library) -> None:
         self.data, self.library = data, library
-        self.score = Score(data, len(library.laws), library.laws)
+        self.score = EvidenceScorer(data, len(library.laws), library.laws)
         self._kept: dict[str, dict[int, Array]] = {}
         self._distorted: dict[str, list[tuple[int, Array, Array]]] = {}
-        self.terms: list[Term] = []
+        self.terms: list[ScoredEffect] = []
         #: Candidates that had not enough left once they had joined.
         self.refused = set[Key]()
         #: Terms that are part of the torque to which columns refer.
@@ -47,24 +52,28 @@ class Search:
 
     # What a form is worth.
 
-    def columns(self, form: Form) -> dict[int, Array]:
+    def columns(self, form: Candidate) -> dict[int, Array]:
         """White columns by joint; kept while the search lasts."""
         text = form.effect.text
         if text not in self._kept:
             self._kept[text] = self.data.columns(form.effect)
         return self._kept[text]
 
-    def judged(self, fit: Fit, form: Form) -> Term:
-        return self.score.judged(fit, form, self.columns(form))
+    def evidence_of(self, fit: Fit, form: Candidate) -> ScoredEffect:
+        return self.score.evidence_of(fit, form, self.columns(form))
 
-    def beside(self, term: Term, others: Sequence[Term]) -> Term:
+    def beside(
+        self, term: ScoredEffect, others: Sequence[ScoredEffect]
+    ) -> ScoredEffect:
         """A term judged anew beside others, with the rivals that it had."""
-        fit = self.score.fit(self.around(term, others), self.fit)
+        fit = self.score.fit(self.with_nuisances(term, others), self.fit)
         return replace(
-            self.score.judged(fit, term.form, term.columns), rivals=term.rivals
+            self.score.evidence_of(fit, term.form, term.columns), rivals=term.rivals
         )
 
-    def refined(self, fit: Fit, start: Term, fixed: Set[str] = frozenset()) -> Term:
+    def refined(
+        self, fit: Fit, start: ScoredEffect, fixed: Set[str] = frozenset()
+    ) -> ScoredEffect:
         """Each continuous shape constant but the fixed ones in turn where the score is
         highest, on a lattice of its scale: the same values come back in every step of
         the search."""
@@ -81,10 +90,10 @@ class Search:
             value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
             if effect.shapes[sized].complaint(value):
                 break
-            best = self.judged(fit, best.form.with_shape(**{sized: value}))
+            best = self.evidence_of(fit, best.form.with_shape(**{sized: value}))
         return best
 
-    def _along(self, fit: Fit, start: Term, name: str) -> Term:
+    def _along(self, fit: Fit, start: ScoredEffect, name: str) -> ScoredEffect:
         effect = start.form.effect
         shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
         if shape.bounds is None:
@@ -106,17 +115,19 @@ class Search:
         )
         seen = {0.0: start}
 
-        def at(x: float) -> Term:
+        def at(x: float) -> ScoredEffect:
             if x not in seen:
                 value = float(f"{back(u + x * spacing):.6g}")
                 if low <= value <= high:
-                    seen[x] = self.judged(fit, start.form.with_shape(**{name: value}))
+                    seen[x] = self.evidence_of(
+                        fit, start.form.with_shape(**{name: value})
+                    )
                 else:
                     seen[x] = replace(start, drop=-np.inf)
             return seen[x]
 
         def score(x: float) -> float:
-            return at(x).against(start)
+            return at(x).evidence_with_worth_of(start)
 
         x = step = 0.0
         for step in STEPS:
@@ -132,43 +143,54 @@ class Search:
 
     # Which forms there are beside a fit.
 
-    def with_misfits(self, terms: Sequence[Term]) -> list[Term | Misfit]:
+    def with_misfits(
+        self, terms: Sequence[ScoredEffect]
+    ) -> list[ScoredEffect | Nuisance]:
         """Terms, and what the laws of those that explain much may get wrong."""
         return [
             *terms,
-            *(m for t in terms if FORM * t.J > EQUIVALENT for m in self.misfits(t)),
+            *(
+                m
+                for t in terms
+                if LAW_TOLERANCE * t.evidence > EVIDENCE_TO_DISTINGUISH
+                for m in self.misfits(t)
+            ),
         ]
 
-    def around(self, term: Term, others: Sequence[Term]) -> list[Term | Misfit]:
+    def with_nuisances(
+        self, term: ScoredEffect, others: Sequence[ScoredEffect]
+    ) -> list[ScoredEffect | Nuisance]:
         """Beside what a term has to show: others, what their laws get wrong, and what
         is tolerated."""
         return [*self.with_misfits(others), *self.tolerated(term, others)]
 
-    def tolerated(self, term: Term, others: Sequence[Term]) -> list[Misfit]:
+    def tolerated(
+        self, term: ScoredEffect, others: Sequence[ScoredEffect]
+    ) -> list[Nuisance]:
         """As much of what is in every machine as is plausible, where neither says it."""
         said = {term.form.effect.form_of, term.key[0], *(t.key[0] for t in others)}
         return [m for name, m in self.tolerances.items() if name not in said]
 
     @cached_property
-    def tolerances(self) -> dict[str, Misfit]:
+    def tolerances(self) -> dict[str, Nuisance]:
         forms = (f for b in self.library.batches for f in b.forms if f.effect.tolerance)
         return {
-            f.key[0]: Misfit(f"misfit of {f.key[0]}", self.columns(f), f.plausible)
+            f.key[0]: Nuisance(f"misfit of {f.key[0]}", self.columns(f), f.plausible)
             for f in forms
         }
 
-    def misfits(self, term: Term) -> list[Misfit]:
+    def misfits(self, term: ScoredEffect) -> list[Nuisance]:
         """By joint; none of another constant of the model's own effect."""
-        if term.form.own:
+        if term.form.replaces_own_constant:
             return []
         if term.text not in self._distorted:
-            columns = distorted(self.data, term.form.effect, term.beta)
+            columns = law_misfit_columns(self.data, term.form.effect, term.beta)
             self._distorted[term.text] = [
                 (j, z, self._beyond_model({j: z})) for j, z in columns.items()
             ]
-        expected = FORM * np.maximum(term.squares, 1e-200)
+        expected = LAW_TOLERANCE * np.maximum(term.squares, 1e-200)
         return [
-            Misfit(
+            Nuisance(
                 f"misfit of {term.text} on {j}",
                 {j: z},
                 np.sqrt(expected[j] / len(s) / s),
@@ -178,42 +200,58 @@ class Search:
 
     def _beyond_model(self, columns: dict[int, Array]) -> Array:
         """(k,) squares of what the model leaves of white columns."""
-        T = self.bare.beside(self.bare.scaled(columns)) * self.bare.level[:, None, None]
+        T = (
+            self.bare.residual_of(self.bare.scaled(columns))
+            * self.bare.level[:, None, None]
+        )
         return np.maximum(np.sum(T**2, axis=(0, 1)), 1e-200)
 
     def top_candidates(
         self,
         fit: Fit,
-        terms: Sequence[Term],
+        terms: Sequence[ScoredEffect],
         on: frozenset[int] | None = None,
         beyond: float = 0.0,
         whole: bool = False,
-    ) -> list[Term]:
+    ) -> list[ScoredEffect]:
         """The most likely form of each candidate, refined, the best first; on : some of
         whose joints, or all of them and no others (``whole``); beyond : what has to be
         reached, nearly, to be of use."""
         found = self._screened(fit, [t.form for t in terms], on, whole)
-        top = max((t.J for t in found), default=0.0)
+        top = max((t.evidence for t in found), default=0.0)
         # A width that is far from those on the grid says little there, and all where it
         # is right.
-        least = 0.5 * max(top, beyond) - 3.0 * APART
-        useful = (t for t in found if least < t.J or t.form.own)
-        ranked = sorted((self.refined(fit, t) for t in useful), key=lambda t: -t.J)
+        least = 0.5 * max(top, beyond) - 3.0 * EVIDENCE_TO_ADD
+        useful = (
+            t for t in found if least < t.evidence or t.form.replaces_own_constant
+        )
+        ranked = sorted(
+            (self.refined(fit, t) for t in useful), key=lambda t: -t.evidence
+        )
         first = {t.key: t for t in reversed(ranked)}
-        best = {t.key: t for t in sorted(ranked, key=lambda t: t.against(first[t.key]))}
+        best = {
+            t.key: t
+            for t in sorted(
+                ranked, key=lambda t: t.evidence_with_worth_of(first[t.key])
+            )
+        }
         return [t for t in ranked if best[t.key] is t]
 
     def _screened(
-        self, fit: Fit, picked: Sequence[Form], on: frozenset[int] | None, whole: bool
-    ) -> list[Term]:
+        self,
+        fit: Fit,
+        picked: Sequence[Candidate],
+        on: frozenset[int] | None,
+        whole: bool,
+    ) -> list[ScoredEffect]:
         """The best form of each law on the grids, of so many candidates that take most."""
-        best: dict[tuple[Hashable, ...], tuple[float, Form, dict[int, Array]]] = {}
+        best: dict[tuple[Hashable, ...], tuple[float, Candidate, dict[int, Array]]] = {}
         for batch in self.library.batches:
             joints = frozenset(batch.joints)
             if on is not None and not (on == joints if whole else on & joints):
                 continue
             values = self.score.screened(fit, batch)
-            free = eligible(batch.forms, picked, self.data.estimate.model)
+            free = may_join(batch.forms, picked, self.data.estimate.model)
             for f in np.argsort(-values)[: np.count_nonzero(values > 0.0)]:
                 form = batch.forms[f]
                 if on is None and form.key in self.refused:
@@ -221,25 +259,36 @@ class Search:
                 if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
                     best[form.law] = float(values[f]), form, batch.columns(int(f))
         ranked = sorted(best.values(), key=lambda b: -b[0])
-        close = list(dict.fromkeys(form.key for _, form, _ in ranked))[:CLOSELY]
+        close = list(dict.fromkeys(form.key for _, form, _ in ranked))[
+            :MAX_CANDIDATES_REFINED
+        ]
         found = [(form, z) for _, form, z in ranked if form.key in close]
         for form, columns in found:
             self._kept.setdefault(form.effect.text, columns)
-        return [self.score.judged(fit, form, columns) for form, columns in found]
+        return [self.score.evidence_of(fit, form, columns) for form, columns in found]
 
     @staticmethod
-    def simplest(found: Sequence[Term]) -> Term | None:
+    def simplest(found: Sequence[ScoredEffect]) -> ScoredEffect | None:
         """Of terms, the best first, the simplest that is as good as the best."""
         if not found:
             return None
-        best, least = found[0], EQUIVALENT + FORM * found[0].J
-        tied = [t for t in found if best.J - t.against(best) < least]
+        best, least = (
+            found[0],
+            EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * found[0].evidence,
+        )
+        tied = [
+            t for t in found if best.evidence - t.evidence_with_worth_of(best) < least
+        ]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
-        return min(plain, key=lambda t: (simplicity(t.form), -t.against(best)))
+        return min(
+            plain, key=lambda t: (simplicity(t.form), -t.evidence_with_worth_of(best))
+        )
 
     # The steps.
 
-    def settled(self, terms: Sequence[Term], on: Set[int] = frozenset()) -> list[Term]:
+    def refine_and_drop(
+        self, terms: Sequence[ScoredEffect], on: Set[int] = frozenset()
+    ) -> list[ScoredEffect]:
         """The constants of each term on such joints (default: the newest one's) again
         beside all others; a term that has not enough left goes."""
         terms = list(terms)
@@ -249,11 +298,11 @@ class Search:
             moved = False
             for term in list(terms):
                 others = [t for t in terms if t != term]
-                fit = self.score.fit(self.around(term, others), full)
-                again = self.score.judged(fit, term.form, term.columns)
+                fit = self.score.fit(self.with_nuisances(term, others), full)
+                again = self.score.evidence_of(fit, term.form, term.columns)
                 if term.joints & newest:
                     again = self.refined(fit, again)
-                if again.J <= APART:
+                if again.evidence <= EVIDENCE_TO_ADD:
                     terms, moved = others, True
                     continue
                 if again.text != term.text:
@@ -265,32 +314,36 @@ class Search:
                 break
         return terms
 
-    def together(self, group: Sequence[Term], rest: Sequence[Term]) -> list[Term]:
+    def score_jointly(
+        self, group: Sequence[ScoredEffect], rest: Sequence[ScoredEffect]
+    ) -> list[ScoredEffect]:
         """Terms judged together: each beside the rest and those before it."""
         return [self.beside(g, [*rest, *group[:i]]) for i, g in enumerate(group)]
 
-    def exchanged(self, terms: Sequence[Term]) -> list[Term] | None:
+    def exchange_one(self, terms: Sequence[ScoredEffect]) -> list[ScoredEffect] | None:
         """One term for another where that is as good and simpler, or better, or one for
         several; else None, and every term knows its rivals."""
-        told = []
-        for group in [*([t] for t in terms), *self.one_effect(terms)]:
+        with_rivals = []
+        for group in [*([t] for t in terms), *self.mergeable_groups(terms)]:
             rest = [t for t in terms if t not in group]
             on = frozenset[int]().union(*(t.joints for t in group))
-            fit = self.score.fit(self.around(group[0], rest), self.fit)
-            judged = self.together(group, rest)
-            J, now = sum(t.J for t in judged), judged[0]
+            fit = self.score.fit(self.with_nuisances(group[0], rest), self.fit)
+            judged = self.score_jointly(group, rest)
+            J, now = sum(t.evidence for t in judged), judged[0]
             found = self.top_candidates(fit, rest, on, J, whole=len(group) > 1)
             if self.in_reference.issuperset(
                 t.key for t in group
             ):  # they would explain themselves
                 found = [t for t in found if not t.form.effect.needs_torque]
             if len(group) == 1:
-                told.append(replace(now, rivals=self.equivalent(now, found)))
-            other = self.simplest([t for t in found if t.J > APART])
+                with_rivals.append(replace(now, rivals=self.equivalent(now, found)))
+            other = self.simplest([t for t in found if t.evidence > EVIDENCE_TO_ADD])
             if other is None or other.key in {t.key for t in group}:
                 continue
-            old, least = group[0].form, APART + FORM * max(J, 0.0)
-            its = other.J if len(group) > 1 else other.against(now)
+            old, least = group[0].form, EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
+            its = (
+                other.evidence if len(group) > 1 else other.evidence_with_worth_of(now)
+            )
             ranks = (simplicity(other.form), -its), (simplicity(old), -J)
             simpler = len(group) > 1 or (
                 not other.form.refines(old) and ranks[0] < ranks[1]
@@ -298,21 +351,27 @@ class Search:
             if J + least < its or (
                 J - least < its and (simpler or old.refines(other.form))
             ):
-                after = self.settled([*rest, other])
+                after = self.refine_and_drop([*rest, other])
                 if any(
                     t.key == other.key for t in after
                 ):  # beside what is tolerated, too
                     return after
-        self.terms = told
+        self.terms = with_rivals
         return None
 
-    def one_effect(self, terms: Sequence[Term]) -> list[list[Term]]:
+    def mergeable_groups(
+        self, terms: Sequence[ScoredEffect]
+    ) -> list[list[ScoredEffect]]:
         """Groups of terms of one effect that may be one candidate that acts on all of
         their joints."""
         sets = {frozenset(b.joints) for b in self.library.batches if len(b.joints) > 1}
-        out = list[list[Term]]()
+        out = list[list[ScoredEffect]]()
         for name in dict.fromkeys(t.key[0] for t in terms):
-            same = [t for t in terms if t.key[0] == name and not t.form.own]
+            same = [
+                t
+                for t in terms
+                if t.key[0] == name and not t.form.replaces_own_constant
+            ]
             every = [*combinations(same, 2), *([same] if len(same) > 2 else [])]
             out += [
                 list(g)
@@ -322,12 +381,20 @@ class Search:
         return out
 
     @staticmethod
-    def equivalent(term: Term, found: Sequence[Term]) -> tuple[Term, ...]:
+    def equivalent(
+        term: ScoredEffect, found: Sequence[ScoredEffect]
+    ) -> tuple[ScoredEffect, ...]:
         """The forms that these rows do not tell from a term."""
-        near = (t for t in found if t.key != term.key and not t.form.own)
-        return tuple(t for t in near if t.against(term) > term.J - EQUIVALENT)
+        near = (
+            t for t in found if t.key != term.key and not t.form.replaces_own_constant
+        )
+        return tuple(
+            t
+            for t in near
+            if t.evidence_with_worth_of(term) > term.evidence - EVIDENCE_TO_DISTINGUISH
+        )
 
-    def run(self, progress: Progress = no_progress) -> list[Term]:
+    def run(self, progress: Progress = no_progress) -> list[ScoredEffect]:
         """Add, exchange, drop until nothing changes."""
         seen = set[tuple[str, ...]]()
         for _ in range(
@@ -335,13 +402,13 @@ class Search:
         ):  # each joins, gives way and goes once at most
             self.fit = self.score.fit(self.with_misfits(self.terms), self.fit)
             found = self.top_candidates(self.fit, self.terms)
-            best = self.simplest([t for t in found if t.J > APART])
+            best = self.simplest([t for t in found if t.evidence > EVIDENCE_TO_ADD])
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
             after = (
-                self.settled([*self.terms, best])
+                self.refine_and_drop([*self.terms, best])
                 if best
-                else self.exchanged(self.terms)
+                else self.exchange_one(self.terms)
             )
             if after is None:
                 break
@@ -360,7 +427,7 @@ class Search:
 
     # The same search beside something else.
 
-    def carried(
+    def beside_model(
         self,
         estimate: Estimate,
         without: NDArray[np.bool_] | None = None,
@@ -391,7 +458,7 @@ class Search:
         return out
 
     @property
-    def late(self) -> bool:
+    def delays_torque(self) -> bool:
         """Whether something makes torque late, a term or the model: all of it, also
         what terms make."""
         effects = [
@@ -402,20 +469,22 @@ class Search:
             e.needs_torque and e.has_memory for e in effects
         )
 
-    def referred(self) -> Search:
+    def refer_to_current_model(self) -> Search:
         """The same findings in columns that refer to the model beside them (a step of
         Gauss and Newton): to its parameters there, and to their torque. Fitted without
         them it has taken a part of that; of play in a gear 14 % of the size were left
         out."""
         data, estimate = self.data, self.data.estimate
-        theta = refitted(data, [t.form.effect for t in self.terms])[0]
-        ends = data.raw.shape[2] + np.cumsum([0, *(t.form.k for t in self.terms)])
+        theta = least_squares_refit(data, [t.form.effect for t in self.terms])[0]
+        ends = data.raw.shape[2] + np.cumsum(
+            [0, *(t.form.n_coefficients for t in self.terms)]
+        )
         own, *thetas = np.split(theta, ends[:-1])
-        return self.carried(
+        return self.beside_model(
             estimate if data.frozen else replace(estimate, theta=own), thetas=thetas
         )
 
-    def limited(self, terms: Sequence[Term]) -> Search:
+    def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:
         """The search with some of its terms only, each judged beside those; where there
         is evidence against some, the one against which it is most goes, and the rest is
         judged again."""
@@ -423,15 +492,15 @@ class Search:
         while True:
             out.fit = out.score.fit(out.with_misfits(terms), self.fit)
             out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
-            least = min(out.terms, key=lambda t: t.J, default=None)
-            if least is None or least.J > 0.0:
+            least = min(out.terms, key=lambda t: t.evidence, default=None)
+            if least is None or least.evidence > 0.0:
                 break
             terms = [t for t in out.terms if t is not least]
         out.fit = out.score.fit(out.terms)
         return out
 
 
-def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
+def changed(own: Sequence[ScoredEffect], model: Model) -> list[ShapeEstimate]:
     """The constants of terms that stand in the place of a model's own effects, beside
     the model's."""
     out = []
@@ -443,12 +512,22 @@ def changed(own: Sequence[Term], model: Model) -> list[ShapeEstimate]:
             end = at_end(float(np.log(value)), *ends.tolist())
             out.append(
                 ShapeEstimate(
-                    new.name, joint, key, old.shape[key], value, gain=t.J, at_end=end
+                    new.name,
+                    joint,
+                    key,
+                    old.shape[key],
+                    value,
+                    gain=t.evidence,
+                    at_end=end,
                 )
             )
     return out
 
 
-def simplicity(form: Form) -> tuple[int, int, bool]:
+def simplicity(form: Candidate) -> tuple[int, int, bool]:
     """Fewest constants, fewest joints, what refines nothing else."""
-    return form.k + form.constants, len(form.effect.joints), bool(form.effect.refines)
+    return (
+        form.n_coefficients + form.constants,
+        len(form.effect.joints),
+        bool(form.effect.refines),
+    )

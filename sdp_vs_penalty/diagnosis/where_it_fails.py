@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.constants import FOLDS, WITHIN
+from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
 from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import noise_level
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import Shown, Summary, plain_unit, words
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -80,7 +80,7 @@ class Stretch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class JointFailure(Plain):
+class JointFailure(JsonRecord):
     """How one joint's residual looks (joint from 1).
 
     rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, of the
@@ -411,7 +411,7 @@ def failing_stretches(
     without one; for NEAR at least."""
     width = max(1, round(2.0 * NEAR * rows.rate))
     size = np.sqrt(np.convolve(error**2, np.ones(width) / width, mode="same"))
-    limit = WITHIN * (floor or float(np.sqrt(np.mean(error**2))))
+    limit = SPECTRUM_NOISE_FACTOR * (floor or float(np.sqrt(np.mean(error**2))))
     rest = {
         name: x
         for name, x in shares.items()

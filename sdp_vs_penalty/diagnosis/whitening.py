@@ -107,7 +107,7 @@ class WhiteData:
             for j, column in zip(e.joints, columns, strict=True)
         }
 
-    def moved(
+    def constant_error_columns(
         self, effects: Sequence[Effect] = (), thetas: Sequence[Array] = ()
     ) -> list[Moved]:
         """What errors of the free shape constants of effects, and of the model's own
@@ -122,7 +122,9 @@ class WhiteData:
     @cached_property
     def constants(self) -> dict[tuple[str, int], Array]:
         """(M, s) by name and joint the same of the model's own effects in ``own``."""
-        every = ((s.effect.name, columns) for s, columns in self.moved())
+        every = (
+            (s.effect.name, columns) for s, columns in self.constant_error_columns()
+        )
         return {
             (name, j): z
             for name, by in every
@@ -156,7 +158,7 @@ def cluster_sums(
         yield np.stack([np.bincount(labels, column) for column in scores.T], axis=1)
 
 
-def prepare(
+def whiten_rows(
     rows: SegmentedRuns,
     estimate: Estimate,
     frozen: bool = False,
@@ -165,13 +167,13 @@ def prepare(
     """White rows with a model attached; whole : what the noise is measured in, if not
     these."""
     noise = noise_of(rows, whole)
-    masked = noise.suspect | unsettled(rows)
+    masked = noise.suspect | before_friction_settles(rows)
     if masked.any():
         rows = replace(rows, masked=masked)
     return whitened(rows, noise, estimate, frozen)
 
 
-def unsettled(rows: SegmentedRuns) -> NDArray[np.bool_]:
+def before_friction_settles(rows: SegmentedRuns) -> NDArray[np.bool_]:
     """(M, n) rows before a joint has come so far that friction with a memory has
     forgotten what bent it before the log began. Of a joint that never comes so far,
     none."""

@@ -6,13 +6,13 @@ from typing import Any
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.plugins import classes, surface
+from sdp_vs_penalty.plugins import classes, lazy_exports
 from sdp_vs_penalty.robot.robot import Robot
 
 _PARTS = {
     "Motion": "motion",
     "CurrentModel": "motion",
-    "Seen": "effect",
+    "JointCoverage": "effect",
     "Model": "model",
 }
 DEFAULT_EFFECTS = (
@@ -89,7 +89,7 @@ def __getattr__(name: str) -> Any:
     """The effects' classes, such as ``effects.PreslidingHysteresis``, and what they are
     made of."""
     if name in _PARTS:
-        return surface(__name__, **{_PARTS[name]: name})(name)
+        return lazy_exports(__name__, **{_PARTS[name]: name})(name)
     found = {kind.__name__: kind for kind in effect_types().values()}
     if name not in found:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

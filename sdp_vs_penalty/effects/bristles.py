@@ -14,12 +14,12 @@ from sdp_vs_penalty.effects.effect import (
     Array,
     Block,
     Effect,
+    JointCoverage,
     JointEffect,
     Motion,
-    Seen,
 )
 from sdp_vs_penalty.effects.motion import Legs
-from sdp_vs_penalty.effects.shape import POSITION, Shape
+from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant
 from sdp_vs_penalty.robot.robot import Robot
 
 #: From a path, the distance over which its state turns round, and the state at its
@@ -57,7 +57,7 @@ class Bristles:
         return np.asarray(direction + (z - direction) * np.exp(-np.abs(step)))
 
 
-class Remembering(Effect):
+class StatefulEffect(Effect):
     """An effect some of whose columns depend on states that follow the motion."""
 
     has_memory = True
@@ -74,7 +74,7 @@ class Remembering(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         return self.blocks_at(motion, self.bristles.along(motion))
 
-    def looks_like(self, size: float, seen: Seen) -> str:
+    def looks_like(self, size: float, seen: JointCoverage) -> str:
         hidden = max(self.bristles.distances, default=np.inf) < 2.0 * seen.resolution
         if self.at_rest == "turns" and hidden:
             return (
@@ -118,7 +118,7 @@ def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     return np.append(start, np.clip(moved, -1.0, 1.0))
 
 
-class PreslidingHysteresis(Remembering, JointEffect):
+class PreslidingHysteresis(StatefulEffect, JointEffect):
     equation = "f_h (z - sign(dq)), dz/dq = (1 - z sign(dq)) / d"
     explanation = (
         "Before surfaces slide their asperities bend like springs: after a reversal the"
@@ -131,7 +131,7 @@ class PreslidingHysteresis(Remembering, JointEffect):
     refines: tuple[str, ...] = ("coulomb_friction",)
     at_rest: ClassVar[Literal["", "holds", "turns"]] = "turns"
     shapes = {
-        "d": Shape(
+        "d": ShapeConstant(
             0.003,
             POSITION,
             grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032),
@@ -147,7 +147,7 @@ class PreslidingHysteresis(Remembering, JointEffect):
         )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        return self.apart(
+        return self.blocks_per_joint(
             [x - motion.sign(j) for j, x in zip(self.joints, z.T, strict=True)]
         )
 
@@ -169,7 +169,7 @@ class Stiction(PreslidingHysteresis):
     #: Short travels, over which the computed state forgets what the filter makes of a
     #: joint at rest.
     shapes = {
-        "d": Shape(
+        "d": ShapeConstant(
             0.0001,
             POSITION,
             grid=(0.00001, 0.00003, 0.0001, 0.0003),
@@ -189,7 +189,7 @@ class Stiction(PreslidingHysteresis):
 _ELEMENTS, _SPACING = 3, 4.0
 
 
-class MaxwellSlip(Remembering, JointEffect):
+class MaxwellSlip(StatefulEffect, JointEffect):
     equation = "sum_i f_m,i z_i, dz_i/dq = 1 / d_i while |z_i| < 1, d_i = d, 4 d, 16 d"
     explanation = (
         "Springs side by side, each with a slider that gives way at its own distance:"
@@ -206,13 +206,15 @@ class MaxwellSlip(Remembering, JointEffect):
     refines: tuple[str, ...] = ("presliding_hysteresis", "coulomb_friction")
     at_rest = "turns"
     shapes = {
-        "d": Shape(
+        "d": ShapeConstant(
             0.002,
             POSITION,
             grid=(0.0001, 0.0005, 0.001, 0.002, 0.004, 0.008),
             bounds=(0.00005, 0.05),
         ),
-        "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("free", "even")),
+        "law": ShapeConstant(
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("free", "even")
+        ),
     }
 
     lower = 0.0
@@ -231,7 +233,7 @@ class MaxwellSlip(Remembering, JointEffect):
         """Whether its elements are equally strong: one parameter."""
         return self.shape["law"] == 2.0
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         own, unit = self.parameter_name(joint), self.unit_on(joint)
         return [(f"{own}_{i + 1}", unit) for i in range(1 if self.even else _ELEMENTS)]
 
@@ -245,7 +247,9 @@ class MaxwellSlip(Remembering, JointEffect):
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         each = np.split(z, len(self.joints), axis=1)
-        return self.apart([x.mean(axis=1) for x in each] if self.even else each)
+        return self.blocks_per_joint(
+            [x.mean(axis=1) for x in each] if self.even else each
+        )
 
 
 class LoadDependentHysteresis(PreslidingHysteresis):
@@ -271,6 +275,6 @@ class LoadDependentHysteresis(PreslidingHysteresis):
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         load = np.abs(motion.link_torque)
-        return self.apart(
+        return self.blocks_per_joint(
             [load[:, j] * x for j, x in zip(self.joints, z.T, strict=True)]
         )

@@ -9,11 +9,11 @@ from sdp_vs_penalty.effects.effect import (
     STANDS,
     Array,
     Effect,
+    JointCoverage,
     JointEffect,
     Motion,
-    Seen,
 )
-from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -58,12 +58,12 @@ class TorqueGain(JointEffect):
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.model_torque[:, joint]
 
-    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         out = torque.copy()
         out[:, list(self.joints)] /= 1.0 + theta
         return out
 
-    def looks_like(self, size: float, seen: Seen) -> str:
+    def looks_like(self, size: float, seen: JointCoverage) -> str:
         if abs(size) > _LARGEST:
             return (
                 f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong"
@@ -72,7 +72,7 @@ class TorqueGain(JointEffect):
         return super().looks_like(size, seen)
 
 
-class Late(Effect):
+class DelayedTorque(Effect):
     """Torque that is logged later than the positions; each parameter is as long as the
     shape constant T."""
 
@@ -96,13 +96,13 @@ class Late(Effect):
         )
 
 
-class Delay(Late):
+class Delay(DelayedTorque):
     """By the same time at every frequency."""
 
     forward = "channel"
-    shapes = {"T": Shape(0.001, "s", grid=_STARTS, signed=True)}
+    shapes = {"T": ShapeConstant(0.001, "s", grid=_STARTS, signed=True)}
 
-    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         out = torque.copy()
         for late, j in zip(
             np.broadcast_to(theta, len(self.joints)), self.joints, strict=True
@@ -137,7 +137,7 @@ class GlobalDelay(Delay):
         return -motion.late_torque_rate(self.shape["T"])[:, :, None]
 
 
-class TorqueFilter(Late):
+class TorqueFilter(DelayedTorque):
     equation = (
         "T_f (H(T) tau_hat - tau_hat) / T on every joint, H = 1 / (1 + T s) or H(T)"
         " H(-T)"
@@ -152,8 +152,8 @@ class TorqueFilter(Late):
     forward = "left out"  # no instant's torque is known from that instant's reading
     whole_robot = True
     shapes = {
-        "T": Shape(0.005, "s", grid=_STARTS),
-        "phase": Shape(
+        "T": ShapeConstant(0.005, "s", grid=_STARTS),
+        "phase": ShapeConstant(
             1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")
         ),
     }
@@ -168,12 +168,12 @@ class TorqueFilter(Late):
             # The links' torque is smooth, but for the noise of its accelerations, which
             # the measured torque has none of: to smooth it away would always help.
             torque = torque - motion.link_torque
-        passed = lagging(torque, motion.t, T)
+        passed = first_order_lag(torque, motion.t, T)
         if self.needs_links:
-            passed = lagging(passed[::-1], motion.t, T)[::-1]
+            passed = first_order_lag(passed[::-1], motion.t, T)[::-1]
         return np.asarray((passed - torque) / T)[:, :, None]
 
-    def looks_like(self, size: float, seen: Seen) -> str:
+    def looks_like(self, size: float, seen: JointCoverage) -> str:
         if self.needs_links and seen.stands > STANDS:
             return (
                 "joints stand still at reversals, where friction turns round as slowly"
@@ -191,7 +191,7 @@ class TorqueFilter(Late):
         )
 
 
-def lagging(x: Array, t: Array, T: float) -> Array:
+def first_order_lag(x: Array, t: Array, T: float) -> Array:
     """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear
     between samples."""
     if len(t) < 2:

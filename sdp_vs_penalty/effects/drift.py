@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -15,9 +15,15 @@ class Drift(JointEffect):
     the clock's reading from which time counts: the measurements' first instant."""
 
     follows_clock = True
-    time_constant = Shape(300.0, "s", grid=(10.0, 30.0, 100.0), bounds=(3.0, 3000.0))
-    clock = Shape(0.0, "s", signed=True, role="clock")
-    shapes = {"form": Shape(1.0, choices=(1.0, 2.0)), "T": time_constant, "t0": clock}
+    time_constant = ShapeConstant(
+        300.0, "s", grid=(10.0, 30.0, 100.0), bounds=(3.0, 3000.0)
+    )
+    clock = ShapeConstant(0.0, "s", signed=True, role="clock")
+    shapes = {
+        "form": ShapeConstant(1.0, choices=(1.0, 2.0)),
+        "T": time_constant,
+        "t0": clock,
+    }
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
@@ -99,7 +105,7 @@ class DriftFriction(Rubbing, Drift):
         "viscous_friction",
         "warming_friction",
     )
-    shapes = {**Drift.shapes, "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
+    shapes = {**Drift.shapes, "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
 
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
@@ -143,9 +149,9 @@ class WarmingFriction(Rubbing):
         "viscous_friction",
     )  # each law its own
     shapes = {
-        "law": Shape(1.0, choices=(1.0, 2.0), words=("coulomb", "viscous")),
-        "by": Shape(1.0, choices=(1.0, 2.0), words=("temperature", "clock")),
-        "warm": Shape(20.0, "K", grid=(8.0, 20.0, 50.0), bounds=(3.0, 200.0)),
+        "law": ShapeConstant(1.0, choices=(1.0, 2.0), words=("coulomb", "viscous")),
+        "by": ShapeConstant(1.0, choices=(1.0, 2.0), words=("temperature", "clock")),
+        "warm": ShapeConstant(20.0, "K", grid=(8.0, 20.0, 50.0), bounds=(3.0, 200.0)),
         "T": Drift.time_constant,
         "t0": Drift.clock,
     }

@@ -27,7 +27,7 @@ from sdp_vs_penalty.effects.motion import CurrentModel as CurrentModel
 from sdp_vs_penalty.effects.motion import Motion as Motion
 from sdp_vs_penalty.effects.motion import Sampling as Sampling
 from sdp_vs_penalty.effects.motion import smooth_sign as smooth_sign
-from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
@@ -68,7 +68,7 @@ STANDS = 0.02
 
 
 @dataclass(frozen=True)
-class Seen:
+class JointCoverage:
     """What runs show of a joint: how far it went and how fine its positions are [rad,
     m]; stands : share of the rows in which joints stand still."""
 
@@ -81,7 +81,7 @@ class Effect(ABC):
     """One effect on the joints it is given (from 0), with its shape constants fixed.
 
     Subclasses set the class attributes, which the command line and the README show, and define
-    :meth:`named` and :meth:`torques`, or :attr:`parameters` and :meth:`blocks`. Everything that anyone
+    :meth:`parameter_names_and_units` and :meth:`torques`, or :attr:`parameters` and :meth:`blocks`. Everything that anyone
     asks of an effect is declared here: nothing outside this folder knows an effect or a shape constant
     by its name.
     """
@@ -93,7 +93,7 @@ class Effect(ABC):
     reference: ClassVar[str]
     #: Non-linear shape constants by name; an object's own may be more or fewer than its
     #: class's.
-    shapes: Mapping[str, Shape] = {}
+    shapes: Mapping[str, ShapeConstant] = {}
 
     #: True where a column depends on earlier motion: it is then computed over whole
     #: runs.
@@ -112,7 +112,7 @@ class Effect(ABC):
     #: True where the columns need Motion.motors.
     needs_motors: ClassVar[bool] = False
 
-    #: When the model runs forward: a torque, the measuring channel's (:meth:`undone`),
+    #: When the model runs forward: a torque, the measuring channel's (:meth:`invert_channel`),
     #: what drives the joints, or nothing.
     forward: ClassVar[Literal["torque", "channel", "drive", "left out"]] = "torque"
 
@@ -226,7 +226,7 @@ class Effect(ABC):
     #: The parameters' unit for a revolute and for a prismatic joint.
     units: ClassVar[tuple[str, str]] = ("N*m", "N")
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name and unit of each parameter of a joint (from 0); joint -1: of the whole
         robot."""
         return [(self.parameter_name(joint), self.unit_on(joint))]
@@ -246,7 +246,7 @@ class Effect(ABC):
         return tuple(
             Parameter(name, unit, self.name, j + 1, self.lower)
             for j in joints
-            for name, unit in self.named(j)
+            for name, unit in self.parameter_names_and_units(j)
         )
 
     def torques(self, motion: Motion) -> Array:
@@ -324,7 +324,7 @@ class Effect(ABC):
         was found."""
         return size
 
-    def undone(self, theta: Array, t: Array, torque: Array) -> Array:
+    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) :
         its own."""
         return torque
@@ -377,7 +377,7 @@ class Effect(ABC):
             key for key, shape in self.shapes.items() if shape.role == "estimated"
         )
 
-    def opened(self, keys: Iterable[str]) -> Effect:
+    def with_free_shapes(self, keys: Iterable[str]) -> Effect:
         """The same effect, some of whose shape constants are to be estimated again."""
         out = copy(self)
         out.given = self.given - frozenset(keys)
@@ -396,14 +396,15 @@ class Effect(ABC):
         rad/s"."""
         kind = self.robot.joints[self.joints[0]].kind
         return ", ".join(
-            f"{k} = {self.shapes[k].said(self.shape[k], kind)}" for k in self.searched
+            f"{k} = {self.shapes[k].format_with_unit(self.shape[k], kind)}"
+            for k in self.searched
         )
 
     def remark(self, size: float) -> str:
         """A sentence about an effect of this size, if there is something to say."""
         return ""
 
-    def looks_like(self, size: float, seen: Seen) -> str:
+    def looks_like(self, size: float, seen: JointCoverage) -> str:
         """What a model may lack that passes for this effect of this size in what was
         seen of its joint, if there is such a thing."""
         slow = (self.waves or np.inf) * seen.travel < 2.0 * np.pi
@@ -469,9 +470,9 @@ class JointEffect(Effect):
         raise NotImplementedError
 
     def blocks(self, motion: Motion) -> list[Block]:
-        return self.apart([self.column(motion, j) for j in self.joints])
+        return self.blocks_per_joint([self.column(motion, j) for j in self.joints])
 
-    def apart(self, columns: Sequence[Array]) -> list[Block]:
+    def blocks_per_joint(self, columns: Sequence[Array]) -> list[Block]:
         """Of the columns (N,) or (N, k) of each of its joints."""
         wide = [x.reshape(len(x), -1) for x in columns]
         ends = accumulate((x.shape[1] for x in wide), initial=0)

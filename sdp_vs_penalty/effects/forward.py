@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.effects.bristles import Remembering
+from sdp_vs_penalty.effects.bristles import StatefulEffect
 from sdp_vs_penalty.effects.effect import Array, CurrentModel, Effect, Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.motion import Command
@@ -45,7 +45,7 @@ class State(NamedTuple):
     ddq: Array
     z: Array
     temperature: Array
-    sum: Array
+    position_integral: Array
 
     def rows(self, which: slice | NDArray[np.intp]) -> State:
         return State(*(x[which] for x in self))
@@ -99,7 +99,7 @@ class Plant:
         #: widths it turns round.
         self.contacts, self.widths = self._contacts()
         self.bristles = [
-            e.bristles for e, _ in self.effects if isinstance(e, Remembering)
+            e.bristles for e, _ in self.effects if isinstance(e, StatefulEffect)
         ]
         self.states = sum(len(b.distances) for b in self.bristles)
         self._moves = [(e, k) for e, k in self.effects if self._feels_acceleration(e)]
@@ -115,7 +115,7 @@ class Plant:
         if self.model.gains is not None:
             torque = torque / np.array(self.model.gains)
         for effect, k in self.channels:
-            torque = effect.undone(self.theta[0, k], t, torque)
+            torque = effect.invert_channel(self.theta[0, k], t, torque)
         return torque
 
     def remembered(self, motion: Motion) -> Array:
@@ -215,7 +215,7 @@ class Plant:
         out = np.zeros_like(motion.q)
         used = 0
         for effect, own in effects:
-            if isinstance(effect, Remembering):
+            if isinstance(effect, StatefulEffect):
                 count = len(effect.bristles.distances)
                 blocks = effect.blocks_at(motion, z[:, used : used + count])
                 used += count
@@ -235,7 +235,7 @@ class Plant:
         free = [
             (e, k) for e, k in self.effects if not (e.needs_torque or e.needs_links)
         ]
-        plain = [(e, k) for e, k in free if not isinstance(e, Remembering)]
+        plain = [(e, k) for e, k in free if not isinstance(e, StatefulEffect)]
         torque = self.robot.inverse_dynamics(links, motion.q, motion.dq, ddq)
         torque += self._sum(
             plain, motion, np.zeros((len(motion.t), 0)), reference[None]
@@ -321,7 +321,10 @@ def advance(
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
     dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts, plant.widths)
     travel, ddq = 0.5 * h * (state.dq + dq), (dq - state.dq) / h
-    z, path = plant.advanced(state.z, travel), state.sum + h * (state.q + 0.5 * travel)
+    z, path = (
+        plant.advanced(state.z, travel),
+        state.position_integral + h * (state.q + 0.5 * travel),
+    )
     return State(state.t + h, state.q + travel, dq, ddq, z, state.temperature, path)
 
 
@@ -343,7 +346,7 @@ class ServoLoop:
         """States (W) at positions q (W, n) whose integrals are path (W, n), with the
         velocity of the command, at instants t (W,)."""
         dq, rest = command.velocity(t), np.zeros_like(q)
-        motion = Motion(t, q, dq, rest, command=command, sum=path)
+        motion = Motion(t, q, dq, rest, command=command, position_integral=path)
         z = (
             self.plant.remembered(motion)
             if self.plant.states
@@ -356,11 +359,15 @@ class ServoLoop:
         half = 0.5 * h
         dq = state.dq + half * state.ddq
         q = state.q + half * state.dq + 0.5 * half * half * state.ddq
-        path = state.sum + half * state.q
-        middle = Motion(state.t + half, q, dq, state.ddq, command=command, sum=path)
+        path = state.position_integral + half * state.q
+        middle = Motion(
+            state.t + half, q, dq, state.ddq, command=command, position_integral=path
+        )
         torque = self.drive(middle)
         path = path + 0.5 * half * half * _PUSH
-        faster = replace(middle, q=q + half * _PUSH, dq=dq + _PUSH, sum=path)
+        faster = replace(
+            middle, q=q + half * _PUSH, dq=dq + _PUSH, position_integral=path
+        )
         fall = (torque - self.drive(faster)) / _PUSH
         return advance(
             self.plant, state, torque, h, fall[:, :, None] * np.eye(q.shape[1])

@@ -16,7 +16,7 @@ from sdp_vs_penalty.effects.effect import (
     Motion,
     Parameter,
 )
-from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.constraint import Constraint
@@ -89,7 +89,7 @@ class Payload(Effect):
     frozen_only = True
     sized_by = slice(0, 1)  # its mass
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         names, last = (
             inertia.parameter_names(self.robot.links),
             len(str(self.robot.links)),
@@ -128,7 +128,7 @@ class ExternalWrench(Effect):
     signless = smooth = True
     sized_by = slice(0, 3)  # the force
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         return [
             (f"{x}_{axis}", unit)
             for x, unit in (("F", "N"), ("M", "N*m"))
@@ -217,7 +217,7 @@ class BaseTilt(Effect):
         u, _, vt = np.linalg.svd(flat, full_matrices=False)
         return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         straight = np.count_nonzero(self.robot.gravity) < 2
         names = (
             ["xyz"[int(np.argmax(np.abs(a)))] for a in self.across]
@@ -300,10 +300,10 @@ class Backlash(LinkDeviation):
     forward = "left out"  # a link that moves by itself within the play
     has_memory = True  # time derivatives of the side
     shapes = {
-        "law": Shape(
+        "law": ShapeConstant(
             1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("rests", "crosses")
         ),
-        "band": Shape(_BENDS, "Hz"),
+        "band": ShapeConstant(_BENDS, "Hz"),
     }
 
     def deviated(self, motion: Motion, joint: int) -> Array:
@@ -338,7 +338,10 @@ class JointElasticity(LinkDeviation):
     lower = 0.0
     forward = "left out"  # a link that moves by itself
     has_memory = True  # time derivatives of the torque
-    shapes = {"c": Shape(0.0, units, signed=True), "band": Shape(_BENDS, "Hz")}
+    shapes = {
+        "c": ShapeConstant(0.0, units, signed=True),
+        "band": ShapeConstant(_BENDS, "Hz"),
+    }
     sized_shape = "c"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
@@ -383,7 +386,7 @@ class KinematicError(Effect):
     signless = True
     tolerance = True
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         kinds = [("slip", "m") if k < 3 else ("turn", "rad") for _, k in self._places]
         places = zip(kinds, self._places, strict=True)
         return [

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -108,18 +108,18 @@ def _is_value(key: str) -> bool:
 
 def _axis(
     axis: str, count: float, default: float, words: tuple[str, ...]
-) -> dict[str, Shape]:
+) -> dict[str, ShapeConstant]:
     """Shape constants of one variable: its word and joint, the joint that is added to
     it (0: none) in a ratio, the ends and the number of the table's values along it."""
     numbers = tuple(WORDS.index(w) + 1.0 for w in words)
     return {
-        axis: Shape(default, choices=numbers, words=words),
-        f"{axis}j": Shape(0.0, signed=True),
-        f"{axis}i": Shape(0.0, signed=True),
-        f"{axis}c": Shape(1.0, signed=True),
-        f"{axis}low": Shape(-1.0, signed=True),
-        f"{axis}high": Shape(1.0, signed=True),
-        f"{axis}n": Shape(count),
+        axis: ShapeConstant(default, choices=numbers, words=words),
+        f"{axis}j": ShapeConstant(0.0, signed=True),
+        f"{axis}i": ShapeConstant(0.0, signed=True),
+        f"{axis}c": ShapeConstant(1.0, signed=True),
+        f"{axis}low": ShapeConstant(-1.0, signed=True),
+        f"{axis}high": ShapeConstant(1.0, signed=True),
+        f"{axis}n": ShapeConstant(count),
     }
 
 
@@ -158,8 +158,8 @@ class MeasuredCurve(JointEffect):
     shapes = {
         **_axis("x", 2.0, 1.0, tuple(w for w in WORDS if w != "none")),
         **_axis("y", 1.0, WORDS.index("none") + 1.0, WORDS),
-        "v1": Shape(-1.0, signed=True),
-        "v2": Shape(1.0, signed=True),
+        "v1": ShapeConstant(-1.0, signed=True),
+        "v2": ShapeConstant(1.0, signed=True),
     }
 
     def __init__(
@@ -230,7 +230,7 @@ class MeasuredCurve(JointEffect):
     @classmethod
     def _own_shapes(
         cls, robot: Robot, joint: int, own: Mapping[str, float], values: Sequence[str]
-    ) -> dict[str, Shape]:
+    ) -> dict[str, ShapeConstant]:
         """The class's that say something, with the units of this table's variables and
         of its torque."""
         out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
@@ -246,7 +246,8 @@ class MeasuredCurve(JointEffect):
             if not own[f"{axis}i"]:
                 del out[f"{axis}i"], out[f"{axis}c"]
         return out | {
-            v: Shape(own[v], robot.torque_units[joint], signed=True) for v in values
+            v: ShapeConstant(own[v], robot.torque_units[joint], signed=True)
+            for v in values
         }
 
     def variables(self, joint: int) -> tuple[Variable, ...]:

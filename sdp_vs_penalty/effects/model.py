@@ -33,7 +33,7 @@ class JointColumns:
     indices: NDArray[np.intp]
     columns: Array
 
-    def wide(self, p: int) -> Array:
+    def dense_columns(self, p: int) -> Array:
         """(N, p) with the columns of all parameters, zero where they do not act on the
         joint."""
         out = np.zeros((len(self.columns), p))
@@ -51,7 +51,7 @@ class Model:
         torque are read. None where no effect needs it.
     gains : (n,) what each torque channel reads over the true torque, where that is known: parameters
         are then in true units, and the modelled torque is the channels'. None: they read true.
-    changes : effects may come a second time, as what has changed since their first was identified.
+    allow_duplicates : effects may come a second time, as what has changed since their first was identified.
     known : parameters that are given, by name: their torque is taken off what is explained, their
         columns are zero there.
     """
@@ -60,12 +60,12 @@ class Model:
     effects: tuple[Effect, ...]
     reference: Array | None = None
     gains: tuple[float, ...] | None = None
-    changes: bool = False
+    allow_duplicates: bool = False
     known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         seen: set[str] = set()
-        for p in () if self.changes else self.parameters:
+        for p in () if self.allow_duplicates else self.parameters:
             if p.name in seen:
                 raise InputError(
                     f"parameter {p.name} appears twice",
@@ -177,11 +177,11 @@ class Model:
         """The regressor of a motion, joint by joint (n entries)."""
         return self.joined(self.blocks(motion), len(motion.t))
 
-    def wide(self, motion: Motion) -> Array:
+    def dense_columns(self, motion: Motion) -> Array:
         """(n, N, p) the same with columns for all parameters, zero where they do not
         act on a joint."""
         return np.stack(
-            [own.wide(len(self.parameters)) for own in self.columns(motion)]
+            [own.dense_columns(len(self.parameters)) for own in self.columns(motion)]
         )
 
     def blocks(

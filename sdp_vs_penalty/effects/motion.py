@@ -47,7 +47,7 @@ class Command:
     q: Array
     dq: Array
     ddq: Array
-    sum: Array
+    position_integral: Array
 
     def position(self, t: Array) -> Array:
         """(len(t), n) at any instants; outside of those known, as at their end."""
@@ -64,7 +64,9 @@ class Command:
         k, h = self._near(t)
         beyond = (t - np.clip(t, self.t[0], self.t[-1]))[:, None]
         return np.asarray(
-            self.sum[k] + (h + beyond) * self.q[k] + 0.5 * h * h * self.dq[k]
+            self.position_integral[k]
+            + (h + beyond) * self.q[k]
+            + 0.5 * h * h * self.dq[k]
         )
 
     def _near(self, t: Array) -> tuple[Array, Array]:
@@ -143,7 +145,7 @@ class Motion:
     #: What the drives were told, where that was logged, and (N, n) the integral of q
     #: over time since the same instant.
     command: Command | None = None
-    sum: Array | None = None
+    position_integral: Array | None = None
     #: (N, n) accelerations of the motors on their joints' side of the gear, where the
     #: log holds both.
     motors: Array | None = None
@@ -152,8 +154,8 @@ class Motion:
 
     #: ``command``, ``sum``, ``temperature``, ``motors``; InputError where the
     #: measurements hold none.
-    told: ClassVar[Command] = _logged("command", "commands", "qcmd1..qcmdn")
-    integral: ClassVar[Array] = _logged("sum", "commands", "qcmd1..qcmdn")
+    logged_command: ClassVar[Command] = _logged("command", "commands", "qcmd1..qcmdn")
+    integral: ClassVar[Array] = _logged("position_integral", "commands", "qcmd1..qcmdn")
     joint_temperature: ClassVar[Array] = _logged(
         "temperature", "temperatures", "temp1..tempn"
     )
@@ -171,7 +173,7 @@ class Motion:
             "torque",
             "logged",
             "temperature",
-            "sum",
+            "position_integral",
             "motors",
         )
         known: dict[str, Any] = {

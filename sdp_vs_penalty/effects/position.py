@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion, Parameter
-from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import Constraint
 from sdp_vs_penalty.robot.robot import Robot
@@ -58,7 +58,7 @@ class TorqueRipple(JointEffect):
     )
     several = True
     shapes = {
-        "k": Shape(
+        "k": ShapeConstant(
             2.0,
             ("1/turn", "rad/m"),
             # Once a turn is geometry: a link's weight, a joint beside where it is
@@ -73,7 +73,7 @@ class TorqueRipple(JointEffect):
 
     signless = True
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         k = f"{self.shape['k']:.6g}"
         return [
             (f"{symbol}{joint + 1}_{k}", self.unit_on(joint))
@@ -113,14 +113,14 @@ class PositionDependentFriction(JointEffect):
     )
     refines = ("coulomb_friction",)
     shapes = {
-        "k": Shape(
+        "k": ShapeConstant(
             1.0,
             ("1/turn", "rad/m"),
             grid=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0),
             bounds=(0.5, 300.0),
             scale="linear",
         ),
-        "waves": Shape(1.0, choices=(1.0, 2.0)),
+        "waves": ShapeConstant(1.0, choices=(1.0, 2.0)),
     }
 
     @classmethod
@@ -131,7 +131,7 @@ class PositionDependentFriction(JointEffect):
         grid = _orders(robot, joint, shape.grid, (shape.bounds or (0.0, np.inf))[1])
         return [{"k": k, "waves": 1.0} for k in grid]
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         waves = range(1, int(self.shape["waves"]) + 1)
         return [
             (f"{x}{joint + 1}_{i}", self.unit_on(joint))

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, Block, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.shape import ShapeConstant
 
 #: The longest delay of a command [s]: a tenth of a second more makes any loop of use
 #: unstable.
@@ -33,7 +33,7 @@ class Servo(JointEffect):
     # it drives the joint, and is nothing that a search for a missing load may find
     sought = False
     shapes = {
-        "T": Shape(
+        "T": ShapeConstant(
             0.0, "s", grid=(0.0,), bounds=(0.0, LATEST), scale="linear", signed=True
         )
     }
@@ -47,7 +47,7 @@ class ServoGain(Servo):
 
     def blocks(self, motion: Motion) -> list[Block]:
         column = self.drive(motion, motion.t - self.shape["T"])
-        return self.apart([column[:, j] for j in self.joints])
+        return self.blocks_per_joint([column[:, j] for j in self.joints])
 
     def drive(self, motion: Motion, at: Array) -> Array:
         """(N, n) torque on the load from gains of one, of what was commanded at (N,)."""
@@ -68,10 +68,10 @@ class ServoPosition(Servo):
     reference = "Siciliano et al., Robotics: Modelling, Planning and Control, sec. 8.5"
     sized_by = slice(0, 1)
     position_gains = slice(0, None, 2)
-    shapes = {**Servo.shapes, "d": Shape(0.0, "s", scale="linear", signed=True)}
+    shapes = {**Servo.shapes, "d": ShapeConstant(0.0, "s", scale="linear", signed=True)}
     searched = ("T",)  # the delay; the age of the velocity is given or zero
 
-    def named(self, joint: int) -> Iterable[tuple[str, str]]:
+    def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         own, per = self.unit_on(joint), self.robot.position_units[joint]
         return [
             (f"kp{joint + 1}", f"{own}/{per}"),
@@ -79,9 +79,9 @@ class ServoPosition(Servo):
         ]
 
     def blocks(self, motion: Motion) -> list[Block]:
-        error = motion.told.position(motion.t - self.shape["T"]) - motion.q
+        error = motion.logged_command.position(motion.t - self.shape["T"]) - motion.q
         rate = motion.dq - self.shape["d"] * motion.ddq
-        return self.apart(
+        return self.blocks_per_joint(
             [np.column_stack([-error[:, j], rate[:, j]]) for j in self.joints]
         )
 
@@ -98,7 +98,7 @@ class ServoIntegral(ServoGain):
     units = ("N*m/rad/s", "N/m/s")
 
     def drive(self, motion: Motion, at: Array) -> Array:
-        return motion.integral - motion.told.integral(at)
+        return motion.integral - motion.logged_command.integral(at)
 
 
 class ServoVelocityLoop(ServoGain):
@@ -134,4 +134,4 @@ class ServoFeedforward(ServoGain):
     units = ("N*m*s/rad", "N*s/m")
 
     def drive(self, motion: Motion, at: Array) -> Array:
-        return -motion.told.velocity(at)
+        return -motion.logged_command.velocity(at)

@@ -13,7 +13,7 @@ VELOCITY = ("rad/s", "m/s")
 
 
 @dataclass(frozen=True)
-class Shape:
+class ShapeConstant:
     """One shape constant of an effect; its name is the key under which the effect
     declares it.
 
@@ -41,7 +41,7 @@ class Shape:
     signed: bool = False
     role: Literal["searched", "estimated", "clock"] = "searched"
 
-    def on(self, kind: str) -> Shape:
+    def on(self, kind: str) -> ShapeConstant:
         """The same with grid and bounds for a joint of this kind ("revolute",
         "prismatic")."""
         if kind != "prismatic" or self.metres == 1.0:
@@ -86,7 +86,7 @@ class Shape:
             self.unit if isinstance(self.unit, str) else self.unit[kind == "prismatic"]
         )
 
-    def said(self, value: float, kind: str) -> str:
+    def format_with_unit(self, value: float, kind: str) -> str:
         """The value with its unit, as a sentence says it.
 
         >>> Shape(2.0, ("1/turn", "rad/m")).said(7.0, "revolute")

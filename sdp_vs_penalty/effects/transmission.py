@@ -8,7 +8,7 @@ import numpy as np
 from sdp_vs_penalty.effects.bristles import (
     Bristles,
     PreslidingHysteresis,
-    Remembering,
+    StatefulEffect,
     dahl,
 )
 from sdp_vs_penalty.effects.effect import (
@@ -20,7 +20,7 @@ from sdp_vs_penalty.effects.effect import (
     Parameter,
     smooth_sign,
 )
-from sdp_vs_penalty.effects.shape import Shape
+from sdp_vs_penalty.effects.shape import ShapeConstant
 from sdp_vs_penalty.effects.velocity_friction import StribeckFriction
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.robot import Robot
@@ -42,8 +42,8 @@ class JointCoupling(JointEffect):
     symbol = "f_c"
     several = True
     shapes = {
-        "i": Shape(0.0, signed=True),
-        "form": Shape(1.0, choices=(1.0, 2.0, 3.0, 4.0)),
+        "i": ShapeConstant(0.0, signed=True),
+        "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0)),
     }
 
     def __init__(
@@ -112,7 +112,7 @@ _TRIPLES = tuple(
 )
 
 
-class TransmissionFriction(Remembering):
+class TransmissionFriction(StatefulEffect):
     equation = (
         "c^T f(s), s = c q, f = f_t times ds | sign(ds) | z | sign(ds) exp(-(ds /"
         " vs)^2) | dds, for law = viscous | coulomb | hysteresis | stribeck | inertia;"
@@ -135,7 +135,7 @@ class TransmissionFriction(Remembering):
     several = True
     joins = True
     shapes = {
-        "law": Shape(2.0, choices=tuple(range(1, 1 + len(LAWS))), words=LAWS),
+        "law": ShapeConstant(2.0, choices=tuple(range(1, 1 + len(LAWS))), words=LAWS),
         "d": PreslidingHysteresis.shapes["d"],
         "vs": StribeckFriction.shapes["vs"],
     }
@@ -163,7 +163,7 @@ class TransmissionFriction(Remembering):
         units = [robot.position_units[j] for j in acting if j < robot.n]
         per = ["-" if u == units[0] else f"{units[0]}/{u}" for u in units]
         ratios = {
-            f"c{j + 1}": Shape(1.0, u, signed=True)
+            f"c{j + 1}": ShapeConstant(1.0, u, signed=True)
             for j, u in zip(acting, per, strict=False)
         }
         self.shapes = ratios | known

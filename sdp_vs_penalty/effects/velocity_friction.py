@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import SIGN_WIDTH, Array, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import VELOCITY, Shape
+from sdp_vs_penalty.effects.shape import VELOCITY, ShapeConstant
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -38,7 +38,7 @@ class CoulombFriction(JointEffect):
     symbol = "f_c"
     lower = 0.0
     shapes = {
-        "v_s": Shape(
+        "v_s": ShapeConstant(
             SIGN_WIDTH,
             VELOCITY,
             # Wider transitions are another law (a sigmoid, a hysteresis): they have to
@@ -109,7 +109,9 @@ class PowerLawFriction(JointEffect):
     units = ("N*m*(s/rad)^alpha", "N*(s/m)^alpha")
     refines = ("viscous_friction", "coulomb_friction")
     shapes = {
-        "alpha": Shape(2.0, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0), bounds=(0.15, 4.0))
+        "alpha": ShapeConstant(
+            2.0, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0), bounds=(0.15, 4.0)
+        )
     }
 
     def column(self, motion: Motion, joint: int) -> Array:
@@ -150,10 +152,10 @@ class SigmoidFriction(JointEffect):
     lower = 0.0
     refines = ("coulomb_friction",)
     shapes = {
-        "v0": Shape(
+        "v0": ShapeConstant(
             0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 2.0)
         ),
-        "law": Shape(
+        "law": ShapeConstant(
             1.0, grid=(1.0, 2.0, 3.0), choices=(1.0, 2.0, 3.0), words=tuple(_RISES)
         ),
     }
@@ -185,11 +187,13 @@ class StribeckFriction(JointEffect):
     lower = 0.0
     refines = ("coulomb_friction",)
     shapes = {
-        "vs": Shape(
+        "vs": ShapeConstant(
             0.1, VELOCITY, grid=(0.02, 0.04, 0.08, 0.16, 0.32), bounds=(0.012, 1.0)
         ),
-        "delta": Shape(2.0, grid=(1.0, 2.0)),
-        "law": Shape(1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("dip", "tail")),
+        "delta": ShapeConstant(2.0, grid=(1.0, 2.0)),
+        "law": ShapeConstant(
+            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("dip", "tail")
+        ),
     }
 
     @classmethod

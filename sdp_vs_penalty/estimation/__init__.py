@@ -1,8 +1,8 @@
 """From measurements to a certified estimate, and how well the data determine it."""
 
-from sdp_vs_penalty.plugins import surface
+from sdp_vs_penalty.plugins import lazy_exports
 
-__getattr__ = surface(
+__getattr__ = lazy_exports(
     __name__,
     certificate="Certificate",
     excitation="Limits",

@@ -4,13 +4,13 @@ import re
 from dataclasses import dataclass, field
 
 from sdp_vs_penalty.estimators.lmi_sdp import FAR_GAP
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 
 
 @dataclass(frozen=True, repr=False)
-class Certificate(Shown, Plain):
+class Certificate(Shown, JsonRecord):
     """violations : worst violation of each family, in its own units (kg, kg m, kg m^2,
     ...).
 

@@ -25,7 +25,7 @@ from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.signals.runs import Stretch, interpolated, stretches
+from sdp_vs_penalty.signals.runs import Stretch, interpolated, split_at_gaps
 
 #: Longest step of the simulation [s].
 _STEP = 8e-3
@@ -47,7 +47,7 @@ def with_simulated_motion(
 
 def _parts(run: Measurements) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
     """The stretches of a run, each with the samples (N,) that lie in it."""
-    for part in stretches(run):
+    for part in split_at_gaps(run):
         yield part, (run.t >= part.t[0]) & (run.t <= part.t[-1])
 
 
@@ -71,7 +71,7 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     q, sums = np.empty((2, len(first) * long, part.q.shape[1]))
     for k in range(early + long):
         on = (start + k >= first) & (start + k < first + long)
-        q[start[on] + k], sums[start[on] + k] = state.q[on], state.sum[on]
+        q[start[on] + k], sums[start[on] + k] = state.q[on], state.position_integral[on]
         state = loop.step(state, command, h)
     clock = part.t[0] + h * np.arange(len(q))
     return interpolated(part.t, clock, q), interpolated(part.t, clock, sums)
@@ -125,7 +125,9 @@ def with_drive_torque(
                 sampled_command(part),
             )
             tau[inside] += loop.drive(
-                Motion(part.t, *states, command=told, sum=part.integrals[1])
+                Motion(
+                    part.t, *states, command=told, position_integral=part.integrals[1]
+                )
             )
         runs.append(replace(run, tau=tau, torque_logged=True))
     return concatenate(runs)

@@ -38,7 +38,7 @@ from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
-from sdp_vs_penalty.regression.partial import deviations
+from sdp_vs_penalty.regression.linalg import deviations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.robot.trajectory import (
@@ -62,7 +62,8 @@ class Regressor:
     def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
         """(N, n, p) rows of each sample and joint."""
         wide = np.stack(
-            list(self.model.wide(Motion(t, q, dq, ddq))[..., self.columns]), axis=1
+            list(self.model.dense_columns(Motion(t, q, dq, ddq))[..., self.columns]),
+            axis=1,
         )
         return wide * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
 

@@ -1,7 +1,7 @@
 """From runs behind their filters to a certified estimate, and ``verify``: what a proof
 proves, and whether it is of this model and these data.
 
-Who determines a parameter (:func:`record`): of a linear function a^T theta the data
+Who determines a parameter (:func:`parameter_sources`): of a linear function a^T theta the data
 alone know the variance a^T H^-1 a, H = R^T R in units of the residual variance
 (infinite where no torque shows it), the prior alone a^T H_prior^-1 a. H_prior is one
 independent measurement a link: 1/2 P0^-1 (x) P0^-1, the curvature of the entropic pull
@@ -25,16 +25,16 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimation.build_problem import (
+    EstimationProblem,
+    PoseOptions,
+    build_problem,
+    in_columns,
+    pose_filtered,
+)
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR, refine
-from sdp_vs_penalty.estimation.pose import (
-    Posed,
-    PoseOptions,
-    in_columns,
-    pose,
-    pose_filtered,
-)
 from sdp_vs_penalty.estimation.sensitivity import with_sensitivities
 from sdp_vs_penalty.estimation.uncertainty import of_regression
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
@@ -59,7 +59,7 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.fit import repair
 from sdp_vs_penalty.solvers.proof import (
     Proof,
     difference,
@@ -68,21 +68,23 @@ from sdp_vs_penalty.solvers.proof import (
     stated,
     write_proof,
 )
-from sdp_vs_penalty.solvers.verified import violations
+from sdp_vs_penalty.solvers.rigorous_bounds import violations
 from sdp_vs_penalty.version import __version__
 
 DATA = "data"
 
 
-def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[str, Any]:
+def parameter_sources(
+    task: Task, theta: Array, base: BaseParameters, rest: str
+) -> dict[str, Any]:
     """For the details of an estimate: the parameters that the data leave open, and all
     base parameters with name, value, nominal value and who determines them.
 
-    rest : what decides where the data do not (:attr:`Estimator.rest`).
+    rest : what decides where the data do not (:attr:`Estimator.undetermined_by`).
     """
     every = np.vstack([np.eye(len(theta)), base.rows])
     names = [*(p.name for p in task.model.parameters), *base.names]
-    told = from_data(task, every).tolist()
+    told = is_data_determined(task, every).tolist()
     given, (values, before) = (
         task.model.known,
         ((every @ x).tolist() for x in (theta, task.nominal)),
@@ -103,7 +105,7 @@ def record(task: Task, theta: Array, base: BaseParameters, rest: str) -> dict[st
     }
 
 
-def from_data(task: Task, rows: Array) -> NDArray[np.bool_]:
+def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
     """(b,) whether the data tell linear functions, rows (b, p), of theta better than
     the prior does."""
     variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
@@ -134,7 +136,7 @@ def from_data(task: Task, rows: Array) -> NDArray[np.bool_]:
 
 
 def build_estimate(
-    posed: Posed, estimator: Estimator, fit: Fit, workers: Workers = ALONE
+    posed: EstimationProblem, estimator: Estimator, fit: Fit, workers: Workers = ALONE
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
     problem, task, measurements, runs = (
@@ -164,7 +166,7 @@ def build_estimate(
     details = {
         **fit.details,
         "on_bounds": bounds,
-        **record(task, theta, base, estimator.rest),
+        **parameter_sources(task, theta, base, estimator.undetermined_by),
     }
     provenance = {
         "seed": task.seed,
@@ -324,7 +326,7 @@ def estimate_parameters(
     """The certified estimate of a method from runs behind their filters.
 
     This is what :func:`sdp_vs_penalty.identify` does with runs once they are read,
-    checked and filtered (:func:`~sdp_vs_penalty.estimation.pose.read_and_filter`).
+    checked and filtered (:func:`~sdp_vs_penalty.estimation.build_problem.read_and_filter`).
 
     proof : a file to write the proof of optimality to, or that nothing satisfies all
     constraints. Raises InputError for a method that these data or the proof do not
@@ -477,7 +479,7 @@ def _reposed(model: Estimate, data: Measurements) -> Proof | None:
     options = PoseOptions(model.model.effects, **settings)
     if recipe is not None:
         options = PoseOptions.following(recipe, model.robot, **settings)
-    task = pose(model.problem, data, options).task
+    task = build_problem(model.problem, data, options).task
     objective, constraints = estimator.posed(task)
     return stated(
         objective,

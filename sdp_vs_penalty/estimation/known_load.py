@@ -15,7 +15,7 @@ of the last link's frame.
 
 A log without torque shows its gains' ratios, not their scale. Least squares of 0 = L
 theta - kp e shrink everything; divided by the gain, e = L theta / kp, they do not:
-:func:`balanced` solves that for all joints together, the start of the convex problem
+:func:`fit_up_to_scale` solves that for all joints together, the start of the convex problem
 that is posed (:mod:`~sdp_vs_penalty.regression.instruments`).
 """
 
@@ -38,14 +38,14 @@ from sdp_vs_penalty.estimation.drive_torque import with_drive_torque
 from sdp_vs_penalty.estimation.uncertainty import Sandwich, stretched
 from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.partial import (
+from sdp_vs_penalty.regression.linalg import (
+    column_space,
     least_squares,
+    min_norm_lstsq,
     partialled,
-    smallest,
-    visible,
 )
 from sdp_vs_penalty.regression.regression import Factor, Regression, TimeBlock, compress
-from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
+from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -110,7 +110,7 @@ def gains_from_loads(
             1e-18 * data.tau_squared / data.rows,
         )
         bounded = data.with_prior(scale, strength)
-        x = smallest(bounded.R, bounded.rho)
+        x = min_norm_lstsq(bounded.R, bounded.rho)
         moved = x[-n:] - log_gain
         log_gain = log_gain + np.clip(moved, -0.5, 0.5)
         if step < 3:
@@ -158,7 +158,7 @@ def _linearised(
     )
 
 
-def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
+def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> Array:
     """theta (p,) that minimises sum_j |e_j - L_j psi / kp_j|^2 / s_j^2, up to a factor:
     that which makes the links weigh what the problem says.
 
@@ -202,7 +202,7 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
     def fitted(x: Array) -> tuple[Array, Array, Array]:
         """psi, what remains, and its change with ln kp (Kaufman, BIT 1975)."""
         columns = L / (start * np.exp(x))[owner, None]
-        U, V = visible(columns)
+        U, V = column_space(columns)
         psi = V @ (U.T @ e)
         slopes = (columns @ psi)[:, None] * (owner[:, None] == np.arange(len(gains)))
         return psi, e - U @ (U.T @ e), slopes - U @ (U.T @ slopes)
@@ -220,7 +220,7 @@ def balanced(problem: Problem, model: Model, regression: Regression) -> Array:
     theta[gains], theta[rest] = start * np.exp(best), fitted(best)[0]
     # As the links should weigh, by the torque that they make.
     told, stated = L_links @ theta[links], L_links @ nominal[links]
-    size = float(told @ stated) / or_one(told @ told)
+    size = float(told @ stated) / nonzero_or_one(told @ told)
     return theta * (size if size > 0.0 else 1.0)
 
 
@@ -280,7 +280,7 @@ def _factor_of_known(
     value."""
     names, free = [p.name for p in model.parameters], ~model.drives
     told, share = regression.keeping(free).least_squares(), np.ones(len(names))
-    share[free] = told.own_torque / or_one(told.column_norms)
+    share[free] = told.own_torque / nonzero_or_one(told.column_norms)
     for name in known:
         wrong = "the model has no such parameter"
         if name.startswith("total"):
@@ -354,19 +354,23 @@ def _factor_of_loads(
     and offsets."""
     robot = model.robot
     own = (Payload(robot), effect_types()["torque_offset"](robot))
-    wide = Model(robot, (*model.effects, *own), gains=model.gains, changes=True)
+    wide = Model(
+        robot, (*model.effects, *own), gains=model.gains, allow_duplicates=True
+    )
     found, information = list[float](), list[float]()
     for runs, mass in _loaded(loads, robot):
-        left = compress(FilteredRuns.of(runs, settings), wide).beside(theta)
+        left = compress(FilteredRuns.of(runs, settings), wide).given_first(theta)
         data = left.least_squares()
-        data = left.least_squares(joint_weights(left, smallest(data.R, data.rho)))
-        x = smallest(data.R, data.rho)
+        data = left.least_squares(joint_weights(left, min_norm_lstsq(data.R, data.rho)))
+        x = min_norm_lstsq(data.R, data.rho)
         if data.own_torque[0] <= c.SCALE_TOLD * data.column_norms[0] or x[0] <= 0.0:
             what = f"--known-load: these runs do not show {mass:g} kg"
             raise InputError(what, "move the joints that lift the load")
         variance = left.oversampling * data.loss(x) / max(data.rows, 1)
         found.append(mass / x[0])
-        information.append(x[0] ** 2 * data.own_torque[0] ** 2 / or_least(variance))
+        information.append(
+            x[0] ** 2 * data.own_torque[0] ** 2 / at_least_tiny(variance)
+        )
     return float(np.average(found, weights=information)), float(
         np.sum(information) ** -0.5
     )

@@ -19,14 +19,14 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.forward import Plant, State, advance
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.pose import Posed
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit
-from sdp_vs_penalty.regression.partial import visible
+from sdp_vs_penalty.regression.linalg import column_space
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.preprocessing import RunFilter, no_rows
-from sdp_vs_penalty.signals.runs import stretches
+from sdp_vs_penalty.signals.runs import split_at_gaps
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def courses_of(
         slice(None, None, stride),
         np.convolve(np.ones(stride), np.ones(stride)) / stride**2,
     )
-    for part in stretches(run):
+    for part in split_at_gaps(run):
         first, last = half, part.count - half - 1
         if (last - first) * filters.dt <= shortest:
             continue
@@ -75,7 +75,7 @@ def courses_of(
         warm = unknown = np.full_like(motion.q, np.nan)
         if any(effect.needs_temperature for effect in estimate.model.effects):
             warm = motion.joint_temperature
-        path = unknown if motion.sum is None else motion.sum
+        path = unknown if motion.position_integral is None else motion.position_integral
         states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm, path)
         rows = states.rows(every), np.asarray(torque)[every], moving[every]
         out.append(Course(run.names[0], *rows, motion.command))
@@ -107,7 +107,9 @@ class _Window:
     q: Array
 
 
-def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, Fit]:
+def refine(
+    start: Estimate, posed: EstimationProblem, estimator: Estimator
+) -> tuple[EstimationProblem, Fit]:
     """The fit with the least error of a simulation, found from ``start``, and what it
     solves.
 
@@ -129,7 +131,7 @@ def refine(start: Estimate, posed: Posed, estimator: Estimator) -> tuple[Posed, 
     size = np.concatenate([c.states.q for c in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
 
-    directions = visible(task.data.R)[1] * np.sqrt(
+    directions = column_space(task.data.R)[1] * np.sqrt(
         task.data.loss(task.ols) / task.data.rows
     )
     theta, error = start.theta, _errors(plant, windows, size)[0]

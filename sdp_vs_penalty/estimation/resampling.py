@@ -34,7 +34,11 @@ from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.pose import PoseOptions, pose, with_reference
+from sdp_vs_penalty.estimation.build_problem import (
+    PoseOptions,
+    build_problem,
+    with_reference,
+)
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import (
@@ -49,7 +53,7 @@ from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.partial import visible
+from sdp_vs_penalty.regression.linalg import column_space
 from sdp_vs_penalty.regression.regression import (
     LeastSquares,
     Regression,
@@ -60,7 +64,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.solvers.objective import Objective
-from sdp_vs_penalty.solvers.verified import TIGHT
+from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 if TYPE_CHECKING:
     import pandas
@@ -301,7 +305,7 @@ class Split:
                 self.runs, self.model.reference_free, self.phases
             )
         else:
-            posed = pose(problem, data, options, progress)
+            posed = build_problem(problem, data, options, progress)
             assert posed.runs is not None
             self.runs, self.model = (
                 FilteredRuns.of(data, posed.runs.settings),
@@ -400,7 +404,7 @@ def bootstrap(
             f"method {estimator.name} is not drawn anew",
             "choose lmi-sdp, or one named so",
         )
-    posed = pose(problem, measurements, PoseOptions(effects, seed=seed))
+    posed = build_problem(problem, measurements, PoseOptions(effects, seed=seed))
     task, regression = posed.task, posed.regression
     objective, constraints = estimator.posed(task)
     data, sdp = (
@@ -415,7 +419,7 @@ def bootstrap(
             np.append(np.zeros(p), data.residual_norm),
         ]
     )
-    U, V = visible(whole)
+    U, V = column_space(whole)
     grams, into = np.zeros((count, V.shape[1], V.shape[1])), U.T @ whole
     for joint, indices, blocks, rows in regression.by_joint():
         seen = task.weights[joint] * rows @ V[np.append(indices, p)]

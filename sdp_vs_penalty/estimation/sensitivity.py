@@ -19,11 +19,11 @@ from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model, turning
 from sdp_vs_penalty.estimation.constants import DIFFERENCE
 from sdp_vs_penalty.estimators.estimator import joint_weights, white_variance
-from sdp_vs_penalty.regression.partial import (
+from sdp_vs_penalty.regression.linalg import (
     deviations,
     least_squares,
+    min_norm_lstsq,
     partialled,
-    smallest,
 )
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot.arrays import Array
@@ -210,7 +210,7 @@ def settled(
             data = data.with_prior(
                 np.append(model.plausible, np.full(wide.p - p, np.inf)), white
             )
-        return data, smallest(data.R[:, :p], data.rho)
+        return data, min_norm_lstsq(data.R[:, :p], data.rho)
 
     _, start = solved(first)
     if weighting == "noise":

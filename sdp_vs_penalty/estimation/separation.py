@@ -36,9 +36,9 @@ from sdp_vs_penalty.estimation.excitation import (
     shrunk,
 )
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.regression.partial import partialled
+from sdp_vs_penalty.regression.linalg import partialled
 from sdp_vs_penalty.regression.regression import triangular
-from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
+from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 from sdp_vs_penalty.robot.trajectory import (
     PointTrajectory,
     random_trajectory,
@@ -104,7 +104,7 @@ class Hypotheses:
             (self._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max()
             for e in self.effects
         )
-        self.scale = tuple(level / float(or_one(np.sqrt(x))) for x in squares)
+        self.scale = tuple(level / float(nonzero_or_one(np.sqrt(x))) for x in squares)
 
     def motion(self, states: States, duration: float) -> Motion:
         """A motion with the model's torque and links, sampled."""
@@ -124,7 +124,9 @@ class Hypotheses:
 
     def distance(self, motion: Motion) -> float:
         """delta^2 of a motion, counted in independent rows."""
-        wide = self.estimate.model.wide(replace(motion, torque=None, current=None))
+        wide = self.estimate.model.dense_columns(
+            replace(motion, torque=None, current=None)
+        )
         X = (wide / self.noise[:, None, None]).reshape(-1, wide.shape[2])
         parts = [
             self._white(effect, motion).reshape(len(X), -1) * scale
@@ -142,7 +144,9 @@ class Hypotheses:
         true."""
         counts = [len(e.parameters) for e in self.effects] + [0]
         price = abs(counts[0] - counts[1]) * np.log(max(self.row_rate * seconds, 2.0))
-        return float(special.ndtr((delta2 - price) / (2.0 * np.sqrt(or_least(delta2)))))
+        return float(
+            special.ndtr((delta2 - price) / (2.0 * np.sqrt(at_least_tiny(delta2))))
+        )
 
     def needed(self, delta2: float, seconds: float) -> float:
         """Seconds of the motion, repeated, for LEVEL; infinity where it never tells."""

@@ -28,15 +28,15 @@ from sdp_vs_penalty.effects.servo import LATEST
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation import constants as c
 from sdp_vs_penalty.estimation.drive_torque import with_simulated_motion
-from sdp_vs_penalty.estimation.known_load import balanced
+from sdp_vs_penalty.estimation.known_load import fit_up_to_scale
 from sdp_vs_penalty.estimation.sensitivity import prior_deviation, with_sensitivities
 from sdp_vs_penalty.estimation.shapes import estimate_shapes, with_shapes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, Task, make_task
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.regression.partial import deviations, smallest, visible
+from sdp_vs_penalty.regression.linalg import column_space, deviations, min_norm_lstsq
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
-from sdp_vs_penalty.robot.arrays import Array, or_least
+from sdp_vs_penalty.robot.arrays import Array, at_least_tiny
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
@@ -74,7 +74,7 @@ class _Terms(Effect):
         return tuple(Parameter(name, "", self.name, joint) for name, joint in names)
 
     def blocks(self, motion: Motion) -> list[Block]:
-        told, t = motion.told, motion.t - self.T
+        told, t = motion.logged_command, motion.t - self.T
         rate = told.velocity(t)
         terms = (
             told.position(t),
@@ -129,7 +129,7 @@ def find_law(
     first = joints = _joints(wide, runs, about)
     while True:
         late = {
-            name: 0.0 if delay is not None else _later(joints, name, about)
+            name: 0.0 if delay is not None else _extra_delay(joints, name, about)
             for name in names
         }
         scores = {name: _score(joints, name, late[name]) for name in names}
@@ -158,7 +158,7 @@ def find_law(
 def _joints(load: Sequence[Effect], runs: FilteredRuns, T: float) -> list[_Joint]:
     """Of each joint, about a delay T."""
     robot = load[0].robot
-    model = Model(robot, (*load, _Terms(robot, T)), changes=True)
+    model = Model(robot, (*load, _Terms(robot, T)), allow_duplicates=True)
     split = phase_folds(runs.measurements, runs.settings, c.SHAPE_FOLDS)
     cells = compress_cells(runs, model, split)
     out = []
@@ -169,16 +169,16 @@ def _joints(load: Sequence[Effect], runs: FilteredRuns, T: float) -> list[_Joint
             train = [every[b] for b in split.training(fold) if b in every]
             test = [every[b] for b in split.tested(fold) if b in every]
             if train and test:
-                folds.append(_beside(np.vstack(train), np.vstack(test)))
+                folds.append(_project_out_load(np.vstack(train), np.vstack(test)))
         rows = np.vstack(list(every.values()))
-        out.append((_beside(rows, rows)[0], folds))
+        out.append((_project_out_load(rows, rows)[0], folds))
     return out
 
 
-def _beside(train: Array, test: Array) -> tuple[Array, Array]:
+def _project_out_load(train: Array, test: Array) -> tuple[Array, Array]:
     """(r, 7), (s, 7) terms beside the load of rows (r, k + 7), (s, k + 7), by the first
     ones' fit."""
-    U, V = visible(train[:, : -_Terms.count])
+    U, V = column_space(train[:, : -_Terms.count])
     made = U.T @ train[:, -_Terms.count :]
     rest = np.asarray(np.linalg.qr(train[:, -_Terms.count :] - U @ made, mode="r"))
     return rest, test[:, -_Terms.count :] - test[:, : -_Terms.count] @ (V @ made)
@@ -193,7 +193,7 @@ def _fitted(terms: Array, law: Array) -> Array:
     )
 
 
-def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
+def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
     """The delay [s] of a law beyond that of the terms with which least remains of all
     joints."""
     from scipy.optimize import minimize_scalar
@@ -201,7 +201,7 @@ def _later(joints: Sequence[_Joint], name: str, about: float) -> float:
     def left(later: float) -> float:
         law = _law(name, later)
         each = [np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints]
-        return float(np.sum(np.log(or_least(each))))
+        return float(np.sum(np.log(at_least_tiny(each))))
 
     ends = max(-c.DELAY_REACH, -about), min(c.DELAY_REACH, LATEST - about)
     return float(minimize_scalar(left, bounds=ends, method="bounded").x)
@@ -214,7 +214,7 @@ def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
         [np.sum((test @ _fitted(train, law)) ** 2) for train, test in folds]
         for _, folds in joints
     ]
-    return np.asarray(np.mean(np.log(or_least(left)), axis=0))
+    return np.asarray(np.mean(np.log(at_least_tiny(left)), axis=0))
 
 
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
@@ -253,7 +253,7 @@ class _Loop:
             began == {"servo_integral"}
         )
         model = Model(robot, (*self.load, *offset, *late), gains=self.problem.gains)
-        theta = balanced(self.problem, model, compress(self.runs, model))
+        theta = fit_up_to_scale(self.problem, model, compress(self.runs, model))
         strongest = max(model.error_gains, key=lambda k: float(theta[k]))
         gain = {model.parameters[strongest].name: float(theta[strongest])}
         return replace(model, known=gain, reference=theta), theta
@@ -370,7 +370,7 @@ def _refined(
         better = loop.with_better_delay(model, rows)
         progress(f"simulating the command, pass {k}")
         simulated, apart = loop.simulated(better, rows)
-        error = float(np.mean(np.log(or_least(apart))))
+        error = float(np.mean(np.log(at_least_tiny(apart))))
         if not error < least + np.log(c.FEWER_GAINS):
             break
         model, used, rows, motion = better, rows, simulated, apart
@@ -409,11 +409,11 @@ def loop_beside_torque(
         model = Model(robot, (*(e.with_shape(T=delay) for e in drives), offset))
         rows = compress(runs, model)
         both = rows.least_squares()
-        return model, rows, smallest(both.R, both.rho)
+        return model, rows, min_norm_lstsq(both.R, both.rho)
 
     def left(delay: float) -> float:
         _, rows, theta = fitted(delay)
-        return float(np.sum(np.log(or_least(rows.joint_losses(theta)))))
+        return float(np.sum(np.log(at_least_tiny(rows.joint_losses(theta)))))
 
     late = next((e.shape["T"] for e in drives if "T" in e.given), None)
     if late is None:
@@ -424,7 +424,9 @@ def loop_beside_torque(
     model, rows, theta = fitted(late)
     losses, whole = rows.joint_losses(theta), rows.least_squares()
     alone = np.where(
-        model.drives, 0.0, smallest(np.where(model.drives, 0.0, whole.R), whole.rho)
+        model.drives,
+        0.0,
+        min_norm_lstsq(np.where(model.drives, 0.0, whole.R), whole.rho),
     )
     noise = np.sqrt(rows.oversampling * losses / np.maximum(rows.joint_rows(), 1))
     std = deviations(whole.R)
@@ -441,5 +443,5 @@ def loop_beside_torque(
             )
             if drive
         },
-        "share": (1.0 - losses / or_least(rows.joint_losses(alone))).tolist(),
+        "share": (1.0 - losses / at_least_tiny(rows.joint_losses(alone))).tolist(),
     }

@@ -32,17 +32,17 @@ from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import AT_END, SHAPE_FOLDS
 from sdp_vs_penalty.estimators.estimator import joint_weights
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.parallel import ALONE, Workers
-from sdp_vs_penalty.regression.partial import (
+from sdp_vs_penalty.regression.linalg import (
     UNSEEN,
+    column_space,
     deviations,
     least_squares,
     span,
-    visible,
 )
 from sdp_vs_penalty.regression.regression import Regression, compress_cells, triangular
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 
@@ -53,7 +53,7 @@ _Open = tuple[Effect, int, str]
 
 
 @dataclass(frozen=True)
-class ShapeEstimate(Plain):
+class ShapeEstimate(JsonRecord):
     """A shape constant as estimated: ``before`` is what the model had; std : its
     standard deviation, from the curvature of the squared error; gain : what the change
     takes from that error in motion left out, in units of its variance; at_end : it lies
@@ -288,7 +288,7 @@ class _Profile:
             self.weights = joint_weights(folds, theta)
             data = folds.least_squares(self.weights)
         both = np.column_stack([data.R[:, len(base) :], data.rho])
-        shown, self.shown = visible(data.R[:, base])
+        shown, self.shown = column_space(data.R[:, base])
         made = shown.T @ both
         left = triangular([both - shown @ made])
         self.torque, self.count = left[:, -1], left.shape[1] - 1
@@ -322,7 +322,7 @@ class _Profile:
         (A, D), theta = self._made(u), np.zeros(len(u))
         used = pushes = np.ones(len(u), bool)
         while pushes.any():
-            U, V = visible(A[:, used])
+            U, V = column_space(A[:, used])
             theta[used], theta[~used] = V @ (U.T @ self.torque), 0.0
             pushes = self.brakes & (theta < 0.0)
             used = used & ~pushes
@@ -371,7 +371,7 @@ class _Profile:
             out[self.banks[j].columns - len(self.shown)] = weights
         T[-1, -1] = 1.0  # the torque
         grams = self._products(T)
-        size = or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
+        size = nonzero_or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
         grams /= size * size[:, None]
         rest = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
         fits = np.zeros((len(moved) + 1, count, len(size)))
@@ -418,11 +418,11 @@ class _Profile:
         """(B,) ln u, each in turn at the value of its grid that leaves least."""
         u, columns = self.now.copy(), self._made(self.now)[0]
         for k, (bank, part) in enumerate(zip(self.banks, self.parts, strict=True)):
-            U = visible(np.delete(columns, k, axis=1))[0]
+            U = column_space(np.delete(columns, k, axis=1))[0]
             left = part - (part @ U) @ U.T
             made = left @ self.torque
             made = np.maximum(made, 0.0) if self.brakes[k] else made
-            best = int(np.argmax(made**2 / or_one(np.sum(left**2, axis=1))))
+            best = int(np.argmax(made**2 / nonzero_or_one(np.sum(left**2, axis=1))))
             u[k], columns[:, k] = bank.spline.x[best], part[best]
         return u
 

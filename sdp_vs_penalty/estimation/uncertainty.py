@@ -39,9 +39,9 @@ from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
 from sdp_vs_penalty.estimation.sensitivity import ON_A_GRID
 from sdp_vs_penalty.estimators.estimator import Task, white_variance
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.regression.base_parameters import BaseParameters
-from sdp_vs_penalty.regression.partial import smallest, visible
+from sdp_vs_penalty.regression.linalg import column_space, min_norm_lstsq
 from sdp_vs_penalty.regression.regression import Regression
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -80,7 +80,7 @@ class Sandwich:
             if np.any(np.isfinite(prior_scale))
             else data
         )
-        self.directions = V = visible(whole.R)[1]
+        self.directions = V = column_space(whole.R)[1]
         z = V.T @ (whole.R.T @ whole.rho)
         B, r = len(regression.blocks), V.shape[1]
         self.grams, self.scores = np.zeros((B, r, r)), np.zeros((B, r))
@@ -260,7 +260,7 @@ NOT_SEEN = "not seen"
 
 
 @dataclass(frozen=True)
-class Interval(Plain):
+class Interval(JsonRecord):
     """One standard or base parameter: its estimate, what the data say of it, and a
     verdict.
 
@@ -287,7 +287,7 @@ def counts(intervals: Sequence[Interval]) -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class Uncertainty(Plain):
+class Uncertainty(JsonRecord):
     """standard : all parameters of the model; base : the combinations that make torque.
 
     spread (p, r) : a factor of the covariance of everything that the data show;
@@ -444,7 +444,7 @@ def of_regression(
     if known.regression.p > p:
         # Constants that stay on a grid, or were given, are one step from the least
         # loss.
-        apart = known.solution[:p] - smallest(data.R, data.rho)
+        apart = known.solution[:p] - min_norm_lstsq(data.R, data.rho)
 
     def told(base: BaseParameters) -> tuple[Interval, ...]:
         rows, out = base.rows, []
@@ -502,7 +502,7 @@ def beside_held(
     explain; held_base : its base parameters; gain_errors : as of :func:`of_regression`,
     by default those of the held model.
     """
-    (fixed, old), k, wide = held, len(theta), regression.beside(held[0])
+    (fixed, old), k, wide = held, len(theta), regression.given_first(held[0])
     known = _sandwich_of(task, wide)
     everything = np.zeros(regression.p)
     everything[: len(fixed) + k] = np.concatenate([fixed, theta])

@@ -19,7 +19,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.constants import CHANGES, ROUNDING
 from sdp_vs_penalty.estimators.estimator import make_task
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
@@ -47,7 +47,7 @@ FIT, PREDICTION, MISSING = "fit against noise", "prediction", "missing"
 
 
 @dataclass(frozen=True)
-class Line(Plain):
+class Line(JsonRecord):
     """One of the three: about FIT, PREDICTION or MISSING, its grade, and why in a
     sentence."""
 
@@ -60,7 +60,7 @@ class Line(Plain):
 
 
 @dataclass(frozen=True)
-class Verdict(Plain):
+class Verdict(JsonRecord):
     """lines : the three, weakest first; error_over_noise (n,) : RMSE over the noise
     floor of each joint, None where it is not known; noise_source : where the floor is
     from, "" where it is not known; judged_on : the names of the runs; remark : a
@@ -290,7 +290,7 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
 
 
 @dataclass(frozen=True)
-class NoiseFloor(Plain):
+class NoiseFloor(JsonRecord):
     """What :func:`noise_level` says of measurements with this hash."""
 
     floor: Array | None

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.plugins import classes, named, surface
+from sdp_vs_penalty.plugins import classes, lazy_exports, load_class
 from sdp_vs_penalty.solvers import solver
 
 DEFAULT_METHOD = "lmi-sdp"
@@ -25,7 +25,7 @@ def make_estimator(method: str | Estimator) -> Estimator:
         return method
     return cast(
         Estimator,
-        named("method", __name__, __path__, Estimator, method, estimator_types)(),
+        load_class("method", __name__, __path__, Estimator, method, estimator_types)(),
     )
 
 
@@ -44,7 +44,7 @@ def with_solver(method: str, solver_name: str | None) -> Estimator | str:
     return cast(Estimator, replace(estimator, solver=solver_name))
 
 
-__getattr__ = surface(
+__getattr__ = lazy_exports(
     __name__,
     estimator="Fit Task make_task",
     lmi_sdp="LmiSdp PosedSdp interior_point",

@@ -19,12 +19,12 @@ from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.regression.partial import smallest, span
+from sdp_vs_penalty.regression.linalg import min_norm_lstsq, span
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
-from sdp_vs_penalty.solvers.certificate import Fit as Fit
+from sdp_vs_penalty.solvers.fit import Fit as Fit
 
 #: Called with a short text of where a long computation stands.
 Progress = Callable[[str], None]
@@ -97,7 +97,7 @@ class Task:
     @cached_property
     def ols(self) -> Array:
         """The unconstrained least-squares theta nearest to the nominal one."""
-        return smallest(self.data.R, self.data.rho, self.nominal)
+        return min_norm_lstsq(self.data.R, self.data.rho, self.nominal)
 
     @cached_property
     def base_distance(self) -> LeastSquares:
@@ -130,7 +130,7 @@ class Estimator(ABC):
     table_place: ClassVar[int | None] = None
 
     @property
-    def rest(self) -> str:
+    def undetermined_by(self) -> str:
         """What decides where the data do not: the "prior", or the "bounds", of which
         some vertex."""
         return "bounds"
@@ -158,7 +158,10 @@ def make_task(
     nominal = model.with_known(nominal)
     require_known("weighting", weighting, ("noise", "none"))
     data = with_plausible(regression.least_squares(), model, regression.oversampling)
-    first, weights = smallest(data.R, data.rho, nominal), np.ones(regression.joints)
+    first, weights = (
+        min_norm_lstsq(data.R, data.rho, nominal),
+        np.ones(regression.joints),
+    )
     if weighting == "noise":
         weights = joint_weights(regression, first)
         data = with_plausible(
@@ -221,7 +224,7 @@ def _scaled_prior(
     stated = R[:, places[~guessed].ravel()] @ links[~guessed].ravel()
     guess = R[:, places[guessed].ravel()] @ links[guessed].ravel()
     columns = np.column_stack([guess, R[:, own]])
-    factor = smallest(columns, data.rho - stated)[0]
+    factor = min_norm_lstsq(columns, data.rho - stated)[0]
     out = links.copy()
     out[guessed] *= factor if factor > 1.0 or 0.0 < factor < 1.0 / FAR_MASS else 1.0
     return out

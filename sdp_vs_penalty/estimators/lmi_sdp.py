@@ -33,7 +33,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import solver
-from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.fit import repair
 from sdp_vs_penalty.solvers.identification import (
     largest_margin,
     least_squares_sdp,
@@ -42,8 +42,8 @@ from sdp_vs_penalty.solvers.identification import (
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 from sdp_vs_penalty.solvers.primal_dual import minimise
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
+from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, proves_infeasible
 from sdp_vs_penalty.solvers.small_cones import SmallCones
-from sdp_vs_penalty.solvers.verified import TIGHT, proves_infeasible
 
 #: Whose answers every solver is judged beside, and our own method, which goes before it
 #: where it can.
@@ -98,7 +98,7 @@ class LmiSdp(Estimator):
         )
 
     @property
-    def rest(self) -> str:
+    def undetermined_by(self) -> str:
         return "prior" if self.entropy > 0.0 else "bounds"
 
     def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
@@ -111,7 +111,9 @@ class LmiSdp(Estimator):
             masses = np.zeros((1, data.R.shape[1]))
             masses[0, task.links[:, 0]] = 1.0 / (self.total_spread * task.total)
             weight = self.entropy * sample_variance(task)
-            data = data.observing(masses, np.array([1.0 / self.total_spread]), weight)
+            data = data.with_observations(
+                masses, np.array([1.0 / self.total_spread]), weight
+            )
         pull = None
         if self.entropy > 0.0 and len(task.links):
             nominal = inertia.pseudo_inertia(task.prior_links)
@@ -321,7 +323,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         if not np.all(np.isfinite(solution.x)):
             continue
         theta = repair(constraints, problem.theta(solution), interior)
-        multipliers = constraints.filled(problem.multipliers(solution))
+        multipliers = constraints.stack_multipliers(problem.multipliers(solution))
         slopes = problem.entropy_slopes(solution)
         details = {"solver": posed.solver, "solver_said": said}
         fit = Fit(
@@ -399,7 +401,7 @@ def interior_point(
         ):  # beyond what rounding decides
             return theta
         # The dual of the largest margin may prove that nothing satisfies all.
-        multipliers = constraints.filled(problem.multipliers(solution))
+        multipliers = constraints.stack_multipliers(problem.multipliers(solution))
         if proves_infeasible(constraints, multipliers, task.bound):
             families = conflicting(constraints.convex, problem.shares(solution))
             what = (

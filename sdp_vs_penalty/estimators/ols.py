@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimators.estimator import (
     Task,
     with_joint_prior,
 )
-from sdp_vs_penalty.regression.partial import deviations, visible
+from sdp_vs_penalty.regression.linalg import column_space, deviations
 from sdp_vs_penalty.solvers.objective import Objective
 
 
@@ -27,7 +27,7 @@ class Ols(Estimator):
 
     name = "ols"
     table_place: ClassVar[int | None] = 1
-    rest = "prior"
+    undetermined_by = "prior"
     description = "classical least squares, no constraints (the paper's CLS)"
 
     joint_prior: float = 0.0
@@ -55,7 +55,7 @@ def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
     dominates it, the true error is larger.
     """
     w = task.data.R @ np.linalg.pinv(task.base)
-    degrees = max(task.data.rows / oversampling - visible(w)[0].shape[1], 1.0)
+    degrees = max(task.data.rows / oversampling - column_space(w)[0].shape[1], 1.0)
     return task.base @ task.ols, np.sqrt(
         task.data.loss(task.ols) / degrees
     ) * deviations(w)

@@ -26,21 +26,21 @@ from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, interior_point
-from sdp_vs_penalty.regression.partial import in_turn
+from sdp_vs_penalty.regression.linalg import in_turn
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import (
-    Alike,
     BarycentricBound,
+    ConeGroup,
     Constraint,
     ConstraintSet,
     project,
     projected_rows,
 )
-from sdp_vs_penalty.solvers.certificate import repair
+from sdp_vs_penalty.solvers.fit import repair
 from sdp_vs_penalty.solvers.objective import Objective
-from sdp_vs_penalty.solvers.verified import TIGHT
+from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 #: Stages, and evaluations of each, at most. One that is cut short lets the weight grow
 #: too early: with 60, runs on columns that torque hardly tells apart (rotors, links)
@@ -114,7 +114,7 @@ def barycentric_part(
     return Part("nonnegative", values, jacobian)
 
 
-def affine_part(group: Alike, theta_scale: Array, reference: Array) -> Part:
+def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Part:
     """A group of equal cones, each of about unit size at the reference: the set stays
     the same."""
     at = group.values(reference)
@@ -122,11 +122,11 @@ def affine_part(group: Alike, theta_scale: Array, reference: Array) -> Part:
     matrix[:, : group.matrix.shape[1]] = group.matrix
     matrix *= theta_scale
     if group.cone == "psd":
-        root = 1.0 / np.sqrt(or_one(np.abs(np.diagonal(at, axis1=1, axis2=2))))
+        root = 1.0 / np.sqrt(nonzero_or_one(np.abs(np.diagonal(at, axis1=1, axis2=2))))
         scale = root[:, :, None] * root[:, None, :]
     else:
         size = np.abs(matrix).max(axis=1) + np.abs(group.constant.ravel())
-        scale = 1.0 / or_one(size).reshape(at.shape)
+        scale = 1.0 / nonzero_or_one(size).reshape(at.shape)
         if group.cone == "soc":
             scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
     constant, matrix = group.constant * scale, matrix * scale.reshape(-1, 1)
@@ -154,7 +154,9 @@ class ShiftedPenalty:
         """In units of what each parameter can be, of the cones at the interior point
         and of the loss."""
         norms, size = data.column_norms, np.sqrt(data.tau_squared)
-        own = np.where((norms > 0.0) & (size > 0.0), size / or_one(norms), np.inf)
+        own = np.where(
+            (norms > 0.0) & (size > 0.0), size / nonzero_or_one(norms), np.inf
+        )
         self.theta_scale = np.minimum(own, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same
         # everywhere.
@@ -182,7 +184,7 @@ class ShiftedPenalty:
                 group.places.tolist(), self.loss_scale * part.scale * shift, strict=True
             )
             found |= {self.received.convex[k]: multiplier for k, multiplier in each}
-        return constraints.filled(found)
+        return constraints.stack_multipliers(found)
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Pi_K(S - w F(x)): the next shifts."""
@@ -390,14 +392,14 @@ class BarycentricBox:
 
     def __init__(self, task: Task) -> None:
         norms, self.links = task.data.column_norms, task.links
-        alone = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0) / or_one(
-            norms
-        )
+        alone = np.where(
+            norms > 0.0, np.sqrt(task.data.tau_squared), 0.0
+        ) / nonzero_or_one(norms)
         self.upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
         lowest = [parameter.lower for parameter in task.model.parameters]
         self.lower = np.maximum(-self.upper, lowest)
         implied = task.bound[self.links]
-        implied[:, 1:4] /= or_one(implied[:, :1])
+        implied[:, 1:4] /= nonzero_or_one(implied[:, :1])
         low, (least, most) = -implied, np.moveaxis(task.box[: len(self.links)], 2, 0)
         low[:, [0, 4, 6, 9]] = 0.0
         self.lower[self.links] = np.where(np.isfinite(least), least, low)

@@ -28,7 +28,7 @@ from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.estimators.penalty import BarycentricBox
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.solvers.objective import Objective
 
 #: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in
@@ -235,7 +235,7 @@ class PenalisedLoss:
                 np.linalg.norm(values[:, 1:], axis=1),
                 stack.matrix.reshape(*values.shape, -1),
             )
-            unit = values[:, 1:] / or_one(norm)[:, None]
+            unit = values[:, 1:] / nonzero_or_one(norm)[:, None]
             rows = rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:])
             rows[:, np.isin(np.arange(rows.shape[1]), self.masses)] = 0.0
             yield family, values[:, 0] - norm, rows

@@ -17,7 +17,12 @@ from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
-from sdp_vs_penalty.robot.urdf import load_urdf, named, placed_links, read_inertial
+from sdp_vs_penalty.robot.urdf import (
+    errors_located_in,
+    load_urdf,
+    placed_links,
+    read_inertial,
+)
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,7 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
         if x.find("inertial") is not None
     ]
     names = [str(link.get("name")) for link in links]
-    with named(path):
+    with errors_located_in(path):
         own = zip(names, map(read_inertial, links), strict=True)
         return [LinkCheck.of(name, given, reach.get(name, 3.0)) for name, given in own]
 

@@ -19,8 +19,8 @@ from typing import Any
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, build_problem
 from sdp_vs_penalty.estimation.identify import certify, proved
-from sdp_vs_penalty.estimation.pose import PoseOptions, pose
 from sdp_vs_penalty.estimators import DEFAULT_METHOD, make_estimator
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import (
@@ -133,7 +133,7 @@ def write_posed(
             "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
     check_format(out, estimator.entropy > 0.0)
-    posed = pose(problem, measurements, options, progress)
+    posed = build_problem(problem, measurements, options, progress)
     task, runs = posed.task, posed.runs
     objective, constraints = estimator.posed(task)
     progress("proving the optimum")

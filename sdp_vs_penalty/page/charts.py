@@ -216,7 +216,7 @@ def chart_and_arm(
         for hit in event.hits:
             name, _, link = hit.object_name.partition("-")
             if name in ("link", "measured") and link.isdigit():
-                view.look(joint=min(int(link), len(view.session.robot["joints"]) - 1))
+                view.select(joint=min(int(link), len(view.session.robot["joints"]) - 1))
                 return
 
     angle, there = 14.0, [""]  # of the camera's view [deg]; which recording is loaded

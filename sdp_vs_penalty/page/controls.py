@@ -163,12 +163,17 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
             partial(put, o.dest),
         )
         if o.nargs == 0:
-            check(told(o), bool(now), lambda on, write=write: write("yes" * on), key)  # type: ignore[misc]
+            check(
+                option_help(o),
+                bool(now),
+                lambda on, write=write: write("yes" * on),
+                key,
+            )  # type: ignore[misc]
         else:
-            text_field(told(o), now, write, key, str(o.metavar))
+            text_field(option_help(o), now, write, key, str(o.metavar))
 
 
-def told(option: Action) -> str:
+def option_help(option: Action) -> str:
     """What an option is, without the marks of code."""
     return (option.help or "").replace("`", "")
 

@@ -28,11 +28,11 @@ from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, link_rows, load_estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
-from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimators import with_solver
@@ -63,7 +63,7 @@ Answer = dict[str, Any]
 SPLIT = 0.7
 
 
-class Asked(dict[str, Any]):
+class JobRequest(dict[str, Any]):
     """A request, by its words; progress : hears what is being done."""
 
     def __init__(
@@ -86,7 +86,7 @@ class Asked(dict[str, Any]):
         return load_estimate(self["model"])
 
     @property
-    def how(self) -> dict[str, Any]:
+    def common_options(self) -> dict[str, Any]:
         """What several verbs take."""
         given = {
             "frozen": self.get("frozen"),
@@ -131,7 +131,7 @@ class Asked(dict[str, Any]):
         return Runs(concatenate(sides["train"]), test, loaded)
 
 
-def read(asked: Asked) -> Answer:
+def read(asked: JobRequest) -> Answer:
     """files : {path, name} of each; those that can be used become runs, the others a
     sentence each."""
     problem = asked.problem
@@ -158,7 +158,7 @@ def read(asked: Asked) -> Answer:
     return {"runs": runs, "refused": refused, "remarks": remarks}
 
 
-def _loaded(asked: Asked, problem: Problem, path: Path) -> Measurements:
+def _loaded(asked: JobRequest, problem: Problem, path: Path) -> Measurements:
     """A run; by the options of `convert` where any is given."""
     options, names = asked["options"], problem.robot.joint_names
     if not options:
@@ -178,7 +178,7 @@ def _loaded(asked: Asked, problem: Problem, path: Path) -> Measurements:
     return part
 
 
-def look_again(asked: Asked) -> Answer:
+def look_again(asked: JobRequest) -> Answer:
     """The runs, checked for the robot as it is now."""
     problem = asked.problem
     parts = (
@@ -191,7 +191,7 @@ def look_again(asked: Asked) -> Answer:
     }
 
 
-def simulate(asked: Asked) -> Answer:
+def simulate(asked: JobRequest) -> Answer:
     """Three runs and one for testing, with an effect hidden in them; the truth is not
     shown."""
     problem = asked.problem
@@ -205,7 +205,7 @@ def simulate(asked: Asked) -> Answer:
     return {"runs": runs, "effects": made.truth["model_effects"]}
 
 
-def mend(asked: Asked) -> Answer:
+def mend(asked: JobRequest) -> Answer:
     """What `check --fix` does to one of the runs: its repaired copy, and what was
     changed."""
     problem = asked.problem
@@ -223,7 +223,11 @@ def mend(asked: Asked) -> Answer:
 
 
 def keep(
-    asked: Asked, problem: Problem, part: Measurements, name: str, use: str = "train"
+    asked: JobRequest,
+    problem: Problem,
+    part: Measurements,
+    name: str,
+    use: str = "train",
 ) -> dict[str, Any]:
     """Write a run into the session's folder; what the page shows of it.
 
@@ -236,7 +240,7 @@ def keep(
     file = _file(part)
     view = f"view-{file}"
     save(part, asked.folder / file)
-    save_arrays(asked.folder / view, _preview(problem, part, found.mended))
+    save_arrays(asked.folder / view, _preview(problem, part, found.repaired_all))
     seconds = float(part.t[-1] - part.t[0])
     return {
         "file": file,
@@ -247,7 +251,9 @@ def keep(
         "seconds": seconds,
         "split": _split(problem, part),
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
-        "findings": [{**f.to_dict(), "gravity": f.gravity} for f in found.problems],
+        "findings": [
+            {**f.to_dict(), "gravity": f.gravity} for f in found.errors_and_warnings
+        ],
     }
 
 
@@ -317,7 +323,7 @@ def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
         np.savez(out, allow_pickle=False, **arrays)
 
 
-def robot(asked: Asked) -> Answer:
+def robot(asked: JobRequest) -> Answer:
     """What the page shows of the robot: a built-in name or a URDF file."""
     problem = asked.problem
     own = formatting.count(problem.robot.n, "joint") + ", from URDF"
@@ -342,7 +348,7 @@ def robot(asked: Asked) -> Answer:
     }
 
 
-def fit(asked: Asked) -> Answer:
+def fit(asked: JobRequest) -> Answer:
     """Identify a model and look where it fails."""
     options = asked["options"]
     bounded = with_bounds(asked.problem, options.get("bounds"))
@@ -362,29 +368,32 @@ def fit(asked: Asked) -> Answer:
     return summary(asked, estimate)
 
 
-def open_model(asked: Asked) -> Answer:
+def open_model(asked: JobRequest) -> Answer:
     """A model.json that somebody brings, judged on these runs."""
     train, estimate = asked.runs.train, asked.model
     estimate.require_joints(train, asked["model"])
     return summary(asked, estimate)
 
 
-def extend(asked: Asked) -> Answer:
+def extend(asked: JobRequest) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
     return summary(
-        asked, add(asked.model, asked["effect"], asked.runs.train, **asked.how)
+        asked,
+        add(asked.model, asked["effect"], asked.runs.train, **asked.common_options),
     )
 
 
-def find(asked: Asked) -> Answer:
+def find(asked: JobRequest) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
     runs, model = asked.runs, asked.model
-    result = diagnose(model, runs.train, runs.test, noise_from=runs.whole, **asked.how)
+    result = diagnose(
+        model, runs.train, runs.test, noise_from=runs.whole, **asked.common_options
+    )
     curves = [curve.effect(model.robot).text for curve in result.curves]
     return {"diagnosis": result.to_dict(), "curves": curves}
 
 
-def methods(asked: Asked) -> Answer:
+def methods(asked: JobRequest) -> Answer:
     """The same effects by other methods, judged alike: headings, and a row a method."""
     runs, current = asked.runs, asked.model
     train = asked.windowed(runs.train)
@@ -421,7 +430,7 @@ def methods(asked: Asked) -> Answer:
     return {"heads": ["method", *sections.JUDGED_HEADS, *unseen], "rows": rows}
 
 
-def take(asked: Asked) -> Answer:
+def take(asked: JobRequest) -> Answer:
     """A file to take away: a run as it was used, the diagnosis, the report, or the
     model in the format of the name's suffix; says which effects have no place in it."""
     name, found = asked["name"], asked.get("findings")
@@ -459,14 +468,14 @@ def take(asked: Asked) -> Answer:
     return {"notice": [said] if lost else []}
 
 
-def forward(asked: Asked) -> Answer:
+def forward(asked: JobRequest) -> Answer:
     """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
 
     Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf
     (F,), poses (F, 2 joints, 4, 4), the measured arm before the simulated one.
     """
     estimate, drive = asked.model, asked["drive"]
-    made = follow(estimate, asked.runs.judge, drive=drive, **asked.how)
+    made = follow(estimate, asked.runs.judge, drive=drive, **asked.common_options)
     files = [f"forward-{made.drive}-{k}.npz" for k in range(len(made.free))]
     for file, free in zip(files, made.free, strict=True):
         both, t = (free.measured, free.simulated.q), free.simulated.t
@@ -523,7 +532,7 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
     return {"bodies": bodies, "joints": joints}
 
 
-def summary(asked: Asked, estimate: Estimate) -> Answer:
+def summary(asked: JobRequest, estimate: Estimate) -> Answer:
     """Save a model at ``out`` and its curves beside it; judge it on the runs: what
     makes a session's ModelStep.
 

@@ -51,7 +51,7 @@ class View:
         }
     )
 
-    def look(self, **at: Any) -> None:
+    def select(self, **at: Any) -> None:
         """Look at another joint, run, span or signals, in every step at once."""
         if at.get("run", self.run) != self.run:
             self.span = None
@@ -146,7 +146,7 @@ class Stage:
     verdict: Callable[[Session], Verdict | None] = lambda session: None
 
 
-def after_model(
+def requires_model(
     anchor: str, title: str, also: Callable[[Session], Any] = lambda session: None
 ) -> Callable[[Callable[[View], None]], Part]:
     """A part that is shown once there is a model; it depends on the models and on

@@ -156,7 +156,7 @@ def main(server: Any, parent: int, limit: int) -> None:
     with contextlib.suppress(EOFError, OSError):  # the server has closed its end
         while True:
             request = server.recv()
-            asked = jobs.Asked(request, lambda text: send({"progress": text}))
+            asked = jobs.JobRequest(request, lambda text: send({"progress": text}))
             send(do(getattr(jobs, request["job"]), asked))
 
 

@@ -27,7 +27,7 @@ from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.geometry import link_geometry
 from sdp_vs_penalty.robot.joint import parse_mechanism, parse_transmission
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
@@ -194,7 +194,9 @@ def _within_masses(problem: Problem) -> Problem:
     new = np.clip(links[:, 0], low, high)
     middle = (new != links[:, 0]) & (low > 0.0) & np.isfinite(high)
     new[middle] = np.sqrt(low[middle] * high[middle])
-    return replace(problem, nominal_links=links * (new / or_one(links[:, 0]))[:, None])
+    return replace(
+        problem, nominal_links=links * (new / nonzero_or_one(links[:, 0]))[:, None]
+    )
 
 
 def _ellipsoids_in_the_box(problem: Problem) -> Array:

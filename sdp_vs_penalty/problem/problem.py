@@ -22,13 +22,13 @@ from sdp_vs_penalty.effects import DEFAULT_EFFECTS, parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.files import Plain, read_table
+from sdp_vs_penalty.files import JsonRecord, read_table
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.body import Body
 from sdp_vs_penalty.robot.constraint import BarycentricBound, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
@@ -36,7 +36,7 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 
 @dataclass(frozen=True)
-class CentreOfMassCone(Plain):
+class CentreOfMassCone(JsonRecord):
     """|c perpendicular to axis| <= radius + slope (c along axis), in the link frame [m]; link : from 1,
     axis : "x", "y" or "z", as in problem.toml and model.json."""
 
@@ -159,7 +159,7 @@ class Problem(Shown):
             inertia.pseudo_inertia(self.nominal_links)[:, :3, :3], axis1=1, axis2=2
         )
         extent = np.sqrt(
-            np.maximum(np.where(mass > 0.0, second, 0.0) / or_one(mass), 0.0)
+            np.maximum(np.where(mass > 0.0, second, 0.0) / nonzero_or_one(mass), 0.0)
         )
         least = (
             np.full(len(mass), c.DEFAULT_RADIUS),

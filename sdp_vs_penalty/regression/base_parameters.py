@@ -72,7 +72,7 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
         places = np.array([names.index(q.name) for q in part.parameters])
         states = part.robot.random_states
         motion = Motion(np.zeros(len(states[0])), *states)
-        stacked = np.swapaxes(part.wide(motion), 0, 1).reshape(-1, len(places))
+        stacked = np.swapaxes(part.dense_columns(motion), 0, 1).reshape(-1, len(places))
         # Of columns that stand for each other the first leads, whatever rounding says:
         # links first.
         matrix, lead = structure(

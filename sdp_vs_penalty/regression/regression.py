@@ -26,7 +26,7 @@ from sdp_vs_penalty.effects.effect import Parameter
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.regression.instruments import instrumented, instrumented_rows
-from sdp_vs_penalty.regression.partial import deviations
+from sdp_vs_penalty.regression.linalg import deviations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns, Rows
 
@@ -107,9 +107,11 @@ class LeastSquares:
         prior on k."""
         size = np.asarray(scale, float)
         rows = np.diag(1.0 / size)[np.isfinite(size)]
-        return self.observing(rows, np.zeros(len(rows)), weight)
+        return self.with_observations(rows, np.zeros(len(rows)), weight)
 
-    def observing(self, rows: Array, values: Array, weight: float) -> LeastSquares:
+    def with_observations(
+        self, rows: Array, values: Array, weight: float
+    ) -> LeastSquares:
         """The same plus weight |rows theta - values|^2; rows (k, p), values (k,)."""
         more = np.sqrt(weight) * np.column_stack([rows, values])
         end = np.append(np.zeros(self.R.shape[1]), self.residual_norm)[None, :]
@@ -177,7 +179,7 @@ class Regression:
         )
         return replace(self, parameters=parameters, factors=tuple(factors))
 
-    def beside(self, fixed: Array) -> Regression:
+    def given_first(self, fixed: Array) -> Regression:
         """The same in the other parameters when the first ones are ``fixed``: rows keep
         their order."""
         k = len(fixed)

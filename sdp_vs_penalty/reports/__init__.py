@@ -18,7 +18,7 @@ from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.reports import sections
 from sdp_vs_penalty.reports.markup import page
-from sdp_vs_penalty.reports.sections import Material
+from sdp_vs_penalty.reports.sections import ReportData
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
@@ -77,7 +77,9 @@ def report(
     whole = None
     if noise_from is not None:
         whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
-    said = load_diagnosis(findings) if isinstance(findings, str | Path) else findings
+    diagnosis = (
+        load_diagnosis(findings) if isinstance(findings, str | Path) else findings
+    )
     progress("comparing")
     filtered = FilteredRuns.of(driven(first, runs)[1], first.preprocessing)
     comparisons, judged = compare(named, filtered, noise_from=whole), {}
@@ -87,11 +89,11 @@ def report(
     drive: Drive = "torque" if runs.torque_logged else "servo"
     steps = None if forward else 100  # of the free runs together: a fifth of a second
     try:
-        ahead: Following | str = follow(
+        forward_result: Following | str = follow(
             last, runs, drive=drive, steps=steps, progress=progress
         )
     except InputError as error:
-        ahead = str(error)
+        forward_result = str(error)
     progress("looking where it fails")
     failures = {
         name: where_it_fails(
@@ -100,8 +102,16 @@ def report(
         for name in dict.fromkeys((comparisons[0].name, comparisons[-1].name))
     }
     checks = _checks(named, runs)
-    material = Material(
-        named, runs, comparisons, judged, failures, checks, ahead, commands, said
+    material = ReportData(
+        named,
+        runs,
+        comparisons,
+        judged,
+        failures,
+        checks,
+        forward_result,
+        commands,
+        diagnosis,
     )
     progress("drawing")
     made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]

@@ -15,9 +15,9 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
-from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.reports import plotly_script, report

@@ -30,7 +30,7 @@ from sdp_vs_penalty.simulation.follow import Following
 
 
 @dataclass(frozen=True)
-class Material:
+class ReportData:
     """Everything that the sections show, computed once.
 
     models : by name, in the order in which effects were added; the last one is looked
@@ -85,7 +85,7 @@ def judged_row(c: Comparison) -> list[str]:
     return [*cells, "-" if gap is None else f"{gap:.0e}"]
 
 
-def verdict(material: Material) -> str:
+def verdict(material: ReportData) -> str:
     """How good the last model is, what became of each joint's error, and each model in
     a line."""
     said, first, last = (
@@ -123,7 +123,7 @@ def verdict(material: Material) -> str:
     return body
 
 
-def torques(material: Material) -> str:
+def torques(material: ReportData) -> str:
     """Measured and modelled torque of each joint, and what is left."""
     units, first = (
         material.last.robot.torque_units,
@@ -168,7 +168,7 @@ def torques(material: Material) -> str:
     return body
 
 
-def _bands(material: Material, moved: Sequence[float]) -> list[tuple[Array, Array]]:
+def _bands(material: ReportData, moved: Sequence[float]) -> list[tuple[Array, Array]]:
     """Of each run instants (m,) on the figures' axis and half the last model's band (m,
     n) there."""
     plant = material.comparisons[-1].estimate  # without its drives
@@ -185,7 +185,7 @@ def _bands(material: Material, moved: Sequence[float]) -> list[tuple[Array, Arra
     return bands
 
 
-def history(material: Material) -> str:
+def history(material: ReportData) -> str:
     """What each model added, and the error of every joint, model by model, above the
     noise."""
     compared, made, known = material.comparisons, [], set[str]()
@@ -204,7 +204,7 @@ def history(material: Material) -> str:
     return body
 
 
-def forward(material: Material) -> str:
+def forward(material: ReportData) -> str:
     """The last model run forward: after one step, 0.1 s ahead, and freely from the
     first state."""
     made = material.forward
@@ -231,7 +231,7 @@ def forward(material: Material) -> str:
     return body
 
 
-def failures(material: Material) -> str:
+def failures(material: ReportData) -> str:
     """Which cause explains how much of each joint's error, before and after, and in
     words."""
     found = markup.found_shares(material.diagnosis, material.last.robot.n)
@@ -260,7 +260,7 @@ def failures(material: Material) -> str:
     return body + table(heads, said, numbers_from=2)
 
 
-def findings(material: Material) -> str:
+def findings(material: ReportData) -> str:
     """What a diagnosis says: verdict, what the last model still lacks, a row a finding,
     each curve."""
     found = material.diagnosis
@@ -316,7 +316,7 @@ def findings(material: Material) -> str:
     return body
 
 
-def parameters(material: Material) -> str:
+def parameters(material: ReportData) -> str:
     """Base and standard parameters with intervals and verdicts."""
     known = material.last.uncertainty
     base, standard = counts(known.base), counts(known.standard)
@@ -379,7 +379,7 @@ def caveats(estimate: Estimate) -> list[str]:
     return said
 
 
-def arm(material: Material) -> str:
+def arm(material: ReportData) -> str:
     """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and
     its margins."""
     estimate = material.last
@@ -396,7 +396,7 @@ def arm(material: Material) -> str:
     return body + figure(_picture(robot, links, poses), caption, 460)
 
 
-def friction(material: Material) -> str:
+def friction(material: ReportData) -> str:
     """Friction by velocity with its band, a figure a joint."""
     body = text(
         "Torque of all effects that follow the velocity alone; shaded: 95 % intervals."
@@ -494,7 +494,7 @@ CERTIFICATE = (
 )
 
 
-def certificate(material: Material) -> str:
+def certificate(material: ReportData) -> str:
     """Computed by this program, whoever solved the problem."""
     rows = certificate_rows(list(material.models.values()))
     return text(CERTIFICATE) + table(
@@ -502,7 +502,7 @@ def certificate(material: Material) -> str:
     )
 
 
-def data(material: Material) -> str:
+def data(material: ReportData) -> str:
     """What `sdp-vs-penalty check` says of the runs."""
     parts = []
     for run, found in material.checks.items():
@@ -519,7 +519,7 @@ def data(material: Material) -> str:
     return "".join(parts)
 
 
-def provenance(material: Material) -> str:
+def provenance(material: ReportData) -> str:
     """Versions, settings, hashes, and the commands."""
     rows = []
     for name, e in material.models.items():

@@ -1,9 +1,9 @@
 """The arm itself: kinematics, inertia (the parameter order), constraints, URDF files,
 trajectories."""
 
-from sdp_vs_penalty.plugins import surface
+from sdp_vs_penalty.plugins import lazy_exports
 
-__getattr__ = surface(
+__getattr__ = lazy_exports(
     __name__,
     body="Body",
     constraint="Constraint ConstraintSet cone_margin project",

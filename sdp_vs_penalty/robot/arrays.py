@@ -11,13 +11,13 @@ from sdp_vs_penalty.errors import InputError
 Array = NDArray[np.float64]
 
 
-def or_one(size: ArrayLike) -> Any:
+def nonzero_or_one(size: ArrayLike) -> Any:
     """A size by which to divide: one where it is zero, as what it is the size of then
     is."""
     return np.where(np.asarray(size) > 0.0, size, 1.0)[()]
 
 
-def or_least(x: ArrayLike) -> Any:
+def at_least_tiny(x: ArrayLike) -> Any:
     """Something to take the logarithm of, or to divide by: at least the least normal
     number."""
     return np.maximum(x, np.finfo(float).tiny)

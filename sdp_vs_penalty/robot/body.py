@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError, require_known
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 #: What a body can be known from, the best first.
@@ -17,7 +17,7 @@ _EXCESS = 1e-2
 
 
 @dataclass(frozen=True)
-class Body(Plain):
+class Body(JsonRecord):
     """{x : sum_k (axes[:, k] . (x - centre))^2 / half_axes[k]^2 <= 1} in the link frame
     [m].
 

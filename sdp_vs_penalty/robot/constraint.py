@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdp_vs_penalty.robot import inertia
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 
 def cone_margin(cone: str, values: Array) -> Array:
@@ -46,13 +46,13 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
     order of summation.
     """
     if cone == "psd":
-        size = np.sqrt(or_one(np.diagonal(terms, axis1=1, axis2=2)))
+        size = np.sqrt(nonzero_or_one(np.diagonal(terms, axis1=1, axis2=2)))
         return np.asarray(
             np.linalg.eigvalsh(values / (size[:, :, None] * size[:, None, :]))[:, 0]
         )
     if cone == "soc":
-        return cone_margin(cone, values) / or_one(terms.sum(axis=1))
-    return cone_margin(cone, values / or_one(terms))
+        return cone_margin(cone, values) / nonzero_or_one(terms.sum(axis=1))
+    return cone_margin(cone, values / nonzero_or_one(terms))
 
 
 def safe_depth(size: int) -> float:
@@ -71,7 +71,7 @@ def smallest_eigenvalue(values: Array) -> Array:
     """
     raw = np.linalg.eigvalsh(values)[..., 0]
     diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
-    t = 2.0 ** -np.round(0.5 * np.log2(or_one(diagonal)))
+    t = 2.0 ** -np.round(0.5 * np.log2(nonzero_or_one(diagonal)))
     sign = np.linalg.eigvalsh(values * t[..., :, None] * t[..., None, :])[..., 0]
     # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of
     # T^-2.
@@ -274,7 +274,7 @@ class ConstraintSet:
             if c.family != "pseudo-inertia" or c.name not in thick
         )
 
-    def filled(self, multipliers: Mapping[Constraint, Array]) -> Array:
+    def stack_multipliers(self, multipliers: Mapping[Constraint, Array]) -> Array:
         """(e,) multipliers of the convex ones as ``entries`` has them; zero for those
         left out."""
         every = (self.convex[k] for group in self.groups for k in group.places.tolist())
@@ -289,18 +289,18 @@ class ConstraintSet:
         return ConstraintSet(self.convex + tuple(more), self.nonconvex)
 
     @cached_property
-    def entries(self) -> Entries:
+    def entries(self) -> StackedCones:
         """All numbers of the convex constraints end to end."""
-        return Entries.of(self.groups)
+        return StackedCones.from_groups(self.groups)
 
     @cached_property
-    def groups(self) -> tuple[Alike, ...]:
+    def groups(self) -> tuple[ConeGroup, ...]:
         """The convex constraints side by side, for methods that evaluate them often."""
-        return tuple(alike(self.convex))
+        return tuple(group_cones(self.convex))
 
 
 @dataclass(frozen=True)
-class Alike:
+class ConeGroup:
     """Equal cones of as many parameters: ``places`` (g,) among the constraints that
     they are of.
 
@@ -330,7 +330,7 @@ class Alike:
         return self.constant + flat.reshape(self.constant.shape)
 
 
-def alike(constraints: Sequence[Constraint]) -> list[Alike]:
+def group_cones(constraints: Sequence[Constraint]) -> list[ConeGroup]:
     """Constraints side by side, to be worked on at once, in the order in which each
     kind comes first."""
     groups: dict[tuple[str, tuple[int, ...]], list[int]] = {}
@@ -343,24 +343,24 @@ def alike(constraints: Sequence[Constraint]) -> list[Alike]:
             for c in (constraints[k] for k in places)
         ]
         out.append(
-            Alike(cone, np.array(places), *map(np.array, zip(*own, strict=True)))
+            ConeGroup(cone, np.array(places), *map(np.array, zip(*own, strict=True)))
         )
     return out
 
 
 @dataclass(frozen=True)
-class Entries:
+class StackedCones:
     """The numbers of constraints end to end, group by group: F (e,) = constant + sum
     over z of value[z] theta[column[z]] at row[z]."""
 
-    groups: tuple[Alike, ...]
+    groups: tuple[ConeGroup, ...]
     constant: Array
     row: NDArray[np.intp]
     column: NDArray[np.intp]
     value: Array
 
     @classmethod
-    def of(cls, groups: Sequence[Alike]) -> Entries:
+    def from_groups(cls, groups: Sequence[ConeGroup]) -> StackedCones:
         start, none = 0, np.zeros(0, np.intp)
         rows, columns, values = [none], [none], [np.zeros(0)]
         for group in groups:

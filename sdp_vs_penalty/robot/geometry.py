@@ -24,8 +24,8 @@ from sdp_vs_penalty.robot.urdf import (
     LARGEST_NUMBER as LARGEST_LENGTH,
 )
 from sdp_vs_penalty.robot.urdf import (
+    errors_located_in,
     load_urdf,
-    named,
     numbers_of,
     parse_urdf,
     placed_links,
@@ -50,7 +50,7 @@ def link_geometry(path: str | Path) -> list[Geometry | None]:
     """
     out: list[Geometry | None] = []
     for parts in placed_links(path):
-        with named(path):
+        with errors_located_in(path):
             found = [_shapes(Path(path), link, at) for link, at in parts]
         every = [shape for part in found for shape in part or []]
         cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in every)])

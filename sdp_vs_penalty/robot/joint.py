@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import Plain, Sparse
+from sdp_vs_penalty.files import JsonRecord, JsonRecordSkippingNone
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 
 
 @dataclass(frozen=True)
-class Joint(Sparse):
+class Joint(JsonRecordSkippingNone):
     """One moving joint and the link that it carries.
 
     placement : (4, 4) pose of the joint frame in the parent's joint frame (the base: -1) at q = 0.
@@ -66,7 +66,7 @@ class Joint(Sparse):
 
 
 @dataclass(frozen=True)
-class Mechanism(Plain):
+class Mechanism(JsonRecord):
     """Joints that follow others: q_tree = matrix q + offset, so that tau = matrix^T
     tau_tree.
 
@@ -94,7 +94,7 @@ class Mechanism(Plain):
 Follower = tuple[str, float, float]
 
 
-def following(
+def resolve_mimic_joints(
     tree: Sequence[Joint], followers: dict[str, Follower], massless: Sequence[int]
 ) -> tuple[tuple[Joint, ...], Mechanism | None]:
     """The joints that move by themselves, and how the tree follows them; None where
@@ -169,7 +169,7 @@ _TERM = re.compile(
 
 
 @dataclass(frozen=True)
-class Transmission(Plain):
+class Transmission(JsonRecord):
     """q_m = matrix q + offset, tau = matrix^T tau_m.
 
     matrix : (n, n), a row a motor, in motor units per joint unit; offset : (n,) [rad,

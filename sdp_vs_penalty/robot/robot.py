@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import Sparse
+from sdp_vs_penalty.files import JsonRecordSkippingNone
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, check_finite
 from sdp_vs_penalty.robot.joint import Joint, Mechanism, Transmission
@@ -25,7 +25,7 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True)
-class Robot(Sparse):
+class Robot(JsonRecordSkippingNone):
     """Joints (n), depth first, and the gravity vector [m/s^2] in the base frame.
 
     Depth first: what a joint carries follows it without a gap. Pinocchio's composite

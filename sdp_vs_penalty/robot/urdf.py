@@ -21,7 +21,12 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.joint import Follower, Joint, Transmission, following
+from sdp_vs_penalty.robot.joint import (
+    Follower,
+    Joint,
+    Transmission,
+    resolve_mimic_joints,
+)
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
@@ -38,7 +43,7 @@ Parts = list[tuple[Any, Array]]
 
 
 @contextmanager
-def named(path: str | Path) -> Iterator[None]:
+def errors_located_in(path: str | Path) -> Iterator[None]:
     """What is wrong inside is said to be so in this file."""
     try:
         yield
@@ -130,7 +135,7 @@ def load_urdf(
     or no moving joint at all.
     """
     root, tree, parts = _read(path)
-    with named(path):
+    with errors_located_in(path):
         (nominal, massless), followers = _weighed(parts), dict[str, Follower]()
         for joint in root.findall("joint"):
             if (element := joint.find("mimic")) is not None:
@@ -141,7 +146,7 @@ def load_urdf(
                     ratio,
                     offset,
                 )
-        joints, mechanism = following(tree, followers, massless)
+        joints, mechanism = resolve_mimic_joints(tree, followers, massless)
         transmission = _transmission(root, [joint.name for joint in joints])
     name, given = root.get("name") or Path(path).stem, tuple(map(float, gravity))
     kept = [x for k, x in enumerate(nominal) if k not in massless]
@@ -152,7 +157,7 @@ def placed_links(path: str | Path) -> list[Parts]:
     """What each moving link that has a mass is made of. Raises InputError as
     :func:`load_urdf` does."""
     parts = _read(path)[2]
-    with named(path):
+    with errors_located_in(path):
         massless = _weighed(parts)[1]
     return [own for k, own in enumerate(parts) if k not in massless]
 
@@ -209,7 +214,7 @@ def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
                 parts.append([])
                 visit(child, len(joints) - 1, np.eye(4))
 
-    with named(path):
+    with errors_located_in(path):
         links, children, base = _tree(root)
         visit(base, -1, np.eye(4))
         for name in links:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import PART, Shelf
+from sdp_vs_penalty.data.store import PART, DiskCache
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion
 from sdp_vs_penalty.effects.model import JointColumns, Model, depends
 from sdp_vs_penalty.robot.arrays import Array
@@ -28,7 +28,7 @@ from sdp_vs_penalty.signals.preprocessing import (
     RunFilter,
     no_rows,
 )
-from sdp_vs_penalty.signals.runs import Movement, stretches
+from sdp_vs_penalty.signals.runs import Movement, split_at_gaps
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Piece:
+class FilteredChunk:
     """Consecutive rows of a run before they have columns: the motion on the column grid
     around them, the low-pass from there to the rows, the same of smooth columns, motion
     and torque at the rows."""
@@ -60,13 +60,13 @@ Read = Callable[[], list[Block]]
 
 
 @dataclass
-class _Kept:
+class _ChunkCache:
     """A piece, and the columns of the last model's effects on it: of each effect those
     over which velocities signs turned. shelf : of a long run, the file in which the
     piece lies, and the columns of smooth effects, which take the longest."""
 
-    read: Callable[[], Piece]
-    shelf: Shelf | None
+    read: Callable[[], FilteredChunk]
+    shelf: DiskCache | None
     columns: list[tuple[Effect, tuple[float, ...], Read]] = field(default_factory=list)
 
     def rows(self, model: Model) -> Rows:
@@ -113,7 +113,7 @@ def low_passed(
 
 @dataclass(eq=False)
 class FilteredRun:
-    """One run behind its filters. settings : resolved; told : which instants count
+    """One run behind its filters. settings : resolved; movement_override : which instants count
     (default: those at which the run moves).
 
     Raises InputError, when it is asked for rows, for a run that is shorter than the
@@ -122,12 +122,14 @@ class FilteredRun:
 
     run: Measurements
     settings: Preprocessing
-    told: Movement | None = None
-    _kept: dict[bool, list[_Kept]] = field(default_factory=dict, init=False, repr=False)
+    movement_override: Movement | None = None
+    _kept: dict[bool, list[_ChunkCache]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Without rows: another process cuts them again."""
-        return FilteredRun, (self.run, self.settings, self.told)
+        return FilteredRun, (self.run, self.settings, self.movement_override)
 
     @cached_property
     def filters(self) -> RunFilter:
@@ -137,7 +139,7 @@ class FilteredRun:
     @property
     def moving(self) -> Movement:
         """Which instants count."""
-        return self.told or self.filters.movement
+        return self.movement_override or self.filters.movement
 
     @cached_property
     def simulated(self) -> FilteredRun:
@@ -186,19 +188,21 @@ class FilteredRun:
         kernel = self.filters.column.value
         return float(1.0 / (self.step * (kernel @ kernel)))
 
-    def _pieces(self, whole: bool) -> list[_Kept]:
+    def _pieces(self, whole: bool) -> list[_ChunkCache]:
         """The run cut into pieces; ``whole``: where effects remember, each stretch
         sample by sample."""
         if whole not in self._kept:
-            shelf = Shelf() if self.run.q.size > SAMPLES else None
+            shelf = DiskCache() if self.run.q.size > SAMPLES else None
             put: Any = (lambda piece: lambda: piece) if shelf is None else shelf.put
-            self._kept[whole] = [_Kept(put(piece), shelf) for piece in self._cut(whole)]
+            self._kept[whole] = [
+                _ChunkCache(put(piece), shelf) for piece in self._cut(whole)
+            ]
         return self._kept[whole]
 
-    def _cut(self, whole: bool) -> Iterator[Piece]:
+    def _cut(self, whole: bool) -> Iterator[FilteredChunk]:
         filters = self.filters.every_sample if whole else self.filters
         margin, found = filters.state.half + filters.column.half, False
-        for part in stretches(self.run):
+        for part in split_at_gaps(self.run):
             outputs = np.arange(margin, part.count - margin, self.step)
             at_once = (
                 len(outputs)
@@ -216,7 +220,7 @@ class FilteredRun:
                 coarse = (
                     at[keep] - at[0]
                 ) // filters.smooth_stride + filters.smooth.half
-                yield Piece(
+                yield FilteredChunk(
                     motion,
                     Decimator(filters.coarse, local),
                     smooth,

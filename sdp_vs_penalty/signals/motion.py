@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.runs import interpolated, spans
@@ -35,7 +35,7 @@ _NEAR = 0.2
 
 
 @dataclass(frozen=True)
-class MotionRecord(Plain):
+class MotionRecord(JsonRecord):
     """The path of a training motion.
 
     centre, scale (2 n,) of q [rad or m] and dq; lines : stretches (K, 2 n) of points on

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
     ORDER,
     RARE,
@@ -161,7 +161,8 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     index, later = both.T
     every, stuck = (
         Pieces(consecutive(repeats)),
-        runs.lawless[1][index] | runs.lawless[1][later],
+        runs.unexplained_standstill_torque[1][index]
+        | runs.unexplained_standstill_torque[1][later],
     )
     share = min(1.0, new_differences(both, count) / len(index))
     reach = max(1, round(SAME_PHASE * runs.rate))
@@ -186,7 +187,7 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     for j, dq in enumerate(speed.T):
         laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
         drift = gap[:, None] * np.column_stack([laws, since[:, None] * laws])
-        drift /= or_one(np.linalg.norm(drift, axis=0))
+        drift /= nonzero_or_one(np.linalg.norm(drift, axis=0))
         pieces = _without(every, stuck[:, j])
         rest, good = _without_events(
             difference[:, j], drift, rates[j][index], pieces, n, comes_back
@@ -208,7 +209,7 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
         suspect[both[~good], j] = True  # an event may have happened at either instant
     if shown is not runs:
         suspect, repeats = _carried(suspect, runs, shown), shown.repeats()
-    held, no_law = shown.lawless
+    held, no_law = shown.unexplained_standstill_torque
     suspect &= ~no_law
     return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
 

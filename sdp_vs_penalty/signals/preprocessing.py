@@ -231,7 +231,7 @@ class RunFilter:
             ddq,
             temperature=warm,
             command=command,
-            sum=path,
+            position_integral=path,
             motors=motors,
         )
         return replace(motion, within=Sampling(self.stride, self.dt))

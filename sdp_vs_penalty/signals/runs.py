@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.store import PART, joined, parts
+from sdp_vs_penalty.data.store import PART, concatenate_chunks, iter_chunks
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import SAME_PHASE, SAMPLES
@@ -46,7 +46,7 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     less (over 100).
     """
     total = square = steps = np.zeros(run.n)
-    for _, part in parts(run.q, overlap=1):
+    for _, part in iter_chunks(run.q, overlap=1):
         q = np.ascontiguousarray(part.T)  # several times as fast as row by row
         away = q[:, :PART] - run.q[0][:, None]
         total, square = total + away.sum(axis=1), square + np.sum(away**2, axis=1)
@@ -67,12 +67,14 @@ class Movement:
 
     def __init__(self, run: Measurements, share: float) -> None:
         self.t = run.t
-        ends = ((t + SAME_PHASE, t - SAME_PHASE) for _, t in parts(run.t))
+        ends = ((t + SAME_PHASE, t - SAME_PHASE) for _, t in iter_chunks(run.t))
         pairs = ([interpolated(t, run.t, run.q) for t in both] for both in ends)
-        far = joined(np.abs(end - start) for end, start in pairs)
-        largest = np.max([x.max(axis=0) for _, x in parts(far)], axis=0)
+        far = concatenate_chunks(np.abs(end - start) for end, start in pairs)
+        largest = np.max([x.max(axis=0) for _, x in iter_chunks(far)], axis=0)
         limits = np.where(moving_joints(run), share * largest, np.inf)
-        self.moves = np.concatenate([np.any(x > limits, axis=1) for _, x in parts(far)])
+        self.moves = np.concatenate(
+            [np.any(x > limits, axis=1) for _, x in iter_chunks(far)]
+        )
 
     def at(self, t: Array) -> NDArray[np.bool_]:
         """The same at instants t [s]."""
@@ -138,12 +140,14 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     return out.T
 
 
-def stretches(run: Measurements) -> Iterator[Stretch]:
+def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
     """The uninterrupted parts of a run: a time step above 20 usual ones (at least 50
     ms) is a gap."""
     dt = 1.0 / sample_rate(run)
     pause = max(20.0 * dt, _PAUSE)
-    found = [k + np.flatnonzero(np.diff(t) > pause) for k, t in parts(run.t, overlap=1)]
+    found = [
+        k + np.flatnonzero(np.diff(t) > pause) for k, t in iter_chunks(run.t, overlap=1)
+    ]
     breaks = np.concatenate(found) + 1
     for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
         if stop - start >= 2:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.data.store import PART
-from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Seen
+from sdp_vs_penalty.effects.effect import Block, Effect, JointCoverage, Motion
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import Pieces
@@ -35,18 +35,18 @@ from sdp_vs_penalty.signals.filtered import low_passed
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import OVERSAMPLING, Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import Filtered, Repeat, find_repeats
-from sdp_vs_penalty.signals.runs import Stretch, stretches
+from sdp_vs_penalty.signals.runs import Stretch, split_at_gaps
 from sdp_vs_penalty.signals.standstill import (
     STILL,
     friction_laws,
-    lawless,
     resolution,
-    standing,
+    standstill_leakage,
+    unexplained_standstill_torque,
 )
 
 #: Rows at twice the cut-off that noise, residuals and a library of effects are judged
 #: on at most.
-MOST = 4000
+MAX_ROWS = 4000
 #: Windows of a single run.
 _WINDOWS = 4
 
@@ -131,7 +131,7 @@ class SegmentedRuns:
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them
     (events); columns : of effects on the rows; repeats : says which rows come back
-    where; again : the same read by encoders whose steps lie elsewhere; attached : the
+    where; with_shifted_encoders : the same read by encoders whose steps lie elsewhere; attached : the
     arguments of :meth:`with_model`.
     """
 
@@ -142,7 +142,7 @@ class SegmentedRuns:
     names: tuple[str, ...]
     columns: Columns
     repeats: Callable[[], tuple[Repeat, ...]]
-    again: Callable[[], SegmentedRuns]
+    with_shifted_encoders: Callable[[], SegmentedRuns]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     attached: tuple[Any, ...] = ()
 
@@ -203,11 +203,11 @@ class SegmentedRuns:
         ]
         return np.concatenate(shares)
 
-    def seen(self, joint: int) -> Seen:
+    def seen(self, joint: int) -> JointCoverage:
         """What all runs show of a joint."""
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
         fine = (resolution(s.stretch.q[:, joint]) for s in self.segments)
-        return Seen(
+        return JointCoverage(
             float(np.ptp(paths)), float(max(fine)), float(np.mean(self.still > STILL))
         )
 
@@ -232,7 +232,7 @@ class SegmentedRuns:
     def steps(self) -> Array:
         """(M, n) an example of what the encoders' steps make of the model's torque."""
         again = {
-            (s.run, s.t[0]): s for s in self.again().segments
+            (s.run, s.t[0]): s for s in self.with_shifted_encoders().segments
         }  # but those that seem to stand then
         pairs = ((s, again.get((s.run, s.t[0]), s)) for s in self.segments)
         return np.concatenate([s.residual - a.residual for s, a in pairs]) / np.sqrt(
@@ -240,7 +240,7 @@ class SegmentedRuns:
         )
 
     @cached_property
-    def lawless(self) -> tuple[Array, NDArray[np.bool_]]:
+    def unexplained_standstill_torque(self) -> tuple[Array, NDArray[np.bool_]]:
         """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding
         friction can say, and whether a row is of a standstill of which no law of
         friction says anything."""
@@ -251,7 +251,9 @@ class SegmentedRuns:
                 laws = np.concatenate(
                     [s.low_pass @ friction_laws(s.motion, j) for s in self.segments]
                 )
-                std, no_law = lawless(self.residual[keep, j], laws[keep], share[keep])
+                std, no_law = unexplained_standstill_torque(
+                    self.residual[keep, j], laws[keep], share[keep]
+                )
                 held[:, j], stuck[:, j] = std * share, no_law & (share > STILL)
         return held, stuck
 
@@ -285,10 +287,14 @@ class SegmentedRuns:
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         parts = [(s.low_pass, beside(s.motion)) for s in segments]
         columns = Columns(parts, (self.columns.kept[0], {}))
-        again = cache(lambda: self.again().with_model(attach))
+        again = cache(lambda: self.with_shifted_encoders().with_model(attach))
         model = attach, beside, gains
         return replace(
-            self, segments=segments, columns=columns, again=again, attached=model
+            self,
+            segments=segments,
+            columns=columns,
+            with_shifted_encoders=again,
+            attached=model,
         )
 
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
@@ -308,7 +314,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
     rate = 0.0
     for index, run in enumerate(measurements.runs()):
         filters = RunFilter(run, settings)
-        for part in stretches(run):
+        for part in split_at_gaps(run):
             segment = _segment(index, part, filters)
             if segment is not None:
                 segments.append(segment)
@@ -345,7 +351,7 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     if not keep.any():
         return None
     still = cache(
-        partial(standing, part, (state, column), grid[rows])
+        partial(standstill_leakage, part, (state, column), grid[rows])
     )  # by most logs never asked
     torque, dense_torque = (filters.torque(part, grid[at]) for at in (rows, dense))
     seen = motion.t[rows], keep, motion.t[dense], motion.q[dense]
@@ -368,7 +374,7 @@ def window_subsample(
     assert settings.torque_cutoff is not None
     runs = measurements.runs()
     spans = [float(run.t[-1] - run.t[0]) for run in runs]
-    allowed = MOST / (2.0 * settings.torque_cutoff)
+    allowed = MAX_ROWS / (2.0 * settings.torque_cutoff)
     if sum(spans) <= allowed:
         return measurements
     slots = []

@@ -12,7 +12,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals import constants as c
 from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.repetition import ALIKE
-from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, stretches
+from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, split_at_gaps
 
 
 def highest_harmonic(run: Measurements) -> float:
@@ -26,7 +26,7 @@ def highest_harmonic(run: Measurements) -> float:
         raise no_motion(run)
     found = [
         _last_harmonic(part, part.q[:, moving])
-        for part in stretches(run)
+        for part in split_at_gaps(run)
         if part.count >= 16
     ]
     highest = max(found, default=0.0)
@@ -95,7 +95,7 @@ def unbent_cutoff(
 def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     """(2, joints, C) squares of the shares of moving joints' acceleration which filters
     with these cut-offs take away, and of the noise that they let through."""
-    part = max(stretches(run), key=lambda p: p.count)
+    part = max(split_at_gaps(run), key=lambda p: p.count)
     length = min(part.count, c.SAMPLES)
     if length * part.dt * cutoffs[0] < 8.0:  # the kernel is no shorter than the stretch
         return np.zeros((2, 0, len(cutoffs)))
@@ -182,7 +182,7 @@ def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
     Above it columns would hold what torque lost."""
     last = 0.0
     for run in runs:
-        found = torque_spectrum(parts := list(stretches(run)), cutoff)
+        found = torque_spectrum(parts := list(split_at_gaps(run)), cutoff)
         if found is None or not found[2]:
             return cutoff
         longest = max(parts, key=lambda p: p.count)

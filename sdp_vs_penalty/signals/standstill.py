@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.bristles import PreslidingHysteresis, dahl
 from sdp_vs_penalty.effects.motion import Legs, Motion
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
 
@@ -26,7 +26,7 @@ STILL = 0.01
 SLOW = 0.1
 
 
-def standing(
+def standstill_leakage(
     stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]
 ) -> Array:
     """(M, n) how much of a unit torque, whatever its sign, reaches filtered rows (M,),
@@ -35,14 +35,14 @@ def standing(
 
     kernels : the low-passes of states and of torques.
     """
-    reaching = still(stretch.resampled(stretch.q, 0, stretch.count)).astype(float)
+    reaching = is_still(stretch.resampled(stretch.q, 0, stretch.count)).astype(float)
     for kernel in kernels if reaching.any() else ():
         padded = np.pad(reaching, ((kernel.half, kernel.half), (0, 0)), mode="edge")
         (reaching,) = convolve(padded, np.abs(kernel.value))
     return np.asarray(reaching[rows])
 
 
-def still(q: Array) -> NDArray[np.bool_]:
+def is_still(q: Array) -> NDArray[np.bool_]:
     """(N, n) whether positions (N, n), sampled uniformly, stand still: for longer than
     a smooth motion at the same place would stay within the resolution of the positions.
     """
@@ -94,7 +94,9 @@ def friction_laws(motion: Motion, joint: int) -> Array:
     return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(dq))])
 
 
-def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:
+def unexplained_standstill_torque(
+    left: Array, laws: Array, share: Array
+) -> tuple[float, bool]:
     """s of what standing still adds to the rows left (M,) beyond laws (M, k), and
     whether none says it.
 
@@ -106,7 +108,7 @@ def lawless(left: Array, laws: Array, share: Array) -> tuple[float, bool]:
     if not moves.any() or not stands.any():
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)
-    laws = laws / or_one(size)
+    laws = laws / nonzero_or_one(size)
     rest = (left - laws @ np.linalg.lstsq(laws, left, rcond=1e-10)[0]) ** 2
     usual = float(rest[moves].mean())
     variance = max(float(rest[stands].mean()) - usual, 0.0)

@@ -32,7 +32,7 @@ from sdp_vs_penalty.problem.published import (
     published_links,
     published_trajectory,
 )
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 
 
@@ -135,7 +135,7 @@ def innovation_share(poles: Array) -> float:
 
 
 def _counted(values: Array, step: ArrayLike) -> Array:
-    unit = or_one(np.asarray(step, float))
+    unit = nonzero_or_one(np.asarray(step, float))
     return np.where(np.asarray(step) > 0.0, np.round(values / unit) * unit, values)
 
 

@@ -24,9 +24,9 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.output_error import STEP, Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import Shown, Summary, Table
-from sdp_vs_penalty.robot.arrays import Array, or_least, or_one
+from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 
 Drive = Literal["torque", "pd", "servo"]
 
@@ -35,7 +35,7 @@ _LEFT = {"rad": 0.5, "m": 0.1}
 
 
 @dataclass(frozen=True)
-class Ahead(Plain):
+class Ahead(JsonRecord):
     """Errors after so many seconds, over all windows, each (n,) in rad (m) or rad/s
     (m/s).
 
@@ -57,7 +57,7 @@ class Ahead(Plain):
 
 
 @dataclass(frozen=True)
-class FreeRun(Plain):
+class FreeRun(JsonRecord):
     """One run from its first state: errors (n,) until ``seconds``, where it ``left``
     the measured motion or that ended; spread : half a 95 % band that the parameters'
     intervals make of it, where they are known; loop : (n,) root mean square of what the
@@ -100,7 +100,8 @@ class Following(Shown):
         velocity; with a loop, the torque that it adds over the measured one."""
         pairs = [(f.loop, f.torque) for f in self.free if f.loop is not None]
         shares = [
-            a / or_least(b) for a, b in pairs or [(self.ahead.rms, self.ahead.naive)]
+            a / at_least_tiny(b)
+            for a, b in pairs or [(self.ahead.rms, self.ahead.naive)]
         ]
         return np.asarray(np.max(shares, axis=0))
 
@@ -368,7 +369,7 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
     factor = np.nan_to_num(estimate.uncertainty.factor)
     if not np.any(factor):
         return estimate.theta[None]
-    std = or_one(np.linalg.norm(factor, axis=1))
+    std = nonzero_or_one(np.linalg.norm(factor, axis=1))
     u, s, _ = np.linalg.svd(factor / std[:, None], full_matrices=False)
     # By the symmetric root of the correlation, which is unique: a factor's signs are
     # rounding's.

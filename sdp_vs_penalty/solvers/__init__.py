@@ -4,7 +4,7 @@ registers it."""
 from functools import cache
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.plugins import classes, named, surface
+from sdp_vs_penalty.plugins import classes, lazy_exports, load_class
 from sdp_vs_penalty.solvers.solver import Solver
 
 
@@ -18,16 +18,18 @@ def solver_types() -> dict[str, type[Solver]]:
 def solver(name: str) -> Solver:
     """The solver of a name; InputError where it is unknown or absent, saying what
     installs it."""
-    found: Solver = named("solver", __name__, __path__, Solver, name, solver_types)()
+    found: Solver = load_class(
+        "solver", __name__, __path__, Solver, name, solver_types
+    )()
     if found.absent:
         raise InputError(f"solver {name} cannot be used here", found.absent)
     return found
 
 
-__getattr__ = surface(
+__getattr__ = lazy_exports(
     __name__,
     conic="Cone ConicProblem Solution",
     objective="Entropy Objective",
     identification="least_squares_sdp",
-    certificate="repair",
+    fit="repair",
 )

@@ -14,8 +14,10 @@ class Clarabel(Solver):
 
     name = "clarabel"
     requires = "package", "clarabel"
-    told = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), ACCURACY)
-    claims = {
+    default_options = dict.fromkeys(
+        ("tol_gap_abs", "tol_gap_rel", "tol_feas"), ACCURACY
+    )
+    status_meaning = {
         **{"Solved": "optimal", "AlmostSolved": "inaccurate"},
         **dict.fromkeys(("PrimalInfeasible", "AlmostPrimalInfeasible"), "infeasible"),
         **dict.fromkeys(("DualInfeasible", "AlmostDualInfeasible"), "unbounded"),
@@ -53,4 +55,4 @@ class Clarabel(Solver):
         )
         result = solver.solve()
         x, z = np.array(result.x), np.array(result.z)
-        return self.said(x, z, str(result.status), result.iterations)
+        return self.make_solution(x, z, str(result.status), result.iterations)

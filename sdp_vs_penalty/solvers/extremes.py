@@ -4,7 +4,7 @@ dual.
 A :class:`Slice` is the feasible set cut by equalities, theta = interior + basis x. Its
 constraints in x are ordinary ones, each scaled so that the interior point becomes its
 unit: Clarabel then sees a problem of size one whatever the units, and
-:mod:`certificate` makes a lower bound of its multipliers.
+:mod:`fit` makes a lower bound of its multipliers.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 from sdp_vs_penalty.solvers import solver
-from sdp_vs_penalty.solvers.certificate import Fit, dual_evidence, repair
+from sdp_vs_penalty.solvers.fit import Fit, dual_evidence, repair
 from sdp_vs_penalty.solvers.identification import (
     SdpProblem,
     conic_problem,
@@ -25,7 +25,7 @@ from sdp_vs_penalty.solvers.identification import (
     scaled,
 )
 from sdp_vs_penalty.solvers.objective import Objective
-from sdp_vs_penalty.solvers.verified import lower_bound
+from sdp_vs_penalty.solvers.rigorous_bounds import lower_bound
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Slice:
         minimum."""
         solution = solver("clarabel").solve(replace(self.sdp.conic, q=g), 1e-10)
         objective = Objective.without_data(len(g), g)
-        multipliers = self.reduced.filled(self.sdp.multipliers(solution))
+        multipliers = self.reduced.stack_multipliers(self.sdp.multipliers(solution))
         fit = Fit(solution.x, objective, self.reduced, multipliers, bound=self.limit)
         found = dual_evidence(fit)
         return solution.x, lower_bound(

@@ -16,9 +16,14 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
 
-from sdp_vs_penalty.regression.partial import UNSEEN
-from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.robot.constraint import Alike, Constraint, Entries, alike
+from sdp_vs_penalty.regression.linalg import UNSEEN
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.constraint import (
+    ConeGroup,
+    Constraint,
+    StackedCones,
+    group_cones,
+)
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution, svec, unsvec
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
@@ -178,11 +183,11 @@ def largest_margin(
 
 
 def conic_problem(
-    groups: Sequence[Alike], quadratic: sparse.csc_matrix | None, linear: Array
+    groups: Sequence[ConeGroup], quadratic: sparse.csc_matrix | None, linear: Array
 ) -> ConicProblem:
     """minimise 1/2 x^T quadratic x + linear^T x (m,), every F(x) of the groups in its
     cone; matrices are svec's there, constant (g, rows), coefficients (g, k, rows)."""
-    every, m = Entries.of(groups), len(linear)
+    every, m = StackedCones.from_groups(groups), len(linear)
     A = sparse.csc_matrix(
         (-every.value, (every.row, every.column)), (len(every.constant), m)
     )
@@ -196,9 +201,9 @@ def conic_problem(
     return ConicProblem(P, linear, A, every.constant, tuple(cones))
 
 
-def plain_rows(kind: str, matrix: Array, constant: Array) -> Alike:
+def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
     """matrix (r, w) x[:w] + constant (r,) in one cone."""
-    return Alike(
+    return ConeGroup(
         kind,
         np.arange(1),
         np.arange(matrix.shape[1])[None],
@@ -214,15 +219,15 @@ def scaled(
     reference: Array | None,
     first: int = 0,
     slack: bool = False,
-) -> tuple[list[Alike], tuple[Placed, ...]]:
+) -> tuple[list[ConeGroup], tuple[Placed, ...]]:
     """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`,
     and where they stand from row ``first`` on.
 
     reference (p,) : from where matrices are seen; None: cones as they are. slack : of F
     - t e, t the entry of x behind theta's; matrices are not turned then.
     """
-    groups, placed = list[Alike](), dict[int, Placed]()
-    for group in alike(constraints):
+    groups, placed = list[ConeGroup](), dict[int, Placed]()
+    for group in group_cones(constraints):
         local, psd = theta_scale[group.indices][:, :, None], group.cone == "psd"
         d, indices, middle = (
             group.constant.shape[1],
@@ -244,7 +249,7 @@ def scaled(
                     group.constant
                 )
                 soc = group.cone == "soc"
-                scale = 1.0 / or_one(
+                scale = 1.0 / nonzero_or_one(
                     np.maximum(size, size.max(axis=1, keepdims=True)) if soc else size
                 )
             constant, columns = (
@@ -258,7 +263,7 @@ def scaled(
             indices = np.column_stack(
                 [indices, np.full(len(indices), len(theta_scale))]
             )
-        groups.append(Alike(group.cone, group.places, indices, constant, columns))
+        groups.append(ConeGroup(group.cone, group.places, indices, constant, columns))
         for place, own in zip(group.places.tolist(), scale, strict=True):
             placed[place] = Placed(
                 constraints[place], slice(first, first + constant.shape[1]), own
@@ -269,14 +274,14 @@ def scaled(
 
 def _log_det(
     entropy: Entropy, centre: Array, theta_scale: Array, width: int
-) -> tuple[list[Alike], NDArray[np.intp], Alike]:
+) -> tuple[list[ConeGroup], NDArray[np.intp], ConeGroup]:
     """Groups that say sum t <= log det P for each link, the places of all t in x, and
     the links.
 
     log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower
     triangular; Z's ten entries and four t of each link stand in x from ``width`` on.
     """
-    (links,) = alike(entropy.links)
+    (links,) = group_cones(entropy.links)
     n, (i, j) = len(links.places), np.tril_indices(4)
     twice, z = unit_diagonals(entropy.nominal), 10 + np.arange(10)
     blocks, constant = np.zeros((n, 20, 8, 8)), np.zeros((n, 8, 8))
@@ -288,14 +293,14 @@ def _log_det(
     constant[:, :4, :4] = links.values(centre) * twice
     new = width + np.arange(14 * n).reshape(n, 14)
     indices, logs = np.column_stack([links.indices, new[:, :10]]), new[:, 10:].ravel()
-    matrices = Alike("psd", links.places, indices, svec(constant), svec(blocks))
+    matrices = ConeGroup("psd", links.places, indices, svec(constant), svec(blocks))
     # exp(t) <= Z_dd
     pairs = np.column_stack([logs, new[:, diagonal].ravel()])
     one, both = (
         np.tile(np.eye(3)[1], (4 * n, 1)),
         np.tile(np.eye(3)[::2], (4 * n, 1, 1)),
     )
-    return [matrices, Alike("exp", np.arange(4 * n), pairs, one, both)], logs, links
+    return [matrices, ConeGroup("exp", np.arange(4 * n), pairs, one, both)], logs, links
 
 
 def unit_diagonals(values: Array) -> Array:
@@ -311,7 +316,7 @@ def moving_scale(
     """(p,) units of theta, at most ``bound``, that move no matrix far in its size at
     the reference."""
     moves = np.zeros(len(bound))
-    for group in alike([c for c in constraints if c.cone == "psd"]):
+    for group in group_cones([c for c in constraints if c.cone == "psd"]):
         t = _whitening(group.values(reference))[:, None]
         size = np.linalg.norm(
             t @ group.coefficients @ np.swapaxes(t, 2, 3), axis=(2, 3)
@@ -343,7 +348,7 @@ def _sizes(values: Array) -> Array:
     """(g, d) the scaling that brings diagonals to one; for matrices that need not be
     definite."""
     diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
-    return np.asarray(1.0 / np.sqrt(or_one(diagonal)))
+    return np.asarray(1.0 / np.sqrt(nonzero_or_one(diagonal)))
 
 
 def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:

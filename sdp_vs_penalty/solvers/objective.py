@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Constraint, Entries, alike
+from sdp_vs_penalty.robot.constraint import Constraint, StackedCones, group_cones
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Entropy:
         return np.linalg.inv(np.linalg.cholesky(self.nominal))
 
     @cached_property
-    def entries(self) -> Entries:
+    def entries(self) -> StackedCones:
         """The links' pseudo-inertias as functions of theta."""
-        return Entries.of(alike(self.links))
+        return StackedCones.from_groups(group_cones(self.links))
 
     def value(self, theta: Array) -> float:
         """At theta (p,); infinite outside of its domain."""

@@ -28,8 +28,11 @@ class Cvxopt(Solver):
     cones = frozenset({"zero", "nonnegative", "soc", "psd"})
     order, full_matrices = KINDS, True
     finest = 1e-7
-    told = {**dict.fromkeys(("abstol", "reltol", "feastol"), ACCURACY), "maxiters": 200}
-    claims = {
+    default_options = {
+        **dict.fromkeys(("abstol", "reltol", "feastol"), ACCURACY),
+        "maxiters": 200,
+    }
+    status_meaning = {
         "optimal": "optimal",
         "primal infeasible": "infeasible",
         "dual infeasible": "unbounded",
@@ -61,7 +64,9 @@ class Cvxopt(Solver):
             return Solution.none(problem, str(error))
         z = flat(result["y"], equal), flat(result["z"], len(problem.b) - equal)
         x = flat(result["x"], len(problem.q))
-        return self.said(x, np.concatenate(z), result["status"], result["iterations"])
+        return self.make_solution(
+            x, np.concatenate(z), result["status"], result["iterations"]
+        )
 
 
 class Qics(Solver):
@@ -75,8 +80,8 @@ class Qics(Solver):
     order, full_matrices = KINDS, True
     # Iterative refinement and third-order adjustments are on by default, as its manual
     # recommends.
-    told = {"tol_gap": ACCURACY, "tol_feas": ACCURACY, "max_iter": 200}
-    claims = (
+    default_options = {"tol_gap": ACCURACY, "tol_feas": ACCURACY, "max_iter": 200}
+    status_meaning = (
         {"optimal": "optimal", "near_optimal": "inaccurate"}
         | dict.fromkeys(("pinfeas", "near_pinfeas"), "infeasible")
         | dict.fromkeys(("dinfeas", "near_dinfeas"), "unbounded")
@@ -112,7 +117,7 @@ class Qics(Solver):
         )  # as versions have it
         z = signs * np.concatenate([np.asarray(dual, float).ravel() for dual in duals])
         x, more = np.asarray(info["x_opt"]).ravel(), f"({info['exit_status']})"
-        return self.said(x, z, info["sol_status"], info["num_iter"], more)
+        return self.make_solution(x, z, info["sol_status"], info["num_iter"], more)
 
     def warm_up(self) -> None:
         """It compiles its code for each cone on first use: a tiny problem that has them
@@ -138,8 +143,12 @@ class Scs(Solver):
     finest = 1e-7
     # The rest are its defaults, which its documentation recommends (adaptive scale,
     # normalisation, Anderson acceleration over 10 steps).
-    told = {"eps_abs": ACCURACY, "eps_rel": ACCURACY, "max_iters": 100_000}
-    claims = {"solved": "optimal", "infeasible": "infeasible", "unbounded": "unbounded"}
+    default_options = {"eps_abs": ACCURACY, "eps_rel": ACCURACY, "max_iters": 100_000}
+    status_meaning = {
+        "solved": "optimal",
+        "infeasible": "infeasible",
+        "unbounded": "unbounded",
+    }
 
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
         import scs
@@ -162,7 +171,7 @@ class Scs(Solver):
         z[lower] = result["y"]
         # The first word of its status; what follows says that it is inaccurate.
         word, _, more = info["status"].partition(" ")
-        found = self.said(np.array(result["x"]), z, word, info["iter"], more)
+        found = self.make_solution(np.array(result["x"]), z, word, info["iter"], more)
         return (
             replace(found, claims="inaccurate") if word == "solved" and more else found
         )
@@ -176,8 +185,12 @@ class Sdpa(Solver):
     requires = "package", "sdpap"
     cones = frozenset({"nonnegative", "psd"})
     order, full_matrices = KINDS, True
-    told = {"epsilonStar": ACCURACY, "epsilonDash": ACCURACY, "maxIteration": 200}
-    claims = SDPA_CLAIMS
+    default_options = {
+        "epsilonStar": ACCURACY,
+        "epsilonDash": ACCURACY,
+        "maxIteration": 200,
+    }
+    status_meaning = SDPA_CLAIMS
 
     def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
         import sdpap
@@ -191,4 +204,6 @@ class Sdpa(Solver):
             -problem.A, -problem.b, problem.q, free, cones, settings
         )
         x, z = (np.asarray(v.todense()).ravel() for v in (x, y))
-        return self.said(x, z, str(info.get("phasevalue")), more.get("iteration", 0))
+        return self.make_solution(
+            x, z, str(info.get("phasevalue")), more.get("iteration", 0)
+        )

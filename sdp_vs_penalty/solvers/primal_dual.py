@@ -10,7 +10,7 @@ Mehrotra's predictor and corrector (SIAM J. Optim. 1992). A matrix with a log de
 cone whose complementarity goes to w instead of 0. theta stays inside of all cones; only
 the slope R^T(...) - F*(Z) starts above zero. A step is one Cholesky factor of 2 R^T R +
 sum F_i^* (S^-1 . Z) F_j (p, p); all small cones are worked on at once, as arrays
-(blocks, 4, 4). What it returns is certified by others (:mod:`certificate`).
+(blocks, 4, 4). What it returns is certified by others (:mod:`fit`).
 """
 
 import math
@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from sdp_vs_penalty.regression.regression import LeastSquares
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.solvers.small_cones import ORDER, SmallCones
 
 #: Complementarity of a cold start as a share of its objective. 1 to 1e-4 differ by two
@@ -70,11 +70,11 @@ def minimise(
     could be factorised."""
     for start in starts:
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
-            return _Path(cones, data, start).followed(accuracy)
+            return _InteriorPoint(cones, data, start).solve(accuracy)
     return None
 
 
-class _Path:
+class _InteriorPoint:
     """The iterate on its way, and what one step needs of it. Array (2, rows + 16
     blocks) ``both``: slacks S and multipliers Z; ``mats`` (2, blocks, 4, 4) and
     ``rows`` (2, rows) are views of it."""
@@ -95,7 +95,7 @@ class _Path:
         )
         self.weight = cones.weight[:, None, None]
         self.degree = max(cones.rows + ORDER * len(cones.weight), 1)
-        self.logs = float(cones.weight @ np.log(or_one(cones.weight)))
+        self.logs = float(cones.weight @ np.log(nonzero_or_one(cones.weight)))
         self.products = np.empty(cones.curvature.shape[1])
         self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
         self.both[0] = cones.constant + cones.slack_map @ self.theta
@@ -122,12 +122,12 @@ class _Path:
         self.value = self.loss + float(linear @ self.theta)
         self.gradient = 2.0 * (residual @ data.R) + linear
 
-    def followed(self, accuracy: float) -> Optimum | None:
+    def solve(self, accuracy: float) -> Optimum | None:
         best: Optimum | None = None
         central = self.here()
         for k in range(60):  # twice what the slowest of the shootout's instances needs
             try:
-                error = self.prepare()
+                error = self.factorize()
             except np.linalg.LinAlgError:
                 break
             here = self.here()
@@ -143,7 +143,7 @@ class _Path:
     def here(self) -> Iterate:
         return Iterate(self.theta, self.both[1].copy())
 
-    def prepare(self) -> float:
+    def factorize(self) -> float:
         """Factors of S, Z and H; returns what gap and leftover slope cost, relative to
         the loss."""
         cones = self.cones
@@ -165,7 +165,7 @@ class _Path:
         # Predictor and what the leftover slope asks for, by one pair of triangular
         # solves.
         self.leftover = self.gradient - cones.adjoint @ self.both[1]
-        self.aim(0.0)
+        self.set_target(0.0)
         both = np.array([cones.adjoint @ self.target - self.gradient, self.leftover])
         self.step, self.correction = dpotrs(self.cholesky, both.T, lower=1)[0].T
         gap = float(self.both[0] @ self.both[1]) - ORDER * float(cones.weight.sum())
@@ -177,7 +177,7 @@ class _Path:
         error = float((max(gap, 0.0) + max(cost, 0.0)) / scale)
         return error if math.isfinite(error) else math.inf
 
-    def aim(self, mu: float) -> None:
+    def set_target(self, mu: float) -> None:
         """target : max(w, mu) S^-1, to which Z is to move."""
         np.divide(mu, self.rows[0], out=self.target_rows)
         np.multiply(np.maximum(self.weight, mu), self.inverse, out=self.target_mats)
@@ -226,7 +226,7 @@ class _Path:
             self.ahead_mats[0],
             self.ahead_rows[1],
         )
-        self.aim(centring * now / self.degree)
+        self.set_target(centring * now / self.degree)
         right = cones.adjoint @ (self.target - second) - self.gradient
         step = dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)

@@ -101,7 +101,10 @@ class Csdp(Program):
     requires = "program", "csdp"
     system_package = "coinor-csdp"
     finest = 1e-8
-    told = {**dict.fromkeys(("axtol", "atytol", "objtol"), ACCURACY), "maxiter": 200}
+    default_options = {
+        **dict.fromkeys(("axtol", "atytol", "objtol"), ACCURACY),
+        "maxiter": 200,
+    }
 
     def command(self, told: Mapping[str, Any]) -> list[str]:
         return ["csdp", "problem.dat-s", "solution"]
@@ -128,9 +131,9 @@ class Dsdp(Program):
     requires = "program", "dsdp5"
     system_package = "dsdp"
     finest = 1e-6
-    told = {"gaptol": ACCURACY, "maxit": 1000}
+    default_options = {"gaptol": ACCURACY, "maxit": 1000}
     # Our problem is DSDP's dual.
-    claims = {
+    status_meaning = {
         "DSDP Converged": "optimal",
         "DSDP Primal Unbounded, Dual Infeasible": "infeasible",
         "DSDP Dual Unbounded, Primal Infeasible": "unbounded",
@@ -145,10 +148,14 @@ class Dsdp(Program):
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
         status = next(
-            (p for p in reversed(self.claims) if p in text), f"exit code {code}"
+            (p for p in reversed(self.status_meaning) if p in text), f"exit code {code}"
         )
         steps = re.findall(r"^(\d+)\s+[-\d.e+]+\s+[-\d.e+]+", text, re.M)
-        return self.claims.get(status, "failed"), status, int(steps[-1]) if steps else 0
+        return (
+            self.status_meaning.get(status, "failed"),
+            status,
+            int(steps[-1]) if steps else 0,
+        )
 
 
 class SdpaProgram(Program):
@@ -157,11 +164,11 @@ class SdpaProgram(Program):
     name = "sdpa-program"
     requires = "program", "sdpa"
     finest = 1e-7
-    told = {
+    default_options = {
         **{"maxIteration": 200, "epsilonStar": ACCURACY, "epsilonDash": ACCURACY},
         **{"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9},
     }
-    claims = SDPA_CLAIMS
+    status_meaning = SDPA_CLAIMS
 
     def command(self, told: Mapping[str, Any]) -> list[str]:
         files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
@@ -172,7 +179,7 @@ class SdpaProgram(Program):
         steps = re.search(r"Iteration\s*=\s*(\d+)", text)
         status = phase.group(1) if phase else f"exit code {code}"
         return (
-            self.claims.get(status, "failed"),
+            self.status_meaning.get(status, "failed"),
             status,
             int(steps.group(1)) if steps else 0,
         )

@@ -9,7 +9,7 @@ the measured samples is outside of the proof: the file names the model and the d
 their hashes; ``verify --model --data`` poses the problem again and compares it with all
 that the file states (:func:`difference`).
 
-Weak duality as in :mod:`certificate`; Jansson, Chaykin, Keil, SIAM J. Numer. Anal.
+Weak duality as in :mod:`fit`; Jansson, Chaykin, Keil, SIAM J. Numer. Anal.
 2007, for bounds from approximate multipliers.
 """
 
@@ -29,9 +29,14 @@ from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, safe_depth
 from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.certificate import Fit, dual_evidence
+from sdp_vs_penalty.solvers.fit import Fit, dual_evidence
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
-from sdp_vs_penalty.solvers.verified import CORRECTIONS, TIGHT, DualEvidence, factor
+from sdp_vs_penalty.solvers.rigorous_bounds import (
+    CORRECTIONS,
+    TIGHT,
+    DualEvidence,
+    factor,
+)
 
 Proof = dict[str, Any]
 

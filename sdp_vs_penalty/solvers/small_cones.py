@@ -7,7 +7,7 @@ import numpy as np
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import ConstraintSet, Entries, alike
+from sdp_vs_penalty.robot.constraint import ConstraintSet, StackedCones, group_cones
 from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
@@ -43,7 +43,7 @@ class SmallCones:
             for c in constraints.essential
             if (c.family, *c.indices.tolist()) not in barred
         }
-        groups, start, parts = (*constraints.groups, *alike(links)), 0, []
+        groups, start, parts = (*constraints.groups, *group_cones(links)), 0, []
         for number, group in enumerate(groups):
             own, turn = np.arange(len(group.places)), 1
             if number < len(constraints.groups):
@@ -65,7 +65,7 @@ class SmallCones:
             column.append((begins[:, None] + of).ravel())
             value.append(np.tile(image[entry, of], len(begins)))
             first += len(image) * len(begins)
-        every = Entries.of(groups)
+        every = StackedCones.from_groups(groups)
         where = np.concatenate(row), np.concatenate(column)
         image = sparse.csr_matrix((np.concatenate(value), where), (first, start))
         self.rows = sum(

@@ -23,7 +23,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import full_matrices, suited
 
-#: Stands in :attr:`Solver.told` for the accuracy that is asked for.
+#: Stands in :attr:`Solver.default_options` for the accuracy that is asked for.
 ACCURACY = "accuracy"
 #: All kinds of cones, and a quadratic objective.
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
@@ -55,8 +55,8 @@ class Solver(ABC):
     which it is absent; system_package : Debian's name of a program, where it is not the
     command's. cones : what it takes; what it lacks is rewritten. order : of the kinds
     of cones, where it wants one; full_matrices : whether a psd cone's rows are all
-    entries of the matrix instead of svec's. told : options by the names of its
-    documentation; claims : what its status claims (of a Solution; else "failed");
+    entries of the matrix instead of svec's. default_options : options by the names of its
+    documentation; meaning : what its status claims (of a Solution; else "failed");
     finest : the finest accuracy that a loop around it may ask for.
     """
 
@@ -67,19 +67,19 @@ class Solver(ABC):
     cones: ClassVar[frozenset[str]] = EVERYTHING
     order: ClassVar[tuple[str, ...]] = ()
     full_matrices: ClassVar[bool] = False
-    told: ClassVar[Mapping[str, Any]]
-    claims: ClassVar[Mapping[str, str]] = {}
+    default_options: ClassVar[Mapping[str, Any]]
+    status_meaning: ClassVar[Mapping[str, str]] = {}
     finest: ClassVar[float] = 1e-10
 
     @abstractmethod
-    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         """Its answer to a problem that is written as it wants it."""
 
     def options(self, accuracy: float) -> dict[str, Any]:
         """What it is told for an accuracy, relative, of gap and feasibility."""
         return {
             name: accuracy if value is ACCURACY else value
-            for name, value in self.told.items()
+            for name, value in self.default_options.items()
         }
 
     def solve(self, problem: ConicProblem, accuracy: float) -> Solution:
@@ -91,13 +91,13 @@ class Solver(ABC):
         x, z = form.back(found.x, found.z)
         return replace(found, x=x, z=z)
 
-    def said(
+    def make_solution(
         self, x: Array, z: Array, status: str, iterations: float, more: str = ""
     ) -> Solution:
         """Its answer with what its status claims; more : words that belong to the
         status."""
-        claims = self.claims.get(status, "failed")
-        return Solution(x, z, claims, f"{status} {more}".rstrip(), int(iterations))
+        meaning = self.status_meaning.get(status, "failed")
+        return Solution(x, z, meaning, f"{status} {more}".rstrip(), int(iterations))
 
     @property
     def absent(self) -> str:

@@ -30,7 +30,7 @@ class ThroughCvxpy(Solver):
     full_matrices = True
     group: ClassVar[str] = ""
     licences: ClassVar[tuple[str, ...]]
-    claims = CLAIMS
+    status_meaning = CLAIMS
 
     @staticmethod
     def warm_up() -> None:
@@ -78,7 +78,7 @@ class ThroughCvxpy(Solver):
             [_dual(c, m) for c, m in zip(problem.cones, constraints, strict=True)]
         )
         steps = model.solver_stats.num_iters or 0
-        return self.said(flat(x.value, len(problem.q)), z, model.status, steps)
+        return self.make_solution(flat(x.value, len(problem.q)), z, model.status, steps)
 
 
 def _membership(cone: Cone, slack: Any) -> Any:
@@ -113,7 +113,7 @@ class Mosek(ThroughCvxpy):
     name = "mosek"
     requires = "package", "mosek"
     group = "mosek_params"
-    told = {
+    default_options = {
         f"MSK_DPAR_INTPNT_CO_TOL_{what}": ACCURACY
         for what in ("REL_GAP", "PFEAS", "DFEAS")
     }
@@ -126,7 +126,7 @@ class Copt(ThroughCvxpy):
 
     name = "copt"
     requires = "package", "coptpy"
-    told = dict.fromkeys(("RelGap", "FeasTol", "DualTol"), ACCURACY)
+    default_options = dict.fromkeys(("RelGap", "FeasTol", "DualTol"), ACCURACY)
     licences = tuple(
         f"{home}/license.dat" for home in ("$COPT_LICENSE_DIR", "$COPT_HOME", "~/copt")
     )

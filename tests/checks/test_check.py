@@ -12,7 +12,7 @@ from corruptions.bench import contradicts
 
 from sdp_vs_penalty import Measurements, Problem, load_estimate, load_problem
 from sdp_vs_penalty.checks import Issue, check, mended
-from sdp_vs_penalty.checks.first import consented
+from sdp_vs_penalty.checks.gate import consented
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.residual import two_arms
@@ -141,8 +141,8 @@ def test_what_is_wrong_is_named(name, simulated, small):
         simulated if name in ("another arm's torque", "an idle joint") else small
     )
     (report,) = check(problem, spoil(run))
-    found = {f.kind: f for f in report.problems}
-    assert kind in found, [f.kind for f in report.problems]
+    found = {f.kind: f for f in report.errors_and_warnings}
+    assert kind in found, [f.kind for f in report.errors_and_warnings]
     assert not contradicts(report)
     finding = found[kind]
     assert words in finding.what, finding.what
@@ -159,7 +159,7 @@ def test_what_is_wrong_is_named(name, simulated, small):
         "position sign",
         "positions in degrees",
     }
-    assert {f.kind for f in report.problems} & gross <= {kind}
+    assert {f.kind for f in report.errors_and_warnings} & gross <= {kind}
 
 
 def test_only_what_is_certain_is_fixed(simulated):
@@ -167,8 +167,8 @@ def test_only_what_is_certain_is_fixed(simulated):
     to the user."""
     problem, run = simulated
     (report,) = check(problem, knocked(SPOILED["rows twice"][0](run)))
-    assert {f.kind for f in report.problems} >= {"one-off event"}
-    assert len(report.mended.t) < len(report.fixed.t) <= len(run.t)
+    assert {f.kind for f in report.errors_and_warnings} >= {"one-off event"}
+    assert len(report.repaired_all.t) < len(report.repaired_certain.t) <= len(run.t)
     repaired = [f for f in report.issues if f.mends]
     done, left = report.changes("run.csv", repaired).split("Not repaired:")
     assert "Done: " in done
@@ -192,7 +192,9 @@ def test_positions_beyond_a_straight_axis_name_it(far, kind):
     q = 0.15 + 0.1 * np.sin(5.0 * t)[:, None]
     tau = -250.0 * np.sin(5.0 * t)[:, None] + 20.0 * np.sign(np.cos(5.0 * t))[:, None]
     (report,) = check("emps", Measurements(t, q + far, tau))
-    assert [f.where for f in report.problems if f.kind == kind] == ["joint 1"]
+    assert [f.where for f in report.errors_and_warnings if f.kind == kind] == [
+        "joint 1"
+    ]
 
 
 #: Of the UR10e's eight runs: exciting, exciting with a knock, one joint alone.
@@ -217,7 +219,7 @@ def test_silence_on_real_arms(some, panda_run):
         if (
             "joint_" in run.names[0]
         ):  # one joint moves alone: that, and nothing else, is a problem
-            assert {f.kind for f in report.problems} == {
+            assert {f.kind for f in report.errors_and_warnings} == {
                 "idle joints",
                 "poor excitation",
             }
@@ -225,18 +227,20 @@ def test_silence_on_real_arms(some, panda_run):
             # At 3062.75 s of this run joint 2's torque falls from 101 to 52 N m while
             # it moves smoothly.
             knocked = "15harm50secLoad" in run.names[0]
-            found = [(f.kind, f.severity) for f in report.problems]
+            found = [(f.kind, f.severity) for f in report.errors_and_warnings]
             assert found == knocked * [("one-off event", "warning")], (run.names, found)
 
 
 def test_a_log_without_torque_is_checked_for_rows_clock_and_positions(two_link):
     run = experiment(two_link).training_run(0)
     groups = {"q": run.q, "qcmd": run.q}
-    assert not check(two_link, Measurements.of(run.t, groups, ("run",)))[0].problems
+    assert not check(two_link, Measurements.of(run.t, groups, ("run",)))[
+        0
+    ].errors_and_warnings
     q = run.q.copy()
     q[2000:2600, 1] = q[2000, 1]
     (report,) = check(two_link, Measurements.of(run.t, {**groups, "q": q}, ("run",)))
-    assert [f.kind for f in report.problems] == ["frozen position"]
+    assert [f.kind for f in report.errors_and_warnings] == ["frozen position"]
     assert "no torque was logged" in report.verdict
 
 
@@ -264,7 +268,10 @@ def test_short_runs_are_findings(samples, simulated):
     problem, run = simulated
     report = check(problem, run.rows(np.arange(5000, 5000 + samples)))[0]
     assert report.meaningless
-    assert {f.kind for f in report.problems} <= {"too little data", "no motion"}
+    assert {f.kind for f in report.errors_and_warnings} <= {
+        "too little data",
+        "no motion",
+    }
 
 
 def test_the_verb(tmp_path, two_link, capsys):
@@ -455,7 +462,7 @@ def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
         else replace(wrong, total_mass=value)
     )
     report = check(wrong, run, thorough=False)[0]
-    (finding,) = report.problems
+    (finding,) = report.errors_and_warnings
     assert finding.kind == kind
     assert words in finding.what
     if (
@@ -470,7 +477,7 @@ def test_a_wrong_problem_is_named_rather_than_the_data(name, simulated):
         or field == "gravity"
         or "total_mass" in finding.remedy
     )
-    assert report.mended.tau is run.tau
+    assert report.repaired_all.tau is run.tau
 
 
 def test_a_slow_log_keeps_its_seconds(simulated):

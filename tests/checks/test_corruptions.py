@@ -55,7 +55,7 @@ MIDDLE = {"load picked up 2 kg": 11.0, "two arms in one file": 11.0}
 
 def test_clean_runs_are_silent(arm):
     for run in (arm.train, *arm.others):
-        assert not check(arm.problem, run)[0].problems
+        assert not check(arm.problem, run)[0].errors_and_warnings
 
 
 @pytest.mark.parametrize("name", sorted({*MENDED, *NUMBERS, *MIDDLE}))
@@ -71,7 +71,7 @@ def test_what_was_done_is_named(name, arm):
     (clean,), (spoiled,) = (
         check(arm.problem, x) for x in (arm.train, corruption.spoil(arm.train))
     )
-    issue = next(f for f in spoiled.problems if f.kind in corruption.causes)
+    issue = next(f for f in spoiled.errors_and_warnings if f.kind in corruption.causes)
     if name in MIDDLE:
         assert issue.figures["t"] == pytest.approx(MIDDLE[name], abs=0.3)
     if name in NUMBERS:
@@ -79,8 +79,10 @@ def test_what_was_done_is_named(name, arm):
         assert 0.5 * (low + high) == pytest.approx(value, abs=off)
         assert 0.0 < high - low < 4.0 * max(off, 0.01)
     if name in MENDED:
-        (again,) = check(arm.problem, spoiled.mended, thorough=False)
-        assert not again.problems, [f.what for f in again.problems]
+        (again,) = check(arm.problem, spoiled.repaired_all, thorough=False)
+        assert not again.errors_and_warnings, [
+            f.what for f in again.errors_and_warnings
+        ]
         assert again.unexplained < 1.2 * clean.unexplained
 
 
@@ -89,7 +91,9 @@ def test_a_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
     x = 9.81 * np.sin(np.radians(degrees))
     given = arm.problem.with_gravity((x, 0.0, -9.81 * np.cos(np.radians(degrees))))
     found = [
-        f for f in check(given, arm.train)[0].problems if f.kind == "gravity direction"
+        f
+        for f in check(given, arm.train)[0].errors_and_warnings
+        if f.kind == "gravity direction"
     ]
     assert [f.severity for f in found] == ["warning"] * bool(degrees)
     for f in found:

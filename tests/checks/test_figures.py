@@ -31,7 +31,7 @@ def told(report: Report) -> dict[str, Any]:
         | {"figures": dict(i.figures), "gravity": i.gravity, "mends": i.mends}
         for i in report.issues
     }
-    runs = {"mended": report.mended, "fixed": report.fixed}
+    runs = {"mended": report.repaired_all, "fixed": report.repaired_certain}
     kept = {
         f"{name}.{k}": getattr(r, k)[::50]
         for name, r in runs.items()

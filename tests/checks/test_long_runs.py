@@ -33,8 +33,8 @@ def flipped(long_run: Measurements) -> Measurements:
 def test_a_long_run_has_one_report(two_link, long_run):
     (report,) = check(two_link, long_run, thorough=False)
     assert report.run == "long"
-    assert report.problems == ()
-    assert report.mended.samples == long_run.samples
+    assert report.errors_and_warnings == ()
+    assert report.repaired_all.samples == long_run.samples
 
 
 def test_long_and_short_runs_have_a_report_each(two_link, long_run):

@@ -15,7 +15,7 @@ from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
 from sdp_vs_penalty.checks.channels import torques
 from sdp_vs_penalty.checks.facts import RULES
-from sdp_vs_penalty.checks.glance import Glance
+from sdp_vs_penalty.checks.glance import RunSummary
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 
@@ -41,7 +41,9 @@ def motion(
 
 def found(kind: str, run: Measurements) -> Issue | None:
     """What the rules, each by itself, say of that kind of a run."""
-    said = (issue for rule in RULES for issue in rule(Glance(run, ROBOT, STANDSTILL)))
+    said = (
+        issue for rule in RULES for issue in rule(RunSummary(run, ROBOT, STANDSTILL))
+    )
     return next((issue for issue in said if issue.kind == kind), None)
 
 
@@ -267,7 +269,7 @@ def test_a_channel_that_never_changes_at_a_joint_that_rests_is_no_error():
     q, tau = clean.q.copy(), clean.tau.copy()
     q[:, 1], tau[:, 1] = 0.3, 0.0
     still = replace(clean, q=q, tau=tau, dq=None)
-    (dead,) = torques(Glance(still, ROBOT, STANDSTILL))
+    (dead,) = torques(RunSummary(still, ROBOT, STANDSTILL))
     assert (dead.kind, dead.severity) == ("dead channel", "note")
 
 

@@ -18,7 +18,7 @@ from sdp_vs_penalty import (
     load_problem,
 )
 from sdp_vs_penalty.checks.faults.gain import Gain
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects.bristles import dahl
 from tests.helpers.arms import THREE, TURN, write_urdf
@@ -34,15 +34,15 @@ def test_two_mistakes_are_never_told_against_each_other(seed):
     tau = RUN.tau * np.array([1.0, rng.choice([-1.0, 2.5])])
     q = RUN.q + np.array([0.0, rng.choice([0.5 * np.pi, -0.4])])
     (report,) = check(PROBLEM, replace(RUN, q=q, tau=tau), thorough=False)
-    told = [(f.kind, f.where) for f in report.problems]
+    told = [(f.kind, f.where) for f in report.errors_and_warnings]
     assert len(told) == len(set(told))
-    (again,) = check(PROBLEM, report.mended, thorough=False)
-    assert not [f for f in again.problems if f.severity == "error"]
+    (again,) = check(PROBLEM, report.repaired_all, thorough=False)
+    assert not [f for f in again.errors_and_warnings if f.severity == "error"]
 
 
 def test_a_gain_that_is_taken_away_again_costs_nothing():
     """However a processor rounds x / x."""
-    none = Repair.none(2, (0.0, 0.0, -9.81))
+    none = LogTransform.none(2, (0.0, 0.0, -9.81))
     for x in np.random.default_rng(0).uniform(-2.0, 2.0, 200):
         (gain,) = Gain().elements(
             SimpleNamespace(n=2), none.with_entries("gain", (1,), x)
@@ -55,12 +55,12 @@ def test_a_gain_in_one_of_two_runs_is_named_with_the_run():
     clean = check(
         PROBLEM, concatenate([first, replace(second, names=("b",))]), thorough=False
     )
-    assert not [f for r in clean for f in r.problems]
+    assert not [f for r in clean for f in r.errors_and_warnings]
     strong = replace(second, tau=second.tau * np.array([1.0, 1.3]), names=("b",))
     (found,) = (
         f
         for r in check(PROBLEM, concatenate([first, strong]), thorough=False)
-        for f in r.problems
+        for f in r.errors_and_warnings
     )
     assert (found.kind, found.where, found.figures["run"]) == (
         "torque gain",
@@ -78,7 +78,7 @@ def test_two_joints_some_quarter_turns_off_are_both_named(second, fourth, panda)
     (report,) = check(panda, replace(run, q=run.q + turned), thorough=False)
     told = {
         f.where: f.figures["shifts"]
-        for f in report.problems
+        for f in report.errors_and_warnings
         if f.kind == "encoder offset"
     }
     away = {
@@ -98,7 +98,7 @@ def test_a_quarter_turn_in_a_noisy_log_is_exactly_one(level):
     (report,) = check(
         problem, replace(run, q=turned, tau=run.tau + noise), thorough=False
     )
-    (told,) = (f for f in report.problems if f.kind == "encoder offset")
+    (told,) = (f for f in report.errors_and_warnings if f.kind == "encoder offset")
     assert (told.where, told.figures["shifts"]) == ("joint 4", [0.5 * np.pi])
     assert "-90 degrees away" in told.what
     assert "(95 %: -" in told.what  # in one sense
@@ -116,7 +116,7 @@ def test_friction_that_is_larger_than_all_inertia_is_no_other_unit(tmp_path):
     (report,) = check(
         problem, replace(small_run(problem, seconds=8.0), dq=None), thorough=False
     )
-    assert not report.problems
+    assert not report.errors_and_warnings
 
 
 #: Torque by position and velocity, of unit size; hysteresis was called a filter of the
@@ -150,7 +150,9 @@ def test_a_strong_law_that_the_model_lacks_is_no_fault_of_the_log(
         check(panda, r, thorough=False)[0]
         for r in (run, replace(run, tau=run.tau + more))
     )
-    assert [f.kind for f in spoiled.problems] == [f.kind for f in clean.problems]
+    assert [f.kind for f in spoiled.errors_and_warnings] == [
+        f.kind for f in clean.errors_and_warnings
+    ]
     notes = [(f.kind, f.where) for f in spoiled.issues if f.severity == "note"]
     assert notes == [(f"law: {law}", f"joint {joint}")]
 
@@ -203,7 +205,7 @@ def test_beside_joints_that_stick_what_was_done_is_named_and_nothing_else(
         + np.array([0.0, 0.0, drift]) * (run.t / run.t[-1])[:, None]
     )
     (report,) = check(problem, replace(run, tau=tau), thorough=False)
-    told = {(f.kind, f.where): f.figures for f in report.problems}
+    told = {(f.kind, f.where): f.figures for f in report.errors_and_warnings}
     expected = [("torque gain", "joint 2")] * (gain != 1.0) + [
         ("torque drift", "joint 3")
     ] * (drift > 0)

@@ -62,7 +62,10 @@ def test_the_same_estimate_from_disk_and_from_memory(two_link, tmp_path, monkeyp
 def test_no_room_for_a_temporary_file(monkeypatch):
     monkeypatch.setenv("TMPDIR", "/nowhere")
     monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 10)
-    refusal(lambda: store.joined([np.zeros(100)]), "set TMPDIR to a folder with room")
+    refusal(
+        lambda: store.concatenate_chunks([np.zeros(100)]),
+        "set TMPDIR to a folder with room",
+    )
 
 
 def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):

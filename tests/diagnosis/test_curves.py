@@ -17,11 +17,11 @@ from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_prob
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.constants import EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.candidates import Library
+from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
 from sdp_vs_penalty.diagnosis.curves.measure import _instead, measured_curves
-from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
 from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
@@ -80,23 +80,28 @@ def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
             100.0,
             None,
             None,
-            EQUIVALENT + 100.0 * FORM,
+            EVIDENCE_TO_DISTINGUISH + 100.0 * LAW_TOLERANCE,
         ),  # a table has to be better than a cause
-        (100.0, 3, None, EQUIVALENT + 100.0 * FORM),
-        (100.0, 2, None, -EQUIVALENT - 100.0 * FORM),  # a simpler law need not be
+        (100.0, 3, None, EVIDENCE_TO_DISTINGUISH + 100.0 * LAW_TOLERANCE),
+        (
+            100.0,
+            2,
+            None,
+            -EVIDENCE_TO_DISTINGUISH - 100.0 * LAW_TOLERANCE,
+        ),  # a simpler law need not be
         (
             100.0,
             None,
             30.0,
-            -EQUIVALENT - 130.0 * FORM,
+            -EVIDENCE_TO_DISTINGUISH - 130.0 * LAW_TOLERANCE,
         ),  # nor a table where one is needed besides
-        (-5.0, None, 30.0, -EQUIVALENT - 30.0 * FORM),
+        (-5.0, None, 30.0, -EVIDENCE_TO_DISTINGUISH - 30.0 * LAW_TOLERANCE),
     ],
 )
 def test_a_curve_stands_instead_of_terms_that_are_worth_less(
     worth, size, beside, least
 ):
-    terms: Any = [SimpleNamespace(form=SimpleNamespace(k=1, constants=2))]
+    terms: Any = [SimpleNamespace(form=SimpleNamespace(n_coefficients=1, constants=2))]
     law, named = size and SimpleNamespace(size=size), max(worth, 0.0) + (beside or 0.0)
     for more in (0.1, -0.1):
         alone: Any = (named + least + more, None, law)
@@ -201,7 +206,7 @@ def test_a_fold_beside_which_a_joint_turned_one_way_knows_nothing_of_what_differ
     dq = rows.dq[:, JOINT]
     fold = (dq > -0.02 * dq.max()).astype(int)
     (curve,) = measured_curves(
-        Search(prepare(rows, made.estimate), Library()), [JOINT], [], fold
+        Search(whiten_rows(rows, made.estimate), Library()), [JOINT], [], fold
     )
     motion = rows.segments[0].motion
     assert curve.fitted.basis.of[1] == f"sign(dq{JOINT + 1})"

@@ -23,11 +23,11 @@ from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import concatenate, save
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis import Diagnosis
+from sdp_vs_penalty.diagnosis.candidates import list_candidates
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
-from sdp_vs_penalty.diagnosis.library import library
-from sdp_vs_penalty.diagnosis.remaining import refitted
+from sdp_vs_penalty.diagnosis.remaining import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -58,8 +58,8 @@ def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_li
     estimate = identify(
         two_link, run, "ols", effects=made.truth["model_effects"], check=False
     )
-    white = prepare(diagnosis_rows(run, estimate, settings.resolve(run)), estimate)
-    search = Search(white, library(white))
+    white = whiten_rows(diagnosis_rows(run, estimate, settings.resolve(run)), estimate)
+    search = Search(white, list_candidates(white))
     found = search.top_candidates(search.score.fit(search.with_misfits([])), [])
     (search.terms,) = ([t] for t in found if t.key[0] == "maxwell_slip")
     assert [t.key for t in search.run()] == [("presliding_hysteresis", 0)]
@@ -210,7 +210,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
                 found, effects=effects, retuned=(), verdict="effect_missing"
             ).advice
         )
-    printing.undecided(replace(found, effects=(weak,)), Path("m.json"))
+    printing.runs_that_decide(replace(found, effects=(weak,)), Path("m.json"))
     said = " ".join(capsys.readouterr().out.split())
     assert said.startswith(
         "Finding 1, the run that would tell: sdp-vs-penalty excite m.json"
@@ -281,12 +281,14 @@ def test_a_refit_holds_what_is_known_of_the_models_own_sizes(two_link):
     made = hidden_runs(two_link, [("joint_spring", [1])], "medium", seed=1, count=3)
     data = concatenate(made.runs[:2])
     model = add(identified(made, data), "kinematic_error", data)
-    white = prepare(
+    white = whiten_rows(
         diagnosis_rows(data, model, model.preprocessing.resolve(data)), model
     )
     known = np.isfinite(plausible := model.model.plausible)
     assert known.any()
-    np.testing.assert_array_less(np.abs(refitted(white, [])[0] / plausible)[known], 1.0)
+    np.testing.assert_array_less(
+        np.abs(least_squares_refit(white, [])[0] / plausible)[known], 1.0
+    )
 
 
 def test_what_would_hide_nothing_is_said(panda):

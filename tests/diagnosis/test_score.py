@@ -9,20 +9,24 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import Problem, identify
-from sdp_vs_penalty.diagnosis.constants import ALPHA, EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.candidates import Batch, Candidate, list_candidates
+from sdp_vs_penalty.diagnosis.constants import (
+    COARSENING_ROWS,
+    EVIDENCE_TO_DISTINGUISH,
+    LAW_TOLERANCE,
+)
 from sdp_vs_penalty.diagnosis.curves.bases import Columns
-from sdp_vs_penalty.diagnosis.library import Batch, Form, library
-from sdp_vs_penalty.diagnosis.misfit import Misfit
+from sdp_vs_penalty.diagnosis.nuisances import Nuisance
 from sdp_vs_penalty.diagnosis.remaining import spectral_lines
-from sdp_vs_penalty.diagnosis.score import Fit, Score, Term
+from sdp_vs_penalty.diagnosis.score import EvidenceScorer, Fit, ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
 from sdp_vs_penalty.signals import coloured_noise
 
 n, M, p = 2, 300, 5
 
 
-def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Form:
+def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Candidate:
     effect: Any = SimpleNamespace(
         parameters=[SimpleNamespace(lower=lower)] * k,
         plausible=None,
@@ -30,7 +34,7 @@ def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Form:
         shapes={},
         text=name,
     )
-    return Form((name, 0), effect)
+    return Candidate((name, 0), effect)
 
 
 def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
@@ -64,47 +68,56 @@ def plain(
 
 def test_a_fit_is_least_squares_on_weighted_rows():
     data, z = made(size=1.0)
-    score = Score(data, 10)
+    score = EvidenceScorer(data, 10)
     fit = score.fit(())
     np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
-    both = score.fit([score.judged(fit, form(), {0: z})])
+    both = score.fit([score.evidence_of(fit, form(), {0: z})])
     np.testing.assert_allclose(both.residual, plain(data, both, z), atol=1e-9)
     assert np.sum(both.degrees) == pytest.approx(n * M - p - 1, abs=1e-6)
 
 
 def test_the_score_is_the_coarsened_drop_less_its_price():
     data, z = made(size=1.0)
-    score = Score(data, 50)
+    score = EvidenceScorer(data, 50)
     fit = score.fit(())
-    term = score.judged(fit, form(), {0: z})
+    term = score.evidence_of(fit, form(), {0: z})
     left = plain(data, fit, z)
     drop = fit.deviance(fit.rss) - fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
     assert term.beta[0] == pytest.approx(1.0, abs=0.2)
     # It makes no more torque than there is: a prior that is worth a part of one row.
     drop -= float(term.beta[0] ** 2 * np.sum(z**2) / np.sum(data.y[0] ** 2))
-    T = fit.beside(fit.scaled({0: z}))[:, :, 0]
+    T = fit.residual_of(fit.scaled({0: z}))[:, :, 0]
     sums = [np.bincount(c, np.sum(T * left, axis=0)) for c in data.clusters]
-    v = max(1.0, *(float(s @ s) / np.sum(T**2) for s in sums)) + fit.degrees[0] / ALPHA
+    v = (
+        max(1.0, *(float(s @ s) / np.sum(T**2) for s in sums))
+        + fit.degrees[0] / COARSENING_ROWS
+    )
     expected = drop / v - np.log(fit.degrees[0] / v) - 2.0 * np.log(50)
-    assert pytest.approx(expected, rel=1e-2) == term.J
+    assert pytest.approx(expected, rel=1e-2) == term.evidence
 
 
 def test_the_odds_of_a_candidate_are_those_of_its_laws_together():
     data, z = made(size=0.3)
-    one, four = Score(data, 10), Score(data, 10, {("made", 0): 4, ("other", 0): 9})
-    J = [score.judged(score.fit(()), form(), {0: z}).J for score in (one, four)]
+    one, four = (
+        EvidenceScorer(data, 10),
+        EvidenceScorer(data, 10, {("made", 0): 4, ("other", 0): 9}),
+    )
+    J = [
+        score.evidence_of(score.fit(()), form(), {0: z}).evidence
+        for score in (one, four)
+    ]
     assert J[0] - J[1] == pytest.approx(2.0 * np.log(4.0))
 
 
 def test_half_of_the_odds_are_that_joints_are_built_alike():
     data, z = made(size=1.0)
-    score = Score(
+    score = EvidenceScorer(
         data, 40, {(name, j): 1 for name in ("made", "other") for j in range(n)}
     )
-    found = score.judged(score.fit(()), form(), {0: z})
+    found = score.evidence_of(score.fit(()), form(), {0: z})
     fit, column = score.fit([found]), {1: made(seed=1)[1]}
     like, unlike = (
-        score.judged(fit, replace(form(name=name), key=(name, 1)), column)
+        score.evidence_of(fit, replace(form(name=name), key=(name, 1)), column)
         for name in ("made", "other")
     )
     assert unlike.price - like.price == pytest.approx(2.0 * np.log(40 / n))
@@ -115,30 +128,34 @@ def test_half_of_the_odds_are_that_joints_are_built_alike():
 
 def test_a_coefficient_that_its_sign_holds_at_zero_has_no_price():
     data, z = made(size=1.0)
-    score, other = Score(data, 10), np.random.default_rng(1).normal(size=(M, 1))
+    score, other = (
+        EvidenceScorer(data, 10),
+        np.random.default_rng(1).normal(size=(M, 1)),
+    )
     both = {0: np.hstack([z, other])}
     fit = score.fit(())
-    if score.judged(fit, form(2), both).beta[1] > 0.0:
+    if score.evidence_of(fit, form(2), both).beta[1] > 0.0:
         both = {0: np.hstack([z, -other])}
     held, alone = (
-        score.judged(fit, form(2, 0.0), both),
-        score.judged(fit, form(1, 0.0), {0: z}),
+        score.evidence_of(fit, form(2, 0.0), both),
+        score.evidence_of(fit, form(1, 0.0), {0: z}),
     )
     assert held.beta.tolist() == [pytest.approx(alone.beta[0]), 0.0]
-    price = alone.J - score.judged(fit, form(2), both).J
-    assert abs(alone.J - held.J) < 0.2 * price
+    price = alone.evidence - score.evidence_of(fit, form(2), both).evidence
+    assert abs(alone.evidence - held.evidence) < 0.2 * price
 
 
 def test_noise_is_not_taken_for_an_effect():
     rng, highest = np.random.default_rng(1), []
     for seed in range(20):
         data, _ = made(seed)
-        score = Score(data, 100)
+        score = EvidenceScorer(data, 100)
         fit = score.fit(())
         terms = [
-            score.judged(fit, form(), {0: rng.normal(size=(M, 1))}) for _ in range(100)
+            score.evidence_of(fit, form(), {0: rng.normal(size=(M, 1))})
+            for _ in range(100)
         ]
-        highest.append(max(t.J for t in terms))
+        highest.append(max(t.evidence for t in terms))
     assert max(highest) < 0.0
 
 
@@ -153,11 +170,11 @@ def test_a_misfit_is_noise_that_its_columns_make(joints):
     rng = np.random.default_rng(3)
     D, d = np.zeros((n * M, 4)), np.array([0.05, 0.2, 0.02, 0.3])
     D[: joints * M] = rng.normal(size=(joints * M, 4)) + np.tile(z, (joints, 1))
-    score, z = Score(data, 10), np.vstack([z, 0.0 * z])
+    score, z = EvidenceScorer(data, 10), np.vstack([z, 0.0 * z])
     fit = score.fit(
-        [Misfit("misfit", dict(enumerate(D[: joints * M].reshape(joints, M, 4))), d)]
+        [Nuisance("misfit", dict(enumerate(D[: joints * M].reshape(joints, M, 4))), d)]
     )
-    term = score.judged(fit, form(), {0: z[:M]})
+    term = score.evidence_of(fit, form(), {0: z[:M]})
     root = np.linalg.cholesky(np.linalg.inv(np.eye(n * M) + (D * d**2) @ D.T)).T
     X, y = root @ data.X.reshape(n * M, p), root @ data.y.ravel()
 
@@ -169,7 +186,7 @@ def test_a_misfit_is_noise_that_its_columns_make(joints):
     assert term.drop == pytest.approx(
         left(X) - with_form, rel=1e-2
     )  # but for its prior
-    alone = score.judged(score.fit(()), form(), {0: z[:M]})
+    alone = score.evidence_of(score.fit(()), form(), {0: z[:M]})
     assert alone.drop > 2.0 * term.drop > 0.0
 
 
@@ -178,8 +195,8 @@ def searched(two_link: Problem) -> Search:
     run = small_run(two_link, seed=2)
     estimate = identify(two_link, run, "ols")
     settings = estimate.preprocessing.resolve(run)
-    data = prepare(diagnosis_rows(run, estimate, settings), estimate)
-    return Search(data, library(data))
+    data = whiten_rows(diagnosis_rows(run, estimate, settings), estimate)
+    return Search(data, list_candidates(data))
 
 
 def test_lengths_from_which_a_delay_is_looked_for_are_one_law(two_link):
@@ -194,25 +211,33 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
     its squares."""
     search = searched(two_link)
     forms = [
-        f for b in search.library.batches for f in b.forms if f.constants and not f.own
+        f
+        for b in search.library.batches
+        for f in b.forms
+        if f.constants and not f.replaces_own_constant
     ]
     term = max(
-        (search.judged(search.fit, f) for f in forms), key=lambda t: t.squares.sum()
+        (search.evidence_of(search.fit, f) for f in forms),
+        key=lambda t: t.squares.sum(),
     )
     misfits = search.misfits(term)
     assert [next(iter(m.columns)) for m in misfits] == sorted(term.joints)
     for m in misfits:
         T = (
-            search.bare.beside(search.bare.scaled(m.columns))
+            search.bare.residual_of(search.bare.scaled(m.columns))
             * search.bare.level[:, None, None]
         )
         (joint,) = m.columns
         expected = np.sum(np.sum(T**2, axis=(0, 1)) * m.deviations**2)
-        assert expected == pytest.approx(FORM * term.squares[joint], rel=1e-6)
+        assert expected == pytest.approx(LAW_TOLERANCE * term.squares[joint], rel=1e-6)
     assert search.with_misfits([term]) == [
         term
     ]  # what explains little is wrong by less than a rival
-    much = replace(term, drop=1.0 + term.worth * (EQUIVALENT / FORM + term.price))
+    much = replace(
+        term,
+        drop=1.0
+        + term.rows_worth_one * (EVIDENCE_TO_DISTINGUISH / LAW_TOLERANCE + term.price),
+    )
     assert len(search.with_misfits([much])) > 1
 
 
@@ -222,14 +247,14 @@ def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(
     search = searched(two_link)
     forms = {f.key[0]: f for b in search.library.batches for f in b.forms}
     spring, tilt, placed = (
-        search.judged(search.fit, forms[x])
+        search.evidence_of(search.fit, forms[x])
         for x in ("joint_spring", "base_tilt", "kinematic_error")
     )
-    (misfit,) = search.around(spring, [])
+    (misfit,) = search.with_nuisances(spring, [])
     assert misfit.text == "misfit of kinematic_error"
-    assert search.around(spring, [tilt]) == [tilt, misfit]
-    assert search.around(spring, [placed]) == [placed]
-    assert search.around(tilt, []) == search.around(placed, []) == []
+    assert search.with_nuisances(spring, [tilt]) == [tilt, misfit]
+    assert search.with_nuisances(spring, [placed]) == [placed]
+    assert search.with_nuisances(tilt, []) == search.with_nuisances(placed, []) == []
 
 
 def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
@@ -237,15 +262,21 @@ def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
 ):
     """And the search goes on to exchange them."""
     search, asked = searched(two_link), []
-    forms = [f for b in search.library.batches for f in b.forms if not f.own]
+    forms = [
+        f
+        for b in search.library.batches
+        for f in b.forms
+        if not f.replaces_own_constant
+    ]
     stays, goes = (
-        replace(search.judged(search.fit, f), drop=1e6) for f in (forms[0], forms[-1])
+        replace(search.evidence_of(search.fit, f), drop=1e6)
+        for f in (forms[0], forms[-1])
     )
     found = {
         "top_candidates": lambda *_: [] if search.refused else [goes],
-        "exchanged": asked.append,
+        "exchange_one": asked.append,
     }
-    for name, step in {**found, "settled": lambda _: []}.items():
+    for name, step in {**found, "refine_and_drop": lambda _: []}.items():
         monkeypatch.setattr(search, name, step)
     search.terms = [stays]
     assert search.run() == [stays]
@@ -257,24 +288,33 @@ def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch):
     """The other one had left beside what is tolerated of a mounting, and the term with
     it."""
     search = searched(two_link)
-    forms = [f for b in search.library.batches for f in b.forms if not f.own]
+    forms = [
+        f
+        for b in search.library.batches
+        for f in b.forms
+        if not f.replaces_own_constant
+    ]
     here, other = (
-        replace(search.judged(search.fit, f), drop=drop)
+        replace(search.evidence_of(search.fit, f), drop=drop)
         for f, drop in ((forms[0], 1e5), (forms[-1], 1e6))
     )
-    monkeypatch.setattr(search, "together", lambda group, _: group)
+    monkeypatch.setattr(search, "score_jointly", lambda group, _: group)
     monkeypatch.setattr(search, "top_candidates", lambda *_, **__: [other])
     for settled in ([], [other]):
-        monkeypatch.setattr(search, "settled", lambda _, settled=settled: settled)
-        assert search.exchanged([here]) == (settled or None)
+        monkeypatch.setattr(
+            search, "refine_and_drop", lambda _, settled=settled: settled
+        )
+        assert search.exchange_one([here]) == (settled or None)
 
 
 def test_forms_that_make_the_same_torque_are_told_by_their_evidence_alone():
     """Not by how many rows the sandwich finds each of them worth."""
-    one = Term(form(), {0: np.zeros((M, 1))}, drop=3000.0, worth=1.5, price=20.0)
-    other = replace(one, form=form(name="other"), drop=3001.0, worth=1.6)
-    assert one.J - other.J > 100.0
-    assert other.against(one) - one.J == pytest.approx(1.0 / 1.5)
+    one = ScoredEffect(
+        form(), {0: np.zeros((M, 1))}, drop=3000.0, rows_worth_one=1.5, price=20.0
+    )
+    other = replace(one, form=form(name="other"), drop=3001.0, rows_worth_one=1.6)
+    assert one.evidence - other.evidence > 100.0
+    assert other.evidence_with_worth_of(one) - one.evidence == pytest.approx(1.0 / 1.5)
 
 
 def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
@@ -290,24 +330,28 @@ def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
         for f in b.forms
         if f.key == ("sigmoid_friction", 0)
     ]
-    refined = search.refined(search.fit, search.judged(search.fit, forms[0]))
+    refined = search.refined(search.fit, search.evidence_of(search.fit, forms[0]))
     assert refined.drop >= max(
-        search.judged(search.fit, f).drop for f in forms if f.law == forms[0].law
+        search.evidence_of(search.fit, f).drop
+        for f in forms
+        if f.discrete_choice == forms[0].discrete_choice
     )
     rng = np.random.default_rng(0)
-    monkeypatch.setattr(Score, "worth_of_one", lambda *_: rng.uniform(1.0, 3.0))
+    monkeypatch.setattr(
+        EvidenceScorer, "rows_worth_one", lambda *_: rng.uniform(1.0, 3.0)
+    )
     assert (
-        search.refined(search.fit, search.judged(search.fit, forms[0])).text
+        search.refined(search.fit, search.evidence_of(search.fit, forms[0])).text
         == refined.text
     )
 
 
 def test_what_the_model_makes_itself_is_no_candidate():
     data, _ = made()
-    score = Score(data, 10)
+    score = EvidenceScorer(data, 10)
     fit = score.fit(())
     columns = {j: data.X[j][:, :1] for j in range(n)}
-    assert np.isneginf(score.judged(fit, form(), columns).J)
+    assert np.isneginf(score.evidence_of(fit, form(), columns).evidence)
     batch = Batch((0, 1), (form(),), np.stack([columns[0], columns[1]]))
     assert score.absorbed(fit, batch)[0] == pytest.approx(1.0)
 
@@ -316,21 +360,21 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     data, z = made(size=1.0)
     data.X[1, :, 4], key = 0.0, ("own", 0)
     data.own = {key: (form().effect, 4)}
-    score, own = Score(data, 10), replace(form(), key=key, own=True)
+    score, own = EvidenceScorer(data, 10), replace(form(), key=key, own=True)
     fit = score.fit(())
     np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
     data.y[0] -= (
         data.X[0, :, 4] * np.linalg.lstsq(data.X[0], data.y[0], rcond=None)[0][4]
     )
-    score = Score(data, 10)
+    score = EvidenceScorer(data, 10)
     fit = score.fit(())
-    term = score.judged(fit, own, {0: z})
+    term = score.evidence_of(fit, own, {0: z})
     left = plain(data, fit, z, drop=(4,))
     without = score.without(fit, own)
     drop = without.deviance(fit.rss) - without.deviance(
         np.sum(left**2, axis=1) * fit.level**2
     )
-    assert pytest.approx(drop - np.log(M) - 2.0 * np.log(10), rel=0.1) == term.J
+    assert pytest.approx(drop - np.log(M) - 2.0 * np.log(10), rel=0.1) == term.evidence
     both = score.fit([term])
     np.testing.assert_allclose(
         both.residual, plain(data, both, z, drop=(4,)), atol=1e-9
@@ -341,7 +385,7 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
         exact - np.log(without.degrees[0]), rel=1e-6
     )
     noise = np.random.default_rng(5).normal(size=(M, 1))
-    assert score.judged(fit, own, {0: noise}).J < 0.0
+    assert score.evidence_of(fit, own, {0: noise}).evidence < 0.0
 
 
 def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
@@ -350,11 +394,11 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
         np.random.default_rng(6).normal(size=(2, M // 10)), 10, axis=1
     )  # by clusters
     data.y[0] += 2.0 * errors
-    fit = (score := Score(data, 10)).fit(())
+    fit = (score := EvidenceScorer(data, 10)).fit(())
     robust, plainly = (
         Columns.of(score, fit, z[:, None], 0, robust=x) for x in (True, False)
     )
-    assert plainly.v == pytest.approx(1.0 + plainly.count / ALPHA)
+    assert plainly.v == pytest.approx(1.0 + plainly.count / COARSENING_ROWS)
     assert robust.v > 2.0 * plainly.v
 
 
@@ -362,14 +406,14 @@ def test_a_curve_without_a_fold_is_that_of_the_other_rows():
     data, z = made()
     z, fold = z + data.X[0, :, :1], np.arange(M) % 2
     data.y[0] += 30.0 * (1.0 + fold) * z[:, 0]
-    columns = Columns.of(score := Score(data, 10), score.fit(()), z, 0)
+    columns = Columns.of(score := EvidenceScorer(data, 10), score.fit(()), z, 0)
     found = columns.without_fold(fold, np.zeros((1, 1)))
     np.testing.assert_allclose(found, [[60.0], [30.0]], rtol=0.02)
 
 
 def test_screening_is_the_drop_of_the_squared_error():
     data, z = made(size=0.5)
-    score = Score(data, 10)
+    score = EvidenceScorer(data, 10)
     fit = score.fit(())
     other = np.random.default_rng(4).normal(size=(M, 1))
     batch = Batch((0,), (form(), form()), np.hstack([z, other])[None])
@@ -434,9 +478,11 @@ def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes
 
 def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
     def term(name: str, lead: float) -> Any:
-        J = 50.0 + EQUIVALENT * lead
-        form = SimpleNamespace(own=name == "own")
-        return SimpleNamespace(key=(name, 0), form=form, J=J, against=lambda other: J)
+        J = 50.0 + EVIDENCE_TO_DISTINGUISH * lead
+        form = SimpleNamespace(replaces_own_constant=name == "own")
+        return SimpleNamespace(
+            key=(name, 0), form=form, evidence=J, evidence_with_worth_of=lambda other: J
+        )
 
     mine, near, far = term("mine", 0.0), term("near", -0.9), term("far", -1.1)
     assert Search.equivalent(mine, [mine, near, far, term("own", 0.9)]) == (near,)

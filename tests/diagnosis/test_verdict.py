@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis.conclude import _reasons, _standstill
+from sdp_vs_penalty.diagnosis.conclude import _standstill, reasons_for_doubt
 from sdp_vs_penalty.diagnosis.held_out import HeldOut
 from sdp_vs_penalty.diagnosis.remaining import remainder
 from sdp_vs_penalty.signals.noise import REPETITION
@@ -56,12 +56,14 @@ def test_what_is_beyond_the_noise_matters(size, change, matters):
     for name in ("still", "slow", "steps"):
         getattr(data.rows, name)[:, 0] = change.get(name, 0.0)
     found = remainder(data, fit, residual, none)
-    assert found.matters == matters
+    assert found.joints_unexplained == matters
     assert (
-        found.raised == (0,) or "degrees" not in change
+        found.joints_above_noise == (0,) or "degrees" not in change
     )  # a curve may show it all the same
     if not change:
-        assert found.share[0] == pytest.approx(size**2 / 2.0, abs=0.15)
+        assert found.in_sample_excess_variance[0] == pytest.approx(
+            size**2 / 2.0, abs=0.15
+        )
     if matters:
         assert found.beyond[0] == pytest.approx(FLOOR[0] * size / np.sqrt(2.0), rel=0.1)
 
@@ -82,7 +84,7 @@ def test_events_are_left_out():
     data, fit, residual, ignore = left(0.0)
     fit.residual[0, :20] += 1e3
     ignore[:20, 0] = True
-    assert remainder(data, fit, residual, ignore).matters == ()
+    assert remainder(data, fit, residual, ignore).joints_unexplained == ()
 
 
 class Told(HeldOut):
@@ -124,7 +126,7 @@ class Told(HeldOut):
     ],
 )
 def test_what_raises_errors_beside_all_others_is_not_offered(rule, needed, kept):
-    assert Told(rule).offered(range(2), needed) == kept
+    assert Told(rule).drop_harmful(range(2), needed) == kept
 
 
 #: What is changed of a finding that nothing speaks against, and what then does.
@@ -160,7 +162,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         effect.looks_like = lambda size, seen: case.looks_like
         form = SimpleNamespace(effect=effect)
         return SimpleNamespace(
-            form=form, joints={0}, J=case.J, rivals=case.rivals, key=("made", 0)
+            form=form, joints={0}, evidence=case.J, rivals=case.rivals, key=("made", 0)
         )
 
     own, other = term(), term()
@@ -183,4 +185,4 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         "sdp_vs_penalty.diagnosis.conclude.size_of", lambda *_: (1.0, case.std)
     )
     known = SimpleNamespace(beta=np.array([beta]), given=None)
-    assert set(_reasons(found, own, known, errors)) == doubts
+    assert set(reasons_for_doubt(found, own, known, errors)) == doubts

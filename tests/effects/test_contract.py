@@ -115,7 +115,7 @@ def test_only_what_has_a_memory_looks_at_other_rows_and_only_back(name):
         more = {
             "temperature": warm,
             "command": motion.command,
-            "sum": motion.integral[index],
+            "position_integral": motion.integral[index],
         }
         more["motors"] = motion.motor_acceleration[index]
         return Motion(*(x[index] for x in parts), motion.current, **more)
@@ -148,10 +148,13 @@ def test_what_an_effect_needs_is_what_it_declares(name):
     another_arm = replace(
         motion, current=CurrentModel(robot, 1.5 * motion.model_links**2)
     )
-    late = replace(motion.told, t=motion.t + 7.0)
+    late = replace(motion.logged_command, t=motion.t + 7.0)
     later = replace(motion, t=motion.t + 7.0, command=late)
     farther = replace(
-        motion, command=replace(motion.told, q=motion.q, dq=motion.dq, sum=motion.q)
+        motion,
+        command=replace(
+            motion.logged_command, q=motion.q, dq=motion.dq, position_integral=motion.q
+        ),
     )
     warmer = replace(motion, temperature=motion.joint_temperature + 5.0)
     for effect in variants(name, robot):

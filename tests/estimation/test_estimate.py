@@ -23,7 +23,7 @@ from unchecked import identify
 
 from sdp_vs_penalty import Estimate, InputError, add, compare, export, load_estimate
 from sdp_vs_penalty.effects import Motion, effect_types
-from sdp_vs_penalty.estimation.identify import from_data
+from sdp_vs_penalty.estimation.identify import is_data_determined
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.regression import LeastSquares
 
@@ -148,7 +148,7 @@ def test_what_the_data_tell_is_free_of_units(scara_arm):
         scara_arm, run_of(scara_arm, SCARA_FRICTION, SCARA_NOISE, seconds=8.0)
     )
     names = [p.name for p in task.model.parameters]
-    told = from_data(task, np.eye(len(names)))
+    told = is_data_determined(task, np.eye(len(names)))
     # The first axis is vertical: neither weight nor tilting moments of link 1 make
     # torque.
     assert not told[[names.index(name) for name in ("m1", "mz1", "Ixx1", "Iyz1")]].any()
@@ -162,7 +162,7 @@ def test_what_the_data_tell_is_free_of_units(scara_arm):
         data.rows,
     )
     assert np.array_equal(
-        from_data(replace(task, data=scaled), np.eye(len(names))), told
+        is_data_determined(replace(task, data=scaled), np.eye(len(names))), told
     )
 
 

@@ -145,7 +145,7 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     ).trajectory
     motion = hypotheses.motion(trajectory.states, 10.0)
     columns = zip(small.model.columns(motion), hypotheses.noise, strict=True)
-    X = np.vstack([c.wide(len(small.theta)) / noise for c, noise in columns])
+    X = np.vstack([c.dense_columns(len(small.theta)) / noise for c, noise in columns])
     A, B = (
         hypotheses._white(e, motion).reshape(len(X), -1) * s
         for e, s in zip(hypotheses.effects, hypotheses.scale, strict=True)

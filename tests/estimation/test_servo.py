@@ -17,7 +17,7 @@ from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.data.measurements import Runs
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.page.jobs import Asked, summary
+from sdp_vs_penalty.page.jobs import JobRequest, summary
 from sdp_vs_penalty.signals import Preprocessing
 
 
@@ -224,7 +224,7 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
 def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
     test, truth = log(seed=3), log(seed=3, torque=True)
     given = Runs(log(), test, concatenate([log(), test]))
-    asked = type("AskedOfRuns", (Asked,), {"runs": given})(
+    asked = type("AskedOfRuns", (JobRequest,), {"runs": given})(
         {"out": tmp_path / "model.json"}
     )
     bounded = replace(found, details=found.details | {"on_bounds": ["mass of link 1"]})

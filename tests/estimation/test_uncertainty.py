@@ -8,8 +8,8 @@ import pytest
 from sdp_vs_penalty import InputError, Measurements, Problem
 from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation import bootstrap
+from sdp_vs_penalty.estimation.build_problem import build_problem
 from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.estimation.pose import pose
 from sdp_vs_penalty.estimation.uncertainty import (
     NOT_SEEN,
     Sandwich,
@@ -25,7 +25,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
 from sdp_vs_penalty.solvers.objective import Objective
-from sdp_vs_penalty.solvers.verified import TIGHT
+from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
@@ -63,7 +63,7 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     model = two_link.model(EFFECTS)
     run = measured(two_link, model, 0, 20.0)
     method = LmiSdp(joint_prior=0.0, total_spread=0.0)  # priors are no rows
-    found, posed = bootstrap(two_link, run, 3, method), pose(two_link, run)
+    found, posed = bootstrap(two_link, run, 3, method), build_problem(two_link, run)
     theta, task = found.drop(columns="gap").to_numpy(), posed.task
     assert found["gap"].max() <= TIGHT
     assert [*found] == [*(q.name for q in task.model.parameters), "gap"]

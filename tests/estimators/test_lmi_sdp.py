@@ -23,8 +23,8 @@ from random_robots import (
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_problem
 from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimation.build_problem import build_problem
 from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimation.pose import pose
 from sdp_vs_penalty.estimators import (
     LmiSdp,
     PosedSdp,
@@ -288,7 +288,9 @@ def test_real_arms_weigh_about_what_their_makers_say(data_folder, name, maker, k
     blank = replace(
         bare(own.robot), torque_side=own.torque_side, preprocessing=own.preprocessing
     )
-    posed = pose(own if known else replace(blank, effects=own.effects), one.train)
+    posed = build_problem(
+        own if known else replace(blank, effects=own.effects), one.train
+    )
     total = float(LmiSdp().fit(posed.task).theta[posed.task.links[:, 0]].sum())
     assert 1.0 / 1.5 < total / maker < 1.5
 

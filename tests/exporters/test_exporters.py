@@ -215,7 +215,7 @@ def test_a_payload_for_the_makers_controllers(tmp_path):
         "flange": "0,0,0.05",
     }
     jobs.take(
-        jobs.Asked({**request, "name": "endeffector-config.json"})
+        jobs.JobRequest({**request, "name": "endeffector-config.json"})
     )  # as the page asks for it
     told = json.loads((tmp_path / "endeffector-config.json").read_text())
     assert told["centerOfMass"] == pytest.approx((com - [0.0, 0.0, 0.05]).tolist())

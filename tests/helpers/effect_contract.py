@@ -105,7 +105,11 @@ def told(motion: Motion) -> Motion:
     """With a command: positions and integrals of about the motion's own size."""
     q, dq, ddq = (1.3 * x for x in (motion.q, motion.dq, motion.ddq))
     sums = np.cumsum(motion.q, axis=0) * (motion.t[1] - motion.t[0])
-    return replace(motion, command=Command(motion.t, q, dq, ddq, 1.7 * sums), sum=sums)
+    return replace(
+        motion,
+        command=Command(motion.t, q, dq, ddq, 1.7 * sums),
+        position_integral=sums,
+    )
 
 
 def wide_columns(effect: Effect, motion: Motion) -> Array:
@@ -238,8 +242,11 @@ def _rewritten(
         CurrentModel(robot, links),
         sign_width=motion.sign_width * position[0] / s,
         temperature=motion.temperature,
-        command=Command(*moved(motion.told), motion.told.sum * position * s),
-        sum=motion.integral * position * s,
+        command=Command(
+            *moved(motion.logged_command),
+            motion.logged_command.position_integral * position * s,
+        ),
+        position_integral=motion.integral * position * s,
         motors=motion.motor_acceleration * position / s**2,
     )
 

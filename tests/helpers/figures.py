@@ -25,9 +25,9 @@ from small_runs import small_run
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.diagnosis.library import library
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, prepare
-from sdp_vs_penalty.effects import Seen, effect_types
+from sdp_vs_penalty.diagnosis.candidates import list_candidates
+from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
+from sdp_vs_penalty.effects import JointCoverage, effect_types
 from sdp_vs_penalty.estimation import bootstrap, excitation, separation
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -72,7 +72,11 @@ def effects_of(which: str) -> dict[str, Any]:
     for name in effect_types():
         every = variants(name, robot)
         first, few = every[0], every[:: 1 + len(every) // 9]
-        seen = [Seen(), Seen(0.5, 0.01, 0.5), Seen(5.0, 1e-4, 0.01)]
+        seen = [
+            JointCoverage(),
+            JointCoverage(0.5, 0.01, 0.5),
+            JointCoverage(5.0, 1e-4, 0.01),
+        ]
         out[name] = {
             "texts": [e.text for e in every],
             "shapes": {
@@ -93,7 +97,7 @@ def effects_of(which: str) -> dict[str, Any]:
                 first.as_sized(0.1),
             ]
             + [first.looks_like(size, s) for size in (0.01, 2.0) for s in seen],
-            "undone": first.undone(
+            "undone": first.invert_channel(
                 np.full(len(first.nominal), 0.02), moved.t, moved.torque
             )[[50, 300]],
         }
@@ -268,12 +272,14 @@ def hidden(*named: tuple[str, list[int]], test: bool, **told: Any) -> dict[str, 
     )
     out = {
         "found": found.to_dict(),
-        "said": [found.headline, found.advice, found.unknown],
+        "said": [found.headline, found.advice, found.unexplained_sentence],
     }
     rows = diagnosis_rows(data, estimate, estimate.preprocessing.resolve(data))
-    every = library(prepare(rows, estimate)).batches
-    out["searched"] = [[f.effect.text, f.own] for b in every for f in b.forms]
-    out["white"] = [np.linalg.norm(b.white) for b in every]
+    every = list_candidates(whiten_rows(rows, estimate)).batches
+    out["searched"] = [
+        [f.effect.text, f.replaces_own_constant] for b in every for f in b.forms
+    ]
+    out["white"] = [np.linalg.norm(b.whitened_columns) for b in every]
     if found.effects or found.retuned:
         out["added"] = model(sdp.add(estimate, found, data, progress=heard.append))
     return out | {"heard": heard}

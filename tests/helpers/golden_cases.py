@@ -250,12 +250,16 @@ def checked(inputs: Inputs) -> Quantities:
     kinds = {corruption.name: corruption for corruption in arm.corruptions()}
     quantities: Quantities = {}
     (clean,) = check(arm.problem, arm.train)
-    quantities["clean"] = ([issue.kind for issue in clean.problems], "")
+    quantities["clean"] = ([issue.kind for issue in clean.errors_and_warnings], "")
     for name in inputs["corruptions"]:
         problem, run = given(arm, kinds[name])
         (report,) = check(problem, run)
-        facts = [f"{issue.severity}: {issue.kind}" for issue in report.problems]
-        joints = [issue.figures.get("joints", []) for issue in report.problems]
+        facts = [
+            f"{issue.severity}: {issue.kind}" for issue in report.errors_and_warnings
+        ]
+        joints = [
+            issue.figures.get("joints", []) for issue in report.errors_and_warnings
+        ]
         quantities[name] = (facts, "")
         quantities[f"{name}: joints"] = ([j for some in joints for j in some], "")
     return quantities

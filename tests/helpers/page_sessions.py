@@ -53,7 +53,7 @@ class Here:
     async def run(
         self, request: Mapping[str, Any], progress: Callable[[str], None]
     ) -> dict[str, Any]:
-        asked = jobs.Asked(json.loads(json.dumps(request)), progress)
+        asked = jobs.JobRequest(json.loads(json.dumps(request)), progress)
         answer = worker.do(getattr(jobs, request["job"]), asked)
         if "error" in answer:
             raise InputError(answer["error"])

@@ -150,7 +150,7 @@ def test_fit_is_that_of_the_models(story):
     """Of the joint that was clicked: torques, errors against what was asked, the
     noise's band."""
     screen, (before, after) = story.screen, story.judged
-    screen.view.look(signal="q")
+    screen.view.select(signal="q")
     torque, error = screen.charts("fit")
     assert f"Joint 2: the error is {number(after.rmse[1])} N m" in screen.text("fit")
     signals, (band,) = after.signals, error["layout"]["shapes"]
@@ -243,7 +243,7 @@ def test_the_arm_fills_its_picture_and_moves_as_measured(story, part):
     joints = SimpleNamespace(
         hits=[SimpleNamespace(object_name=x) for x in ("ground", "link-1")]
     )
-    screen.view.look(joint=0)
+    screen.view.select(joint=0)
     for handler in scene._click_handlers:
         screen.do(handler, joints)
     assert screen.view.joint == 1

@@ -32,7 +32,10 @@ def test_factors_answer_what_all_rows_would(seed):
     )
     regression = compress(FilteredRuns.of(run, FILTERS), model)
     rows = FilteredRun(run, FILTERS).all_rows(model)
-    wide, torque = [c.wide(len(model.parameters)) for c in rows.columns], rows.torque
+    wide, torque = (
+        [c.dense_columns(len(model.parameters)) for c in rows.columns],
+        rows.torque,
+    )
     rng = np.random.default_rng(seed)
     weights = rng.uniform(0.1, 3.0, model.robot.n)
     data = regression.least_squares(weights)
@@ -133,7 +136,7 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     model = problem.model("rigid_body,rotor_inertia,viscous_friction,torque_offset")
     rates = np.random.default_rng(1).normal(size=(2, 200, problem.robot.n))
     motion = Motion(np.zeros(200), problem.robot.random_configurations(200, 1), *rates)
-    columns = np.concatenate(model.wide(motion))
+    columns = np.concatenate(model.dense_columns(motion))
     base, seen = base_rows(problem, model), np.linalg.norm(columns, axis=0)
     rank = np.linalg.matrix_rank(columns[:, seen > 1e-9] / seen[seen > 1e-9], tol=1e-8)
     assert len(base.rows) == rank == SEEN[which]

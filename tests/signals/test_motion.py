@@ -17,7 +17,7 @@ from sdp_vs_penalty.signals import motion, phases, repeat_period
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
-from sdp_vs_penalty.signals.standstill import lawless, still
+from sdp_vs_penalty.signals.standstill import is_still, unexplained_standstill_torque
 
 
 def share(train: Measurements, judged: Measurements) -> float:
@@ -246,20 +246,22 @@ def positions(held: float, resolution: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("held", [0.06, 0.3, 1.0])
 def test_a_joint_that_is_held_stands_still_that_long(held):
     q, standing = positions(held, 2e-5)
-    found = still(q)[:, 0]
+    found = is_still(q)[:, 0]
     assert found[standing].mean() > 0.95
     # Beside it: as long as the encoder shows no motion.
     assert found[~standing].mean() < 0.05
     for resolution in (1e-5, 5e-5, 2e-4):  # a smooth reversal is no standstill
-        assert not still(positions(0.0, resolution)[0]).any()
+        assert not is_still(positions(0.0, resolution)[0]).any()
 
 
 def test_noise_on_positions_is_told_from_motion():
     q, standing = positions(0.3, 1e-9)
     noisy = q + np.random.default_rng(0).normal(0.0, 2e-5, q.shape)
-    assert still(noisy)[standing].mean() > 0.9
+    assert is_still(noisy)[standing].mean() > 0.9
     smooth = positions(0.0, 1e-9)[0]
-    assert not still(smooth + np.random.default_rng(1).normal(0.0, 2e-5, q.shape)).any()
+    assert not is_still(
+        smooth + np.random.default_rng(1).normal(0.0, 2e-5, q.shape)
+    ).any()
 
 
 @pytest.mark.parametrize("law", ["dahl", "anything"])
@@ -277,7 +279,7 @@ def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_on
     friction = says if law == "dahl" else np.where(rests, held, says)
     left = friction + 0.02 * rng.normal(size=len(t))
     laws = np.column_stack([dahl(q, d, 1.0) for d in (1e-3, 2e-3, 4e-3)])
-    std, none = lawless(left, laws, rests.astype(float))
+    std, none = unexplained_standstill_torque(left, laws, rests.astype(float))
     assert none == (law == "anything")
     if none:  # all rests together tell no more than one row of the friction's size
         assert std / np.sqrt(rests.sum()) == pytest.approx(0.6, abs=0.25)

@@ -32,7 +32,7 @@ def test_a_gap_is_twenty_usual_steps_and_at_least_fifty_milliseconds(dt, bridged
     even = dt * np.arange(400.0)
     for step, cut in ((bridged, False), (gap, True)):
         run = log(np.append(even, even + even[-1] + step))
-        found = list(runs.stretches(run))
+        found = list(runs.split_at_gaps(run))
         assert [len(part.t) for part in found] == ([400, 400] if cut else [800])
         for part in found:
             assert part.dt == pytest.approx(dt)
@@ -42,7 +42,7 @@ def test_a_gap_is_twenty_usual_steps_and_at_least_fifty_milliseconds(dt, bridged
             )
             assert 0.0 <= part.t[-1] - part.clock(part.count - 1) < dt
     lone = log(np.append(even, [even[-1] + 9.0]))  # one sample is no stretch
-    assert [len(part.t) for part in runs.stretches(lone)] == [400]
+    assert [len(part.t) for part in runs.split_at_gaps(lone)] == [400]
 
 
 def test_stamps_in_bursts_are_resampled_at_ten_points_a_sample():
@@ -103,7 +103,7 @@ def coloured(
 @pytest.mark.parametrize("ar", [-0.3, 0.0, 0.6])
 def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     run, shown = coloured(1, ar, 60_000)
-    parts = list(runs.stretches(run))
+    parts = list(runs.split_at_gaps(run))
     frequency, density, smoothed, uneven = spectrum.torque_spectrum(parts, 8.0)
     w = 2.0 * np.pi * frequency * 4e-3
     law = 1.0 / (1.0 + ar**2 - 2.0 * ar * np.cos(w))
@@ -118,7 +118,9 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
         (louder, (False, True)),
     ):  # as of a UR10, of a TX40
         other = log(run.t, run.q, tau)
-        assert spectrum.torque_spectrum(list(runs.stretches(other)), 8.0)[2:] == flags
+        assert (
+            spectrum.torque_spectrum(list(runs.split_at_gaps(other)), 8.0)[2:] == flags
+        )
         assert (
             noise.spectral_floor(segmented(other, signals.Preprocessing(5.0, 8.0)))
             is None
@@ -126,7 +128,7 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     # What fits into the motion's band, or into two windows, shows nothing.
     assert spectrum.torque_spectrum(parts, 60.0) is None
     assert (
-        spectrum.torque_spectrum(list(runs.stretches(run.window(0.0, 0.5))), 8.0)
+        spectrum.torque_spectrum(list(runs.split_at_gaps(run.window(0.0, 0.5))), 8.0)
         is None
     )
     assert spectrum.torque_spectrum([], 8.0) is None

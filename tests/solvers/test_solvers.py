@@ -18,9 +18,9 @@ from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.solvers import repair, rewrite, solver
 from sdp_vs_penalty.solvers.identification import SdpProblem
+from sdp_vs_penalty.solvers.rigorous_bounds import certainly_feasible
 from sdp_vs_penalty.solvers.solver import Solver
 from sdp_vs_penalty.solvers.through_cvxpy import ThroughCvxpy
-from sdp_vs_penalty.solvers.verified import certainly_feasible
 
 
 class WithoutLicence(ThroughCvxpy):
@@ -98,7 +98,7 @@ class Link:
         sdp = self.sdp
         theta = sdp.theta(solution)
         own = (
-            self.constraints.filled(sdp.multipliers(solution)),
+            self.constraints.stack_multipliers(sdp.multipliers(solution)),
             sdp.entropy_slopes(solution),
         )
         lower = Fit(

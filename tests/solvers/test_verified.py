@@ -15,7 +15,7 @@ from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import Constraint, ConstraintSet, cone_margin, inertia
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot.constraint import cone_depths, safe_depth
-from sdp_vs_penalty.solvers import Objective, repair, verified, verify_proof
+from sdp_vs_penalty.solvers import Objective, repair, rigorous_bounds, verify_proof
 from sdp_vs_penalty.solvers.proof import optimum_proof
 
 
@@ -109,12 +109,12 @@ def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_
     for chosen in (constraints, *each):
         start = interior + rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 3.0)
         found = repair(chosen, start, interior)
-        assert verified.certainly_feasible(chosen.convex, found)
+        assert rigorous_bounds.certainly_feasible(chosen.convex, found)
         assert set(chosen.worst(found).values()) == {0.0}
-        if not verified.certainly_feasible(chosen.convex, start):
+        if not rigorous_bounds.certainly_feasible(chosen.convex, start):
             step = np.linalg.norm(found - start) / np.linalg.norm(interior - start)
             before = start + (1.0 - 1e-6) * step * (interior - start)
-            assert not verified.certainly_feasible(chosen.convex, before)
+            assert not rigorous_bounds.certainly_feasible(chosen.convex, before)
         else:
             # Feasible by more than rounding stays where it is.
             assert chosen.depth(start) < 1e-12 or np.array_equal(found, start)
@@ -131,7 +131,7 @@ def test_a_sum_within_its_rounding_is_decided_exactly():
         demand = build.linear("sum", "all", np.arange(6), row[:, None], [-float(exact)])
         holds = exact >= Fraction(float(exact))
         misled += not holds and demand.margin(theta) > 0.0
-        assert verified.certainly_feasible([demand], theta) == holds
+        assert rigorous_bounds.certainly_feasible([demand], theta) == holds
     assert misled > 5
 
 
@@ -246,22 +246,24 @@ def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(see
 
 def test_a_point_outside_by_one_unit_in_the_last_place_is_infeasible():
     constraint = build.linear("mass", "one", [0], [[1.0]], [-1.0])  # theta >= 1
-    assert verified.certainly_feasible([constraint], np.array([1.0]))
-    assert not verified.certainly_feasible(
+    assert rigorous_bounds.certainly_feasible([constraint], np.array([1.0]))
+    assert not rigorous_bounds.certainly_feasible(
         [constraint], np.array([np.nextafter(1.0, 0.0)])
     )
     cone = build.linear("cone", "one", [0], [[1.0, 0.0, 0.0]], [0.0, 3.0, 4.0], "soc")
-    assert verified.certainly_feasible([cone], np.array([5.0]))
-    assert not verified.certainly_feasible([cone], np.array([np.nextafter(5.0, 0.0)]))
+    assert rigorous_bounds.certainly_feasible([cone], np.array([5.0]))
+    assert not rigorous_bounds.certainly_feasible(
+        [cone], np.array([np.nextafter(5.0, 0.0)])
+    )
     link = build.pseudo_inertia("link", np.arange(10))
     rod = inertia.from_pseudo_inertia(
         np.outer([1.0, 2.0, 3.0, 1.0], [1.0, 2.0, 3.0, 1.0])
     )
-    assert verified.certainly_feasible(
+    assert rigorous_bounds.certainly_feasible(
         [link], rod
     )  # rank one: on the boundary, exactly
     rod[9] = np.nextafter(rod[9], 0.0)
-    assert not verified.certainly_feasible([link], rod)
+    assert not rigorous_bounds.certainly_feasible([link], rod)
 
 
 def test_infeasibility_is_proved_only_where_it_is_true():
@@ -270,11 +272,13 @@ def test_infeasibility_is_proved_only_where_it_is_true():
     below = build.linear("upper", "each", [0, 1], -np.eye(2), [1.0, 1.0])  # a, b <= 1
     bound = np.full(p, 10.0)
     demands, farkas = ConstraintSet((above, below)), np.ones(3)
-    assert verified.proves_infeasible(demands, farkas, bound)
+    assert rigorous_bounds.proves_infeasible(demands, farkas, bound)
     touching = build.linear(
         "lower", "sum", [0, 1], [[1.0], [1.0]], [-2.0]
     )  # met by (1, 1) only
-    assert not verified.proves_infeasible(
+    assert not rigorous_bounds.proves_infeasible(
         ConstraintSet((touching, below)), farkas, bound
     )
-    assert not verified.proves_infeasible(demands, np.array([1.0, 0.0, 0.0]), bound)
+    assert not rigorous_bounds.proves_infeasible(
+        demands, np.array([1.0, 0.0, 0.0]), bound
+    )

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.faults.fault import Element, Number, Transformation
+from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 #: True time over the file's that is tried; the ends are round.
 _RATES = (0.5, 0.75, 1.4, 2.0)
@@ -18,16 +18,18 @@ class Clock(Transformation):
 
     name = "clock_rate"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         yield replace(now, reversed=not now.reversed)
         for factor in _RATES if any(now.gravity) else ():
             yield replace(now, rate=now.rate * factor)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
             remedy, without = "reverse q and tau in time", repair.reset("reversed")
-            yield Element(
+            yield Fault(
                 "time reversed",
                 "warning",
                 (),
@@ -44,7 +46,7 @@ class Clock(Transformation):
                 " fit the weight."
             )
             remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
-            number = Number.factor(x, at, (min(_RATES), max(_RATES)))
-            yield Element(
+            number = FaultSize.factor(x, at, (min(_RATES), max(_RATES)))
+            yield Fault(
                 "clock rate", "warning", (), what, remedy, number, place="column t"
             )

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.faults.fault import Element, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 
 class Degrees(Transformation):
@@ -16,13 +16,15 @@ class Degrees(Transformation):
 
     name = "degrees"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
         far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]
         for joints in [log.revolute, *([j] for j in far if log.n > 1)] if far else ():
             yield now.times("scale", joints, float(np.radians(1.0)))
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         if not (joints := tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())):
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
@@ -39,4 +41,4 @@ class Degrees(Transformation):
             f" {reach:.4g}."
         )
         remedy = f"multiply {named} (and dq) by pi / 180"
-        yield Element(kind, "warning", joints, what, remedy, without, cost, named)
+        yield Fault(kind, "warning", joints, what, remedy, without, cost, named)

@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.faults.fault import Element, Number, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation, choices
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
 _LATE = {
@@ -24,7 +24,9 @@ class Delay(Transformation):
 
     name = "delay"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         each = [(j,) for j in log.joints] if len(log.joints) > 1 else []
         for name, tried in _LATE.items():
             yield from (now.with_entries(name, range(log.n), x) for x in tried)
@@ -32,7 +34,7 @@ class Delay(Transformation):
                 now.with_entries(name, one, x) for one in each for x in tried if x > 0.0
             )
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for name, joints, x in (
             (k, *found) for k in _LATE for found in repair.changed(k)
         ):
@@ -72,10 +74,10 @@ class Delay(Transformation):
                 partial(repair.with_entries, name, joints),
             )
             number, cost = (
-                Number(x, at, c.USUAL_DELAY, 0.06, text),
+                FaultSize(x, at, c.USUAL_DELAY, 0.06, text),
                 choices(log.n // len(joints)),
             )
-            yield Element(
+            yield Fault(
                 kind,
                 "warning",
                 joints,

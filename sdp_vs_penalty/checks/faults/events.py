@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.faults.fault import Element, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
 from sdp_vs_penalty.checks.regression_data import LAWS
-from sdp_vs_penalty.checks.repair import Event, Repair
+from sdp_vs_penalty.checks.repair import Event, LogTransform
 
 #: Share of the time on either side of a step that the joint has to move each way: else
 #: it is friction's.
@@ -24,9 +24,11 @@ class Beside(Transformation):
 
     name = "events"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         motion, order, laws = log.data.motion, list(now.order), log.data.laws
-        span, heard = float(np.ptp(motion.t)), log.heard(now)[:, :, None]
+        span, heard = float(np.ptp(motion.t)), log.filter_gain(now)[:, :, None]
         gains = [
             score.gained(score.rows.rest(heard * x[order])).max(axis=1)
             for x in laws.values()
@@ -48,7 +50,7 @@ class Beside(Transformation):
             if some[j, k] > 0.0:
                 yield now.with_event(Event(j, at[k]))
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for event in repair.events:
             j, t, without = event.joint, event.at, repair.without(event)
             name, unit = joints_text([j]), log.problem.robot.torque_units[j]
@@ -61,7 +63,7 @@ class Beside(Transformation):
                     "identify, and let `diagnose` name it",
                     choices(log.n * len(LAWS)),
                 )
-                yield Element(
+                yield Fault(
                     f"law: {t}", "note", (j,), what, remedy, without, cost, mends=False
                 )
                 continue
@@ -71,7 +73,7 @@ class Beside(Transformation):
                 log.rows(without),
                 event.shape(log.data.motion.t),
             )
-            x = lacking.rest(log.heard(repair)[:, :, None] * shape)[j, :, 0]
+            x = lacking.rest(log.filter_gain(repair)[:, :, None] * shape)[j, :, 0]
             away = score.channels[j] - lacking.apart[j] @ score.theta
             size = float(x @ away / max(x @ x, 1e-300))
             kind, many, place, figures = "torque drift", log.n, "", {"size": size}
@@ -90,7 +92,7 @@ class Beside(Transformation):
                     t,
                 )
             what, cost = f"the torque of {name} {how}.", choices(many) + 2.0 * c.ODDS
-            yield Element(
+            yield Fault(
                 kind,
                 "warning",
                 (j,),

@@ -10,7 +10,7 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.constants import WIDEST
 from sdp_vs_penalty.checks.likelihood import At, Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.formats.recognition import UNITS as NAMED
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
@@ -27,7 +27,7 @@ def _length(log: Likelihood) -> float:
     return 0.3 * float(log.problem.robot.link_reach().sum())
 
 
-def _shifted(log: Likelihood, now: Repair, j: int, x: float) -> Repair:
+def _shifted(log: Likelihood, now: LogTransform, j: int, x: float) -> LogTransform:
     """An angle in (-pi, pi]; a length as it is."""
     wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in log.revolute else x
     return now.with_entries("zero", (j,), wrapped)
@@ -61,7 +61,7 @@ APPLY = {
 
 
 @dataclass(frozen=True)
-class Number:
+class FaultSize:
     """One number of a repair, 0 where the log is right; ``at`` gives the repair with
     another one.
 
@@ -80,7 +80,7 @@ class Number:
 
     def round_within(self, reach: float) -> list[float]:
         """The nearest round value, where it is nearer than that."""
-        by_distance = sorted(self.snaps, key=lambda x: abs(x - self.value))
+        by_distance = sorted(self.round_values, key=lambda x: abs(x - self.value))
         return [x for x in by_distance[:1] if abs(x - self.value) < reach]
 
     @classmethod
@@ -105,7 +105,7 @@ def choices(count: int) -> float:
 
 
 @dataclass(frozen=True)
-class Element:
+class Fault:
     """One thing that a repair does, and what is said of it; ``of`` : the repair without
     it, or its number.
 
@@ -118,7 +118,7 @@ class Element:
     joints: tuple[int, ...]
     what: str
     remedy: str
-    of: Repair | Number
+    of: LogTransform | FaultSize
     cost: float = c.ODDS
     place: str = ""
     mends: bool = True
@@ -126,20 +126,20 @@ class Element:
     figures: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def number(self) -> Number | None:
-        return self.of if isinstance(self.of, Number) else None
+    def number(self) -> FaultSize | None:
+        return self.of if isinstance(self.of, FaultSize) else None
 
     @property
     def odd(self) -> bool:
         """Whether it is a number that is not round."""
         return (
-            isinstance(self.of, Number)
-            and not np.isclose(self.of.value, self.of.snaps).any()
+            isinstance(self.of, FaultSize)
+            and not np.isclose(self.of.value, self.of.round_values).any()
         )
 
     @property
-    def without(self) -> Repair:
-        return self.of.at(0.0) if isinstance(self.of, Number) else self.of
+    def without(self) -> LogTransform:
+        return self.of.at(0.0) if isinstance(self.of, FaultSize) else self.of
 
     @property
     def apply(self) -> str:
@@ -161,10 +161,12 @@ class Transformation(ABC):
     name: ClassVar[str]
 
     @abstractmethod
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         """Repairs that differ from ``now``, whose score is given, by one more thing of
         this kind."""
 
     @abstractmethod
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """What a repair does of this kind."""

@@ -7,14 +7,14 @@ import numpy as np
 
 from sdp_vs_penalty.checks.faults.fault import (
     UNITS,
-    Element,
-    Number,
+    Fault,
+    FaultSize,
     Transformation,
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import At, Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Factors that are tried beside the nearest: units, and a grid whose steps the
 #: refinement bridges.
@@ -28,18 +28,20 @@ class Gain(Transformation):
 
     name = "gain"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         joints = log.joints if len(log.joints) > 1 else []
         # A small one is seen at its best value alone: a step of the grid off, the fit
         # is as bad.
         ats: list[At] = [partial(now.times, "gain", (j,)) for j in joints]
-        steps, _ = log.screen.steps(
+        steps, _ = log.screen.first_order_steps(
             now, ats, np.ones(len(ats)), np.full(len(ats), 0.01)
         )
         for at, best in zip(ats, np.clip(1.0 + steps, 0.5, 2.0).tolist(), strict=True):
             yield from map(at, (*_GAINS, best))
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             x = abs(repair.gain[j])
             size = (
@@ -54,13 +56,13 @@ class Gain(Transformation):
             at = lambda v, j=j: repair.with_entries(  # noqa: E731
                 "gain", (j,), v * np.sign(repair.gain[j])
             )
-            yield Element(
+            yield Fault(
                 "torque gain",
                 "warning",
                 (j,),
                 what,
                 f"multiply tau{j + 1} by {x:.3g}",
-                Number.factor(x, at, _DECIMALS),
+                FaultSize.factor(x, at, _DECIMALS),
                 choices(log.n),
                 figures={"factor": x},
             )

@@ -6,9 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.faults.fault import Element, Number, Transformation, _degrees
+from sdp_vs_penalty.checks.faults.fault import (
+    Fault,
+    FaultSize,
+    Transformation,
+    _degrees,
+)
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
@@ -22,7 +27,9 @@ class Mounting(Transformation):
 
     name = "mounting"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))
         known = _earthly(size)
@@ -33,11 +40,13 @@ class Mounting(Transformation):
         if known:
             across = np.linalg.svd(given[None, :])[2][1:]
             ats = [_turned(now, given, given + size * x) for x in across]
-            steps, _ = log.screen.steps(now, ats, np.zeros(2), np.full(2, 0.02))
+            steps, _ = log.screen.first_order_steps(
+                now, ats, np.zeros(2), np.full(2, 0.02)
+            )
             turned = given + size * np.clip(steps, -0.5, 0.5) @ across
             yield _under(now, size * turned / np.linalg.norm(turned))
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         assumed, g = np.array(log.problem.robot.gravity), np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
             return
@@ -46,14 +55,16 @@ class Mounting(Transformation):
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
-        of: Repair | Number = _under(repair, assumed)
+        of: LogTransform | FaultSize = _under(repair, assumed)
         if not _earthly(given):
             kind, remedy = (
                 "gravity of the problem",
                 f"{remedy}, or correct the problem's gravity",
             )
         elif np.count_nonzero(np.abs(g) > 1e-9) > 1:
-            of = Number(angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees)
+            of = FaultSize(
+                angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees
+            )
         seen, told = (
             ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) for g in (g, assumed)
         )
@@ -64,7 +75,7 @@ class Mounting(Transformation):
         zero = _as_zero_of_joint_1(log, assumed, g)
         equal = f" Exactly as good on this arm: {zero[0]}." if zero else ""
         figures = {"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]}
-        yield Element(
+        yield Fault(
             kind=kind,
             severity="warning",
             joints=(),
@@ -82,7 +93,9 @@ def _earthly(size: float) -> bool:
     return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
 
 
-def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repair]:
+def _turned(
+    repair: LogTransform, assumed: Array, g: Array
+) -> Callable[[float], LogTransform]:
     """The repair with gravity turned by an angle from the assumed vector towards g."""
     size = float(np.linalg.norm(assumed))
     a = assumed / size
@@ -91,7 +104,7 @@ def _turned(repair: Repair, assumed: Array, g: Array) -> Callable[[float], Repai
     return lambda v: _under(repair, size * (np.cos(v) * a + np.sin(v) * across))
 
 
-def _under(repair: Repair, g: Array) -> Repair:
+def _under(repair: LogTransform, g: Array) -> LogTransform:
     return replace(repair, gravity=tuple(g.tolist()))
 
 

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from itertools import combinations
 
-from sdp_vs_penalty.checks.faults.fault import Element, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 
 class Exchange(Transformation):
@@ -14,14 +14,16 @@ class Exchange(Transformation):
 
     name = "order"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         for a, b in combinations(log.joints, 2):
             yield now.with_swap(a, b, "tau_order")
             if score.poor[a] or score.poor[b]:
                 yield now.with_swap(a, b, "order")
                 yield now.with_swap(a, b, "order", "tau_order")
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         told: list[tuple[str, str, str, tuple[str, ...]]] = [
             ("position order", "the positions", "q and dq", ("order",)),
             ("torque order", "the torques", "tau", ("tau_order",)),
@@ -45,6 +47,6 @@ class Exchange(Transformation):
                 what = f"{word} of {joints_text(changed)} are swapped{how}."
                 cost = (len(changed) - 1) * choices(log.n * (log.n - 1) // 2)
                 remedy = f"rename the columns of {columns}"
-                yield Element(
+                yield Fault(
                     kind, "warning", changed, what, remedy, repair.reset(*names), cost
                 )

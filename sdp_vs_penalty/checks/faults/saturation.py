@@ -5,15 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks.faults.fault import (
-    Element,
-    Number,
+    Fault,
+    FaultSize,
     Transformation,
     _percent,
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Below this bend, the largest logged torque over the limit, a channel is as straight
 #: as sensors are.
@@ -26,12 +26,14 @@ class Saturation(Transformation):
 
     name = "saturation"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         for j in log.joints:
             for x in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
                 yield now.with_entries("bend", (j,), 1.0 - x)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for j in np.flatnonzero(repair.bend).tolist():
             x, k = repair.bend[j], repair.tau_order[j]
             limit = f"{log.data.largest[k] / x:.3g} {log.problem.robot.torque_units[j]}"
@@ -43,14 +45,14 @@ class Saturation(Transformation):
             at = lambda v, j=j: repair.with_entries(  # noqa: E731
                 "bend", (j,), float(np.clip(v, 0.0, 0.995))
             )
-            number = Number(
+            number = FaultSize(
                 x,
                 at,
                 _STRAIGHT,
                 0.25,
                 lambda v: f"{_percent(v)} of the limit is reached",
             )
-            yield Element(
+            yield Fault(
                 "saturation",
                 "warning",
                 (j,),

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.faults.fault import Element, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 
 class Sign(Transformation):
@@ -18,7 +18,9 @@ class Sign(Transformation):
 
     name = "sign"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         for turned in (range(log.n), *((j,) for j in range(log.n))):
             yield now.times("gain", turned, -1.0)
         # The same fit, which physics alone tells apart.
@@ -31,7 +33,7 @@ class Sign(Transformation):
             yield now.times("scale", (j,), -1.0)
             yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
         for j in np.flatnonzero(q).tolist():
             without, k = repair.times("scale", (j,), -1.0), j + 1
@@ -47,7 +49,7 @@ class Sign(Transformation):
                     f"joint {k} counts the other way, position and torque alike.",
                 )
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
-            yield Element(kind, "warning", (j,), what, remedy, without, choices(log.n))
+            yield Fault(kind, "warning", (j,), what, remedy, without, choices(log.n))
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
             every = len(alone) == log.n
             # A convention that differs is one mistake, of any pattern.
@@ -59,4 +61,4 @@ class Sign(Transformation):
             )
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
-            yield Element("torque sign", "warning", alone, what, remedy, without, cost)
+            yield Fault("torque sign", "warning", alone, what, remedy, without, cost)

@@ -7,15 +7,15 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import (
-    Element,
-    Number,
+    Fault,
+    FaultSize,
     Transformation,
     _percent,
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 
 class Weight(Transformation):
@@ -23,7 +23,9 @@ class Weight(Transformation):
 
     name = "weight"
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         # The weight that a wrist's last link holds is within the error of its
         # friction's law: of one channel alone it has to be half (8 s of the real Panda,
         # tests/test_docs.py::test_the_tutorial).
@@ -41,7 +43,7 @@ class Weight(Transformation):
             if any(now.gravity):
                 yield now.with_entries("lacks", joints, lacks)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for joints, x in repair.changed("lacks"):
             of, how = f"the torque of {joints_text(joints)}", ""
             if len(joints) == log.n:
@@ -52,9 +54,9 @@ class Weight(Transformation):
             what = f"{_percent(x)} of the weight is missing from {of}."
             remedy = f"log the torques before gravity compensation{how}"
             at = partial(repair.with_entries, "lacks", joints)
-            number = Number(x, at, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,))
+            number = FaultSize(x, at, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,))
             cost = choices(log.n // len(joints))
-            yield Element(
+            yield Fault(
                 "gravity removed",
                 "warning",
                 joints,

@@ -7,8 +7,8 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import (
-    Element,
-    Number,
+    Fault,
+    FaultSize,
     Transformation,
     _degrees,
     _length,
@@ -16,7 +16,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     choices,
 )
 from sdp_vs_penalty.checks.likelihood import At, Likelihood, Score
-from sdp_vs_penalty.checks.repair import Repair
+from sdp_vs_penalty.checks.repair import LogTransform
 
 
 class Place(Transformation):
@@ -29,7 +29,9 @@ class Place(Transformation):
 
     quarters = -np.pi / 2, np.pi / 2, np.pi
 
-    def proposals(self, log: Likelihood, now: Repair, score: Score) -> Iterator[Repair]:
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: Score
+    ) -> Iterator[LogTransform]:
         joints, quarters = (
             log.problem.robot.joints,
             self.quarters if score.poor.any() else (),
@@ -44,7 +46,9 @@ class Place(Transformation):
         ats += [partial(_shifted, log, now, j) for j in zeros]
         values = [*(now.longer[j] for j in apart), *(now.zero[j] for j in zeros)]
         units = np.where(turns, 1.0, _length(log))
-        steps, spreads = log.screen.steps(now, ats, np.array(values), 0.01 * units)
+        steps, spreads = log.screen.first_order_steps(
+            now, ats, np.array(values), 0.01 * units
+        )
         first = np.clip(steps, -0.7 * units, 0.7 * units).tolist()
         for k in np.flatnonzero(
             np.isfinite(spreads)
@@ -52,7 +56,7 @@ class Place(Transformation):
             for x in (first[k], *(quarters if turns[k] else ())):
                 yield ats[k](values[k] + x)
 
-    def elements(self, log: Likelihood, repair: Repair) -> Iterator[Element]:
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         length, metres, cost = _length(log), "{:.4g} m".format, choices(log.n)
         for j in np.flatnonzero(repair.longer).tolist():
             x, at = repair.longer[j], partial(repair.with_entries, "longer", (j,))
@@ -65,8 +69,10 @@ class Place(Transformation):
                 "correct the kinematics, or choose the problem of the robot that was"
                 " logged"
             )
-            number = Number(x, at, 0.25 * c.CALIBRATED * length, 0.35 * length, metres)
-            yield Element(
+            number = FaultSize(
+                x, at, 0.25 * c.CALIBRATED * length, 0.35 * length, metres
+            )
+            yield Fault(
                 "link length", "warning", (j,), what, remedy, number, cost, mends=False
             )
         for j in np.flatnonzero(repair.zero).tolist():
@@ -80,7 +86,7 @@ class Place(Transformation):
                 (0.35, (*self.quarters, -np.pi)) if turns else (0.35 * length, ())
             )
             away = lambda v, text=text: text(-v)  # noqa: E731
-            number = Number(x, back, unit * c.CALIBRATED, reach, away, snaps)
+            number = FaultSize(x, back, unit * c.CALIBRATED, reach, away, snaps)
             severity = "warning"
             what = (
                 f"the zero of joint {j + 1} is {away(x)} away from the robot's"
@@ -88,7 +94,7 @@ class Place(Transformation):
             )
             remedy = f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}"
             shift = {"shifts": [x]}
-            yield Element(
+            yield Fault(
                 "encoder offset",
                 severity,
                 (j,),

@@ -30,7 +30,7 @@ def verb(
     --confident: Only what is sure: confident, or weak only because another effect fits as well.
     --only 1,3: Numbers of the findings to add.
     """
-    from sdp_vs_penalty.checks.first import consented
+    from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.cli.runs import runs_for, words
     from sdp_vs_penalty.diagnosis.adding import add as run
@@ -58,7 +58,7 @@ def verb(
     what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
-    console.explain(f"added: {', '.join(e.brief for e in added)}")
+    console.paragraph(f"added: {', '.join(e.brief for e in added)}")
     there = {
         (e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added
     }

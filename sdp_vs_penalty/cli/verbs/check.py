@@ -25,11 +25,11 @@ def verb(
     from sdp_vs_penalty.checks import check_runs
     from sdp_vs_penalty.checks.fixing import fix_runs
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import as_told
+    from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
     from sdp_vs_penalty.files import write_text
 
-    robot = as_told(problem, gravity)
+    robot = problem_from_options(problem, gravity)
     data = [file for path in data for file in run_files(path)]
     if apply and fix is None:
         raise InputError("--apply: nothing to write", "name the copy with --fix")
@@ -70,7 +70,7 @@ def verb(
             write_text(note, report.changes(path.name, done))
             console.written(note)
         console.next_step(["check", *copies, "--problem", problem, *mounting])
-    elif any(f.mends for report in reports for f in report.problems):
+    elif any(f.mends for report in reports for f in report.errors_and_warnings):
         beside = data[0].with_name(
             f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed"
         )

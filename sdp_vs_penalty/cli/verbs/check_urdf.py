@@ -22,7 +22,7 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
         console.table(title, heads, inertials.table(checks), words=2)
     for c in checks:
         if c.nearest is not None:
-            console.explain(
+            console.paragraph(
                 f"{c.link}: nearest consistent inertia about the centre of mass, axes"
                 f" of the link (Frobenius norm, {c.distance:.3g} kg m^2 away; mass and"
                 " centre of mass kept):"
@@ -30,7 +30,7 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
             for key, value in c.nearest.urdf_attributes.items():
                 console.say(f'  {key}="{value}"')
     for remark in remarks:
-        console.explain(remark)
+        console.paragraph(remark)
     links = [c.to_dict() for c in checks]
     content = {
         "urdf": str(urdf),

@@ -22,13 +22,13 @@ def verb(
     --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import as_told, parsed_known
+    from sdp_vs_penalty.cli.runs import parsed_known, problem_from_options
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.estimation.resampling import cross_validate
     from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers
 
-    robot = as_told(problem, gravity)
+    robot = problem_from_options(problem, gravity)
     with console.progress("reading the measurements") as progress:
         runs = load_measurements(
             *data, joints=robot.robot.n, names=robot.robot.joint_names
@@ -37,7 +37,7 @@ def verb(
         how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler)}
         result = cross_validate(robot, runs, method, progress=progress, **how)
     console.say(result.verdict, style="bold")
-    console.explain(result.how)
+    console.paragraph(result.how)
     names = [
         f"{k}: {f.start:.3g}-{f.stop:.3g} s"
         for k, f in enumerate(result.folds, start=1)

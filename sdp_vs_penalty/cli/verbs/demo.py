@@ -29,7 +29,7 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     console.say("2. Compare: where the physically consistent model fails", style="bold")
     printing.where_it_fails(made.failures, units, before.name)
     console.say("3. Diagnose", style="bold")
-    console.explain(made.found.headline)
+    console.paragraph(made.found.headline)
     console.say("4. Add it", style="bold")
     printing.before_after(before, made.after, units, "motion that neither has seen")
     console.say(f"Hidden was: {made.truth}.")

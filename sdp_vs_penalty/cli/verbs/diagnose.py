@@ -22,7 +22,7 @@ def verb(
     --json out.json: JSON file for the findings.
     """
     from sdp_vs_penalty.api import diagnose as find_missing_effects
-    from sdp_vs_penalty.checks.first import consented
+    from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.estimation.estimate import load_estimate
 
@@ -61,7 +61,7 @@ def verb(
     ):  # curves were measured beside all findings
         what = ["--from", str(json_), *["--confident"] * (not result.curves)]
     printing.diagnosis(result, estimate.robot.torque_units, bool(what), verbose)
-    printing.undecided(result, model)
+    printing.runs_that_decide(result, model)
     console.save_json(json_, result.to_dict())
     if what:
         stem = (

@@ -60,7 +60,7 @@ def verb(
         f"condition number of the base regressor: {found.history[0]:.1f} at the start, "
         f"{found.condition:.1f} after {len(found.history) - 1} iterations"
     )
-    console.explain(f"Self-collision is not checked: {_LOOK}")
+    console.paragraph(f"Self-collision is not checked: {_LOOK}")
     console.written(out)
 
 
@@ -96,7 +96,7 @@ def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> Non
     }
     for (name, unit), own, random in zip(names.items(), *ends, strict=True):
         console.say(f"{name}: +- {own:.2g} {unit} ({random:.2g} on a random motion)")
-    console.explain(
+    console.paragraph(
         f"Standard deviations of a load after {settings['duration']:g} s, the largest"
         " of three or six, from the noise of the model's data; the model and the gains"
         " of its channels count as exact. The other joints stand in the middle of"
@@ -142,7 +142,7 @@ def _separate(
         f"squared distance of the two, in noise variances: {squares[0]} and"
         f" {squares[1]}"
     )
-    console.explain(
+    console.paragraph(
         f"Effects of {settings['level']:g} noise standard deviations (root mean square)"
         " on the default excitation; longer runs repeat the motion."
     )
@@ -152,6 +152,6 @@ def _separate(
             if urdf is None
             else f"{urdf.name} has no collision shapes"
         )
-        console.explain(f"Self-collision is not checked ({why}): {_LOOK}")
+        console.paragraph(f"Self-collision is not checked ({why}): {_LOOK}")
     for path in (out, ros):
         console.written(path)

@@ -26,18 +26,18 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import (
-        as_told,
         parsed_known,
         parsed_known_load,
-        runs_as_told,
+        problem_from_options,
+        runs_from_options,
     )
-    from sdp_vs_penalty.estimation.pose import PoseOptions
+    from sdp_vs_penalty.estimation.build_problem import PoseOptions
     from sdp_vs_penalty.exporters.sdp import write_posed
 
-    robot = as_told(problem, gravity, bounds, filters)
+    robot = problem_from_options(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
         loads = [parsed_known_load(text) for text in known_load or []]
-        _, runs = runs_as_told(robot, data, window)
+        _, runs = runs_from_options(robot, data, window)
         given = parsed_known(known)
         chosen = PoseOptions(
             effects, known_loads=loads, known=given, instruments=instruments

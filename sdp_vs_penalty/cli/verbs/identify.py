@@ -41,9 +41,9 @@ def verb(
     from sdp_vs_penalty.parallel import Workers
 
     estimator = with_solver(method, solver)
-    robot = runs.as_told(problem, gravity, bounds, filters)
+    robot = runs.problem_from_options(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
-        whole, given = runs.runs_as_told(robot, data, window)
+        whole, given = runs.runs_from_options(robot, data, window)
         begin = time.perf_counter()
         try:
             estimate, fit = identify_and_judge(

@@ -81,7 +81,7 @@ def _follow(
         made = follow(estimate, runs, drive=drive, seed=seed, progress=progress)  # type: ignore[arg-type]
     console.say(made.verdict, style="bold")
     console.table("Forward simulation against the measured motion (RMS)", *made.table())
-    console.explain(made.explained)
+    console.paragraph(made.explained)
     if made.free[0].spread is None:
         why = "the intervals hold inertias with which the arm cannot move"
         console.warn(f"No band for the free run: {why}.")

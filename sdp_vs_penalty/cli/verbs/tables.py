@@ -39,11 +39,11 @@ def verb(
         first, *rest = table.lines()
         console.say(first, style="bold")
         for line in rest:
-            console.explain(line)
+            console.paragraph(line)
         for path in paths:
             console.say(str(path))
     if any(paths[0].parent != out for _, paths in made):
-        console.explain(
+        console.paragraph(
             f"{out} holds measured tables, and no real run is at hand (name its folder"
             " by SDP_VS_PENALTY_DATA): tables without it were written to"
             f" {out / 'simulated'}."

@@ -11,7 +11,12 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
 from sdp_vs_penalty.data.measurements import Measurements, gathered
-from sdp_vs_penalty.data.store import PART, Growing, joined, parts
+from sdp_vs_penalty.data.store import (
+    PART,
+    AppendableArray,
+    concatenate_chunks,
+    iter_chunks,
+)
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -31,12 +36,12 @@ def read(path: Path, choice: Choice) -> Measurements:
 
     names = None if choice.joints is None else list(choice.joints)
     with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
-        parts = parse_isolated(
+        iter_chunks = parse_isolated(
             run_in_parts, path, names, choice.topic, prepare=message_types, seconds=60.0
         )
         try:
             return gathered(
-                Measurements.of(part["t"], part, (path.name,)) for part in parts
+                Measurements.of(part["t"], part, (path.name,)) for part in iter_chunks
             )
         except ImportError as error:
             raise missing_extra("ROS bags and MCAP files need", "formats") from error
@@ -91,7 +96,7 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         what = f"{wanted} with {_TYPE} is needed"
         raise InputError(what, f"choose it with --topic (there are: {found})", path)
     names, others = list(choice.joints or ()), set[str]()
-    table, rows, first = Growing(), list[list[float]](), np.zeros(0)
+    table, rows, first = AppendableArray(), list[list[float]](), np.zeros(0)
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
         own = [str(name) for name in message.name]
@@ -123,12 +128,14 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
         )
         raise InputError(what, "name the joints as the bag does", path)
     q, dq, tau = np.split(whole[:, 2:], 3, axis=1)
-    clock = 0 if first[0] or any(part.any() for _, part in parts(whole[:, 0])) else 1
-    t = joined(
-        part + float(first[clock] % (86_400 * 10**9)) / 1e9
-        for _, part in parts(whole[:, clock])
+    clock = (
+        0 if first[0] or any(part.any() for _, part in iter_chunks(whole[:, 0])) else 1
     )
-    finite = all(np.all(np.isfinite(part)) for _, part in parts(dq))
+    t = concatenate_chunks(
+        part + float(first[clock] % (86_400 * 10**9)) / 1e9
+        for _, part in iter_chunks(whole[:, clock])
+    )
+    finite = all(np.all(np.isfinite(part)) for _, part in iter_chunks(dq))
     return Measurements(t, q, tau, dq if finite else None, None, (path.name,))
 
 

@@ -128,7 +128,7 @@ def recognise_and_warn(
         return None
     if all(ours == theirs for ours, theirs in found.rename.items()):
         return found  # our own names, beside a clock that is missing
-    taken = ", ".join(f"{a} = {b}" for a, b in _in_short(found.rename))
+    recognise_and_warn = ", ".join(f"{a} = {b}" for a, b in _in_short(found.rename))
     units = "".join(f"; {unit}" for unit in found.units)
     joints = f"; joints {', '.join(found.joints)}" if found.joints else ""
     if (
@@ -138,7 +138,7 @@ def recognise_and_warn(
     ):
         joints += " in the file's order, for the robot's have other names"
     said = (
-        f"{path}: columns recognised ({found.logger}): {taken}{units}{joints}; the same"
+        f"{path}: columns recognised ({found.logger}): {recognise_and_warn}{units}{joints}; the same"
         f" by `{found.command(path, names)}`"
     )
     warnings.warn(said, Remark, stacklevel=3)

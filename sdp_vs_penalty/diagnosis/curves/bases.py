@@ -19,8 +19,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, ALPHA
-from sdp_vs_penalty.diagnosis.score import Fit, Score
+from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, COARSENING_ROWS
+from sdp_vs_penalty.diagnosis.score import EvidenceScorer, Fit
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.effects.transmission import combinations
@@ -254,7 +254,12 @@ class Columns:
 
     @classmethod
     def of(
-        cls, score: Score, fit: Fit, white: Array, joint: int, robust: bool = True
+        cls,
+        score: EvidenceScorer,
+        fit: Fit,
+        white: Array,
+        joint: int,
+        robust: bool = True,
     ) -> Columns:
         z = np.zeros((len(fit.residual[joint]), white.shape[1]))
         z[: len(white)] = white / fit.level[joint]
@@ -263,14 +268,14 @@ class Columns:
         count = float(fit.degrees[joint])
         v = 1.0
         if robust and len(s):
-            T = fit.beside({joint: z})
+            T = fit.residual_of({joint: z})
             inverse = np.linalg.inv(
                 D + raw / count + 1e-9 * np.trace(raw) * np.eye(len(s))
             )
             c = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
-            v = score.worth_of_one(T, fit.residual - T @ c, inverse, freedom)
-        return cls(fit, joint, z, D, s, raw, count, v + count / ALPHA)
+            v = score.rows_worth_one(T, fit.residual - T @ c, inverse, freedom)
+        return cls(fit, joint, z, D, s, raw, count, v + count / COARSENING_ROWS)
 
     def score(self, drop: Array, freedom: Array, looked: int) -> Array:
         """The score of what takes ``drop`` (...) of the weighted squared error with so
@@ -375,7 +380,7 @@ def band(
     A = found.columns.D + found.P
     values, vectors = np.linalg.eigh(A)
     root = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
-    spread = np.sqrt(max(found.columns.v - found.columns.count / ALPHA, 1.0))
+    spread = np.sqrt(max(found.columns.v - found.columns.count / COARSENING_ROWS, 1.0))
     errors = (
         spread * rng.normal(size=(draws, len(A))) @ root.T @ found.projector.T @ grid.T
     )

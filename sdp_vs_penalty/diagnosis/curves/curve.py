@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.effects.measured_curve import WORDS, MeasuredCurve, Variable
-from sdp_vs_penalty.files import Plain
+from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -18,7 +18,7 @@ CURVE = MeasuredCurve.name
 
 
 @dataclass(frozen=True)
-class Curve(Plain):
+class Curve(JsonRecord):
     """The missing torque of a joint (from 1) as a function of what ``of`` names.
 
     x (P,) or (P, 2) : values of the variables, where measurements lie; torque, lower,

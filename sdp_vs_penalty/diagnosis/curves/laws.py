@@ -14,7 +14,11 @@ from itertools import product
 
 import numpy as np
 
-from sdp_vs_penalty.diagnosis.constants import CLOSELY, EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.constants import (
+    EVIDENCE_TO_DISTINGUISH,
+    LAW_TOLERANCE,
+    MAX_CANDIDATES_REFINED,
+)
 from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, Columns, SplineFit
 from sdp_vs_penalty.diagnosis.score import DEPENDENT
 from sdp_vs_penalty.effects.measured_curve import Variable
@@ -241,7 +245,7 @@ def recognised(
         every.append(
             LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best]))
         )
-    rough = sorted(every, key=rated, reverse=True)[:CLOSELY]
+    rough = sorted(every, key=rated, reverse=True)[:MAX_CANDIDATES_REFINED]
     found = []
     for start in rough:
         near = _refined(start, in_splines)
@@ -250,7 +254,11 @@ def recognised(
         exact = LawFit(near.law, a[0], near.constants, float(chi2[0]), own)
         found.append((rated(exact), exact))
     top = max([f.J, *(J for J, _ in found)])
-    alike = [(J, law) for J, law in found if top - EQUIVALENT - FORM * top < J]
+    alike = [
+        (J, law)
+        for J, law in found
+        if top - EVIDENCE_TO_DISTINGUISH - LAW_TOLERANCE * top < J
+    ]
     return min(alike, key=lambda r: (r[1].size, -r[0]), default=(f.J, None))
 
 

@@ -8,7 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import APART, CLOSELY, EQUIVALENT, FORM
+from sdp_vs_penalty.diagnosis.constants import (
+    EVIDENCE_TO_ADD,
+    EVIDENCE_TO_DISTINGUISH,
+    LAW_TOLERANCE,
+    MAX_CANDIDATES_REFINED,
+)
 from sdp_vs_penalty.diagnosis.curves.bases import (
     Basis,
     Columns,
@@ -20,7 +25,7 @@ from sdp_vs_penalty.diagnosis.curves.bases import (
 )
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.laws import Law, LawFit, recognised, written
-from sdp_vs_penalty.diagnosis.score import Term
+from sdp_vs_penalty.diagnosis.score import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.effects.effect import follows_alone
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
@@ -41,7 +46,7 @@ class Measured:
     table: MeasuredCurve
     by_fold: tuple[MeasuredCurve, ...]
     variables: Variables
-    replaced: tuple[Term, ...]
+    replaced: tuple[ScoredEffect, ...]
     J: float
     before: float = np.nan
     errors: Array = field(default_factory=lambda: np.zeros(0))
@@ -110,7 +115,7 @@ def measured_curves(
         )
         wanted = own and (beside is not None or joint in parts)
         alone = _best(search, rest, joint, variables) if wanted else None
-        worth = sum(t.J for t in search.together(own, rest))
+        worth = sum(t.evidence for t in search.score_jointly(own, rest))
         instead = alone is not None and _instead(worth, own, alone, beside)
         best = alone if instead else beside
         if best is not None:
@@ -123,22 +128,22 @@ def measured_curves(
 
 
 def _instead(
-    worth: float, own: Sequence[Term], alone: _Rated, beside: _Rated | None
+    worth: float, own: Sequence[ScoredEffect], alone: _Rated, beside: _Rated | None
 ) -> bool:
     """Whether a curve alone stands in the place of a joint's terms, worth so much:
     where these need a curve besides, or have more constants than its law, it only has
     to be as good."""
     J, _, law = alone
     named = max(worth, 0.0) + (0.0 if beside is None else beside[0])
-    least = EQUIVALENT + FORM * named
+    least = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * named
     simpler = law is not None and law.size < sum(
-        t.form.k + t.form.constants for t in own
+        t.form.n_coefficients + t.form.constants for t in own
     )
     return named + (-least if beside is not None or simpler else least) < J
 
 
 def _best(
-    search: Search, terms: Sequence[Term], joint: int, variables: Variables
+    search: Search, terms: Sequence[ScoredEffect], joint: int, variables: Variables
 ) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
     data, score = search.data, search.score
@@ -163,15 +168,20 @@ def _best(
     rough = [
         (fitted(b.roughly, variables.coarse(b.roughly), False).J, b) for b in every
     ]
-    rough = sorted((r for r in rough if r[0] > APART), key=lambda r: -r[0])
+    rough = sorted((r for r in rough if r[0] > EVIDENCE_TO_ADD), key=lambda r: -r[0])
     close = [
         b
         for n in (1, 2)
-        for b in [b for _, b in rough if len(b.axes) == n][: CLOSELY // 2]
+        for b in [b for _, b in rough if len(b.axes) == n][
+            : MAX_CANDIDATES_REFINED // 2
+        ]
     ]
     exact = [fitted(b, variables.exact(b), True) for b in close]
-    least = max(((1.0 - FORM) * f.J - EQUIVALENT for f in exact), default=0.0)
-    alike = [f for f in exact if max(least, APART) < f.J]
+    least = max(
+        ((1.0 - LAW_TOLERANCE) * f.J - EVIDENCE_TO_DISTINGUISH for f in exact),
+        default=0.0,
+    )
+    alike = [f for f in exact if max(least, EVIDENCE_TO_ADD) < f.J]
     if not alike:
         return None
     best = min(alike, key=lambda f: (len(f.basis.axes), -f.J))
@@ -190,7 +200,7 @@ def _measured(
     law: LawFit | None,
     variables: Variables,
     fold: NDArray[np.intp],
-    replaced: tuple[Term, ...],
+    replaced: tuple[ScoredEffect, ...],
 ) -> Measured:
     robot, points = search.data.estimate.robot, variables.supported(f.basis)
     measured = len(points)

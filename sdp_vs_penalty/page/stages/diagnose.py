@@ -14,11 +14,11 @@ from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import missing_chart
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.view import Stage, Verdict, View, after_model
+from sdp_vs_penalty.page.view import Stage, Verdict, View, requires_model
 from sdp_vs_penalty.reports.markup import bars
 
 
-@after_model("history", "The model so far", lambda s: len(s.undone))
+@requires_model("history", "The model so far", lambda s: len(s.undone))
 def models(view: View) -> None:
     """Each joint's error from model to model, with undo and redo."""
     session = view.session
@@ -40,7 +40,7 @@ def models(view: View) -> None:
     draw.note(f"RMS error on {', '.join(history[-1].judged_on)}.")
 
 
-@after_model(
+@requires_model(
     "findings",
     "What is missing",
     lambda s: (s.frozen, s.findings and s.findings.to_dict()),

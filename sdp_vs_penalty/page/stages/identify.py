@@ -18,7 +18,14 @@ from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.session import ModelStep, Session
-from sdp_vs_penalty.page.view import Part, Stage, View, after_model, identified, spoken
+from sdp_vs_penalty.page.view import (
+    Part,
+    Stage,
+    View,
+    identified,
+    requires_model,
+    spoken,
+)
 from sdp_vs_penalty.reports import markup
 from sdp_vs_penalty.reports.plots import Curves, friction_figure
 from sdp_vs_penalty.reports.sections import CERTIFICATE, HEADS
@@ -163,7 +170,7 @@ def _name(effect: str) -> str:
     return effect.partition("@")[0].partition(":")[0]
 
 
-@after_model(
+@requires_model(
     "fit", "Measured against modelled", lambda s: s.findings and s.findings.to_dict()
 )
 def fit(view: View) -> None:
@@ -189,7 +196,7 @@ def fit(view: View) -> None:
     _figures(model)
     with draw.tag("div", style="pick"):
         draw.choice(
-            "Run", model.runs, view.run, lambda name: view.look(run=name), "shown-run"
+            "Run", model.runs, view.run, lambda name: view.select(run=name), "shown-run"
         )
     label, said = (
         "Measured and modelled torque, and the residual",
@@ -202,7 +209,7 @@ def fit(view: View) -> None:
         found = session.findings if session.found_for == len(session.history) else None
         _heat(view, model.failures, found)
     with draw.tag("div", style="pick"):
-        look = lambda name: view.look(signal=name)  # noqa: E731
+        look = lambda name: view.select(signal=name)  # noqa: E731
         draw.choice(
             "Error against", charts.SIGNALS.items(), view.signal, look, "signal"
         )
@@ -211,7 +218,7 @@ def fit(view: View) -> None:
     def zoom(event: Any) -> None:
         span = charts.asked_span(event.args)
         if not isinstance(span, bool) and span != view.span:
-            view.look(span=span)
+            view.select(span=span)
 
     def follow() -> None:
         j, reads = (
@@ -328,7 +335,7 @@ def _show(view: View, event: Any) -> None:
     """The joint that was clicked, and the signal that shows the cause."""
     joint, signal = event.args
     at = {"joint": min(max(int(joint), 1), view.session.robot["n"]) - 1}
-    view.look(**at, **({"signal": signal} if signal in charts.SIGNALS else {}))
+    view.select(**at, **({"signal": signal} if signal in charts.SIGNALS else {}))
 
 
 #: What a click on a button of a joint sends.
@@ -336,7 +343,7 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
   if (cell) emit([cell.dataset.joint, cell.dataset.signal]); }"""
 
 
-@after_model("parameters", "Parameters")
+@requires_model("parameters", "Parameters")
 def parameters(view: View) -> None:
     """Links, friction, certificate and every parameter with its interval."""
     for said in view.session.current.about["words"]:
@@ -398,7 +405,7 @@ def _tables(view: View) -> None:
     draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
-@after_model("methods", "Compare methods", lambda s: s.answer("methods"))
+@requires_model("methods", "Compare methods", lambda s: s.answer("methods"))
 def methods(view: View) -> None:
     """Other methods beside the current model's, on the same runs."""
     session, chosen = view.session, view.methods

@@ -43,7 +43,9 @@ def robot(view: View) -> None:
     now = ",".join(f"{g:g}" for g in robot["gravity"] or robot["own_gravity"])
     with draw.tag("div", style="pick"):
         turn = partial(session.start, session.mount)
-        draw.text_field(draw.told(gravity), now, turn, "gravity", str(gravity.metavar))
+        draw.text_field(
+            draw.option_help(gravity), now, turn, "gravity", str(gravity.metavar)
+        )
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
         draw.tag("a", "Another robot, on a new page", **new)

@@ -7,7 +7,7 @@ from typing import Any
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import chart_and_arm, torque_chart
-from sdp_vs_penalty.page.view import Stage, View, after_model, identified
+from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
 from sdp_vs_penalty.reports.plots import Curves
 
 #: Files and what they are for.
@@ -26,7 +26,7 @@ LOAD = {name: use for name, use in _EXPORTS.items() if use.startswith("payload")
 MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
 
 
-@after_model("take-away", "Download", lambda s: (s.findings is None, s.runs))
+@requires_model("take-away", "Download", lambda s: (s.findings is None, s.runs))
 def take_away(view: View) -> None:
     """The model's files, its runs, and the commands that make the same."""
     session = view.session
@@ -67,7 +67,7 @@ _DRIVES = (
 _SERVO = ("servo", "the commands alone, through the model's servos")
 
 
-@after_model("forward", "Run forward", lambda s: s.answer("forward"))
+@requires_model("forward", "Run forward", lambda s: s.answer("forward"))
 def forward(view: View) -> None:
     """The model run along the judged runs."""
     session = view.session
@@ -126,7 +126,7 @@ def _replay(view: View, made: dict[str, Any]) -> None:
         joints = [(str(j), f"{j + 1}") for j in range(len(units))]
         joint = str(view.joint or 0)
         draw.choice(
-            "Joint", joints, joint, lambda j: view.look(joint=int(j)), "forward-joint"
+            "Joint", joints, joint, lambda j: view.select(joint=int(j)), "forward-joint"
         )
         if len(made["runs"]) > 1:
             runs = [(str(k), name) for k, name in enumerate(made["runs"])]

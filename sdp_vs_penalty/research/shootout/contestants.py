@@ -178,7 +178,7 @@ def _conic(solver: Solver) -> Contestant:
             sdp.theta(solution),
             solution.claims,
             solution.status,
-            instance.constraints.filled(sdp.multipliers(solution)),
+            instance.constraints.stack_multipliers(sdp.multipliers(solution)),
             sdp.entropy_slopes(solution),
         )
 

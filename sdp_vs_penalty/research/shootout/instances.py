@@ -15,7 +15,7 @@ from scipy import sparse
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.estimation.pose import PoseOptions, pose
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, build_problem
 from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, essential, interior_point
 from sdp_vs_penalty.problem.load import load_problem
@@ -24,7 +24,7 @@ from sdp_vs_penalty.problem.published import measured_runs
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Alike, Constraint, ConstraintSet
+from sdp_vs_penalty.robot.constraint import ConeGroup, Constraint, ConstraintSet
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.simulation.experiments import experiment
 from sdp_vs_penalty.solvers.identification import (
@@ -129,7 +129,7 @@ def unscaled_sdp(
     rows   minimise |z|^2 subject to R theta - z = rho
     """
     (r, p), offset = data.R.shape, data.residual_norm**2
-    R, rho, groups = data.R, data.rho, list[Alike]()
+    R, rho, groups = data.R, data.rho, list[ConeGroup]()
     if formulation == "rows":
         groups = [plain_rows("zero", np.hstack([R, -np.eye(r)]), -rho)]
         P, q = sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc(), np.zeros(p + r)
@@ -244,7 +244,7 @@ def _task(robot: str, source: str, stop: float) -> Task:
     else:
         described = experiment(problem)
         run, effects = described.training_run(seed=0), described.effects
-    task = pose(problem, _part(run, problem, stop), PoseOptions(effects)).task
+    task = build_problem(problem, _part(run, problem, stop), PoseOptions(effects)).task
     return replace(task, constraints=ConstraintSet(task.constraints.convex))
 
 
@@ -300,7 +300,7 @@ def chain_task(n: int, draw: int = 0) -> Task:
     columns = model.columns(motion)
     torque = np.column_stack([c.columns @ theta[c.indices] for c in columns])
     stack = [
-        np.column_stack([c.wide(len(theta)), t])
+        np.column_stack([c.dense_columns(len(theta)), t])
         for c, t in zip(columns, torque.T, strict=True)
     ]
     for wide in stack:

@@ -16,9 +16,9 @@ import numpy as np
 from sdp_vs_penalty.errors import Infeasible, InputError
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
 from sdp_vs_penalty.research.shootout.instances import Instance
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
-from sdp_vs_penalty.solvers.certificate import Fit
+from sdp_vs_penalty.solvers.fit import Fit
 from sdp_vs_penalty.solvers.identification import unit_diagonals
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
@@ -206,7 +206,7 @@ def relative_violation(
             margin = float(np.linalg.eigvalsh(value * scale)[0])
         else:
             terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
-            size = or_one(np.maximum(terms, np.abs(c.constant)))
+            size = nonzero_or_one(np.maximum(terms, np.abs(c.constant)))
             size = size.max() if c.cone == "soc" else size
             margin = float(cone_margin(c.cone, value / size))
         worst = max(worst, -margin)

@@ -31,7 +31,7 @@ import pandas
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import alone, read_text, write_text
+from sdp_vs_penalty.files import folder_lock, read_text, write_text
 from sdp_vs_penalty.parallel import end_with, spread
 from sdp_vs_penalty.research.shootout.catalogue import (
     Entry,
@@ -272,7 +272,7 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
         e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured
     }
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
-    with alone(setup.out):
+    with folder_lock(setup.out):
         results, notes = Results(setup.out), []
         work = partial(
             spread,

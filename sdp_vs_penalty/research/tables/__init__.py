@@ -1,4 +1,4 @@
-"""The comparison tables, one file each: a file with a :class:`Maker` is its
+"""The comparison tables, one file each: a file with a :class:`TableSpec` is its
 registration."""
 
 from collections.abc import Sequence
@@ -15,19 +15,21 @@ from sdp_vs_penalty.plugins import by_word, modules
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Maker, Table
+from sdp_vs_penalty.research.tables.table import Table, TableSpec
 
 #: What `tables` without names makes.
 DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
 
 
 @cache
-def makers() -> dict[str, Maker]:
+def makers() -> dict[str, TableSpec]:
     """Every table of the package by its name."""
     found = (
         value for home in modules(__name__, __path__) for value in vars(home).values()
     )
-    return by_word((maker.name, maker) for maker in found if isinstance(maker, Maker))
+    return by_word(
+        (maker.name, maker) for maker in found if isinstance(maker, TableSpec)
+    )
 
 
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
@@ -40,7 +42,7 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     return [maker.made(study) for maker in chosen]
 
 
-def _chosen(names: Sequence[str] | None) -> list[Maker]:
+def _chosen(names: Sequence[str] | None) -> list[TableSpec]:
     known = {name.lower(): maker for name, maker in makers().items()}
     for name in names or ():
         if name.lower() not in known:  # however it is written

@@ -5,16 +5,16 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.output_error import OUTPUT_ERROR
-from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.problem.published import VARIABLE, measured_runs
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.research.tables.study import FOLDS, Study, torque_errors
-from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
+from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
@@ -24,7 +24,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 REFINED = ("asymmetric_viscous_friction",)
 
 
-@makes("emps", "emps", slow=True)
+@register_table("emps", "emps", slow=True)
 def emps(study: Study) -> Table:
     """EMPS table: the public nonlinear benchmark, by force along a motion and by
     simulated position."""

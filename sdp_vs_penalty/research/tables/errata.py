@@ -17,13 +17,13 @@ from sdp_vs_penalty.regression.base_parameters import (
     base_parameters,
 )
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Table, makes
+from sdp_vs_penalty.research.tables.table import Table, register_table
 from sdp_vs_penalty.robot import inertia
 
 _PROBLEMS = "panda", "two_link"
 
 
-@makes("errata", *_PROBLEMS)
+@register_table("errata", *_PROBLEMS)
 def errata_table(study: Study) -> Table:
     """Errata: where the paper contradicts itself, with the numbers that show it."""
     del study  # of the paper as a whole: both of its robots

@@ -8,17 +8,24 @@ import numpy as np
 import pandas
 from scipy.optimize import approx_fprime
 
-from sdp_vs_penalty.estimation.identify import DATA, from_data
+from sdp_vs_penalty.estimation.identify import DATA, is_data_determined
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.problem.problem import entries
 from sdp_vs_penalty.problem.published import box_tables, errata
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table import Maker, Row, Table, makes, notes, text
+from sdp_vs_penalty.research.tables.table import (
+    Row,
+    Table,
+    TableSpec,
+    notes,
+    register_table,
+    text,
+)
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
 
-@makes("VI", "two_link")
+@register_table("VI", "two_link")
 def denavit_hartenberg(study: Study) -> Table:
     """Table VI: the DH table of the 2R, as printed and as the problem's kinematics has
     it.
@@ -105,7 +112,7 @@ def sources(study: Study, data: Data) -> pandas.Series:
         wide[:, indices] = approx_fprime(
             theta[indices], inertia.barycentric_from_standard
         )
-    own = from_data(task, gradients.reshape(-1, len(theta)))
+    own = is_data_determined(task, gradients.reshape(-1, len(theta)))
     return pandas.Series(
         np.where(own, "data", "prior"), list(entries(len(gradients))), object
     )
@@ -132,14 +139,16 @@ def by_name(links: Array) -> pandas.Series:
     return pandas.Series(barycentric.ravel(), list(entries(len(links))))
 
 
-def _maker(name: str, title: str, letters: str, *problems: str) -> Maker:
+def _maker(name: str, title: str, letters: str, *problems: str) -> TableSpec:
     build = partial(
         link_table,
         name=name,
         title=title,
         chosen=lambda parameter: parameter[0] in letters,
     )
-    return Maker(name, f"Table {name}: {title}, published and ours.", build, problems)
+    return TableSpec(
+        name, f"Table {name}: {title}, published and ours.", build, problems
+    )
 
 
 VII = _maker("VII", "parameters", "mcI", "two_link")

@@ -14,11 +14,11 @@ from sdp_vs_penalty.research.tables.study import (
     Result,
     Study,
 )
-from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
+from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 from sdp_vs_penalty.robot import inertia
 
 
-@makes("methods", slow=True)
+@register_table("methods", slow=True)
 def methods(study: Study) -> Table:
     """Method table: every method on every data set, judged by the same independent
     figures."""

@@ -14,9 +14,9 @@ from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import require_known
+from sdp_vs_penalty.estimation.build_problem import PoseOptions
 from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.identify import certify, estimate_parameters
-from sdp_vs_penalty.estimation.pose import PoseOptions
 from sdp_vs_penalty.estimation.resampling import (
     CrossValidation,
     FoldData,

@@ -36,7 +36,7 @@ _LATEX = str.maketrans(
 
 
 @dataclass(frozen=True)
-class Maker:
+class TableSpec:
     """How a table is made: build(study) -> Table; about : what it is, the first line of
     build's docstring; problems : the names of those that it is about (none: any); slow
     : whether `tables --all` leaves it out."""
@@ -55,13 +55,13 @@ class Maker:
         return replace(table, name=self.name, caption=table.caption or study.sentence)
 
 
-def makes(
+def register_table(
     name: str, *problems: str, slow: bool = False
-) -> Callable[[Callable[[Any], Table]], Maker]:
+) -> Callable[[Callable[[Any], Table]], TableSpec]:
     """Decorates what builds the table of a name: its registration."""
 
-    def register(build: Callable[[Any], Table]) -> Maker:
-        return Maker(name, summary_line(build), build, problems, slow)
+    def register(build: Callable[[Any], Table]) -> TableSpec:
+        return TableSpec(name, summary_line(build), build, problems, slow)
 
     return register
 
@@ -69,7 +69,7 @@ def makes(
 @dataclass(frozen=True, eq=False)
 class Table:
     """rows : cells by column (published ones as printed text); notes : below the table;
-    gist : what it shows, in words; digits : significant ones of a number that is shown;
+    headline : what it shows, in words; digits : significant ones of a number that is shown;
     caption : says what is simulated and what measured; name : "III" is written as
     table_III.csv, .md and .tex.
     """
@@ -77,7 +77,7 @@ class Table:
     title: str
     rows: Sequence[Row] | pandas.DataFrame
     notes: Sequence[str] = ()
-    gist: str = ""
+    headline: str = ""
     digits: int = 4
     caption: str = ""
     name: str = ""
@@ -116,7 +116,7 @@ class Table:
         size = f"{len(self.frame)} rows, {len(self.frame.columns)} columns; {source}"
         return [
             self.title,
-            self.gist or self.caption.split(". ")[0].rstrip(".") + ".",
+            self.headline or self.caption.split(". ")[0].rstrip(".") + ".",
             size,
         ]
 

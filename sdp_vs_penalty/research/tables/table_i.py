@@ -23,7 +23,13 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes, notes
+from sdp_vs_penalty.research.tables.table import (
+    Row,
+    Table,
+    by_joint,
+    notes,
+    register_table,
+)
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun, Rows
@@ -156,7 +162,9 @@ class _Data:
         model = problem.model("rigid_body")
         rows = rows_of(model)
         self.robot, self.rows_of, self.torque = problem.robot, rows_of, rows.torque
-        wide = np.stack([c.wide(len(model.parameters)) for c in rows.columns], axis=1)
+        wide = np.stack(
+            [c.dense_columns(len(model.parameters)) for c in rows.columns], axis=1
+        )
         self.rigid = wide[:, :, list(base_parameters(model, problem.independent)[1])]
 
     def columns(self, x: Array) -> Array:
@@ -195,7 +203,7 @@ def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> 
     return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
 
 
-@makes("I", "panda")
+@register_table("I", "panda")
 def sigmoid_friction(study: Study) -> Table:
     """Table I: the sigmoid friction of every joint, published and fitted.
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Row, Table, makes, notes
+from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 
 
-@makes("II", "panda")
+@register_table("II", "panda")
 def exciting_trajectory(study: Study) -> Table:
     """Table II: the exciting trajectory, published, as commanded, and better
     conditioned ones.

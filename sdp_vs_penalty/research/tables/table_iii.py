@@ -10,7 +10,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
 from sdp_vs_penalty.research.tables.study import Data, Study, torque_errors
-from sdp_vs_penalty.research.tables.table import Table, makes, notes
+from sdp_vs_penalty.research.tables.table import Table, notes, register_table
 
 _CONDITION, _ERROR = "condition number", "relative error [%]"
 _DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
@@ -19,7 +19,7 @@ _DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
 _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
 
 
-@makes("III")
+@register_table("III")
 def base_parameter_table(study: Study) -> Table:
     """Table III: base parameters and friction, published and ours.
 

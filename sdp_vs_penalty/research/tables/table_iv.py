@@ -12,8 +12,8 @@ from sdp_vs_penalty.research.tables.table import (
     Row,
     Table,
     by_joint,
-    makes,
     notes,
+    register_table,
 )
 from sdp_vs_penalty.research.tables.table_i import SigmoidFriction
 
@@ -21,7 +21,7 @@ from sdp_vs_penalty.research.tables.table_i import SigmoidFriction
 _SHOWN = ("p_hat", "delta", "ols")
 
 
-@makes("IV")
+@register_table("IV")
 def unseen_torque(study: Study) -> Table:
     """Table IV: torque error of each joint on motion that no estimate was made from."""
     robot, rows = study.problem.robot, []

@@ -17,7 +17,13 @@ from scipy.spatial.transform import Rotation
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.research.tables.study import Data, Study
-from sdp_vs_penalty.research.tables.table import Row, Table, by_joint, makes, notes
+from sdp_vs_penalty.research.tables.table import (
+    Row,
+    Table,
+    by_joint,
+    notes,
+    register_table,
+)
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot, joint_limits
 from sdp_vs_penalty.signals.filtered import FilteredRun
@@ -176,7 +182,7 @@ def _played(
     return out
 
 
-@makes("V", "panda")
+@register_table("V", "panda")
 def engines(study: Study) -> Table:
     """Table V: physics engines with the identified model, published ones and those at
     hand.

@@ -11,8 +11,8 @@ import pandas
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.identify import estimate_parameters
-from sdp_vs_penalty.estimation.pose import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.resampling import CrossValidation, Fold
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import make_task
@@ -32,8 +32,8 @@ from sdp_vs_penalty.research.tables.table import (
     Row,
     Table,
     by_joint,
-    makes,
     notes,
+    register_table,
 )
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
@@ -49,7 +49,7 @@ _METHODS = (
 _Window = tuple[Regression, Regression]
 
 
-@makes("data", slow=True)
+@register_table("data", slow=True)
 def data_needed(study: Study) -> Table:
     """Data table: how much measured motion each method needs."""
     # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to
@@ -156,14 +156,14 @@ def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Ro
     }
 
 
-_TRIED = tuple(
+METHODS_TRIED = tuple(
     dict.fromkeys(("ols", "lmi-sdp-plain", "lmi-sdp-entropic", DEFAULT_METHOD))
 )
 #: What joins the problem's effects, one after the other.
 _ADDED = ("", "presliding_hysteresis", "presliding_hysteresis, torque_gain:6")
 
 
-@makes("unseen", "panda", slow=True)
+@register_table("unseen", "panda", slow=True)
 def unseen(study: Study) -> Table:
     """Unseen table: errors on motion that was not trained on, fold by fold, and what
     lowers them."""
@@ -173,13 +173,13 @@ def unseen(study: Study) -> Table:
             "name the folder of the measurements by SDP_VS_PENALTY_DATA",
         )
     rows: list[Row] = []
-    told: dict[tuple[str, str], Cell] = {}
-    for method in _TRIED:
+    errors: dict[tuple[str, str], Cell] = {}
+    for method in METHODS_TRIED:
         for added in _ADDED:
             study.progress(f"unseen motion: {method}, {added or 'the usual effects'}")
             rows += (found := _rows(study, study.run, method, added))
-            told[method, added] = found[FOLDS]["relative_error_percent"]
-    usual, friction, all_of_it = (told[DEFAULT_METHOD, added] for added in _ADDED)
+            errors[method, added] = found[FOLDS]["relative_error_percent"]
+    usual, friction, all_of_it = (errors[DEFAULT_METHOD, added] for added in _ADDED)
     return Table(
         f"Errors on unseen motion of {study.problem.title}",
         rows,

@@ -29,7 +29,7 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Table, makes, notes
+from sdp_vs_penalty.research.tables.table import Table, notes, register_table
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.robot.arrays import Array
@@ -222,7 +222,7 @@ def penalty_links(study: Study) -> list[Array]:
     return found
 
 
-@makes("wrenches", "two_link")
+@register_table("wrenches", "two_link")
 def wrench_table(study: Study) -> Table:
     """How far internal wrenches differ between parameters that make the same torques.
 

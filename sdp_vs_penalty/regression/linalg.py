@@ -16,7 +16,7 @@ from sdp_vs_penalty.robot.arrays import Array
 UNSEEN = 1e-9
 
 
-def visible(A: Array) -> tuple[Array, Array]:
+def column_space(A: Array) -> tuple[Array, Array]:
     """Directions V (p, k) of theta that the columns A (r, p) show, and what they make,
     A V = U (r, k), with U'U = 1.
 
@@ -32,10 +32,10 @@ def visible(A: Array) -> tuple[Array, Array]:
     return u[:, good], V
 
 
-def smallest(A: Array, b: Array, near: Array | float = 0.0) -> Array:
+def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
     """The theta (p,) nearest to ``near`` that minimises |A theta - b|: moved in the
     directions that A (r, p) shows, columns at unit norm."""
-    U, V = visible(A)
+    U, V = column_space(A)
     start = np.broadcast_to(near, A.shape[1])
     return np.asarray(start + V @ (U.T @ (b - A @ start)))
 
@@ -43,14 +43,14 @@ def smallest(A: Array, b: Array, near: Array | float = 0.0) -> Array:
 def deviations(A: Array) -> Array:
     """(p,) standard deviations of least squares in columns A (r, p) whose rows have
     noise one; infinite where they do not determine a parameter."""
-    U, V = visible(A)
+    U, V = column_space(A)
     known = np.einsum("kr,rk->k", V, U.T @ A) > 1.0 - 1e-6
     return np.where(known, np.linalg.norm(V, axis=1), np.inf)
 
 
 def span(A: Array) -> Array:
     """U (r, k) with U'U = 1 of what the columns A (r, p) make, in a third of the time of
-    :func:`visible`."""
+    :func:`column_space`."""
     norms = np.linalg.norm(A, axis=0)
     seen = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
     if not len(seen):

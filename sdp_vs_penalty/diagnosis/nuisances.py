@@ -25,11 +25,11 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
-from sdp_vs_penalty.robot.arrays import Array, or_one
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 
 @dataclass(frozen=True, eq=False)
-class Misfit:
+class Nuisance:
     """White columns (M, k) by joint, and the deviations (k,) of their coefficients
     about zero."""
 
@@ -38,7 +38,9 @@ class Misfit:
     deviations: Array
 
 
-def distorted(data: WhiteData, effect: Effect, beta: Array) -> dict[int, Array]:
+def law_misfit_columns(
+    data: WhiteData, effect: Effect, beta: Array
+) -> dict[int, Array]:
     """(M, k) white columns of what the law of an effect with parameters beta may get
     wrong, by joint whose torque it changes."""
     rows, out = data.rows, dict[int, Array]()
@@ -53,7 +55,7 @@ def distorted(data: WhiteData, effect: Effect, beta: Array) -> dict[int, Array]:
             rows.dq[:, j],
             rows.q[:, j] - rows.q[:, j].mean(),
         )
-        t, v, q = (x / or_one(np.abs(x).max()) for x in every)
+        t, v, q = (x / nonzero_or_one(np.abs(x).max()) for x in every)
         factors = [
             t,
             v,

@@ -1,10 +1,10 @@
 """From data to an optimisation problem: the one place where measurements become what is
 minimised.
 
-``identify``, ``export-sdp``, proofs, the page and the shootout's instances all ask :func:`pose`, so that
+``identify``, ``export-sdp``, proofs, the page and the shootout's instances all ask :func:`build_problem`, so that
 what one of them proves is what another solves. Gravity, bounds and filters belong to the
 :class:`~sdp_vs_penalty.problem.problem.Problem`, a time window to the measurements
-(:func:`~sdp_vs_penalty.cli.runs.as_told` reads both as users write them); everything else is an option.
+(:func:`~sdp_vs_penalty.cli.runs.problem_from_options` reads both as users write them); everything else is an option.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class PoseOptions:
 
 
 @dataclass(frozen=True)
-class Posed:
+class EstimationProblem:
     """An optimisation problem, and what made it.
 
     problem : with the gains that known loads determined; measurements, runs : the log,
@@ -124,13 +124,13 @@ class Posed:
     details: dict[str, Any] = field(default_factory=dict)
 
 
-def pose(
+def build_problem(
     problem: str | Path | Problem,
     measurements: Source | FilteredRuns | BlackBox,
     options: PoseOptions | None = None,
     progress: Progress = no_progress,
     workers: Workers = ALONE,
-) -> Posed:
+) -> EstimationProblem:
     """The optimisation problem of identifying ``problem`` from ``measurements``, both
     as users give them. Raises InputError for unusable input."""
     problem = as_problem(problem, "pose(problem=...)")
@@ -147,7 +147,7 @@ def pose_filtered(
     options: PoseOptions,
     progress: Progress = no_progress,
     workers: Workers = ALONE,
-) -> Posed:
+) -> EstimationProblem:
     """The optimisation problem of identifying a problem from runs behind their filters.
 
     Open shape constants are estimated first, then gains from known loads, then the
@@ -163,7 +163,7 @@ def pose_filtered(
         progress("compressing the black box's answers")
         regression = compress_black_box(data, model)
         task = make_task(problem, model, regression, "none", options.seed, progress)
-        return Posed(problem, data, None, regression, task, "none")
+        return EstimationProblem(problem, data, None, regression, task, "none")
     runs = data
     log = runs.measurements
     model = problem.model(options.effects)
@@ -218,7 +218,7 @@ def pose_filtered(
     task = make_task(
         problem, model, regression, options.weighting, options.seed, progress
     )
-    return Posed(
+    return EstimationProblem(
         problem=problem,
         measurements=runs.measurements,
         runs=runs,
@@ -261,7 +261,7 @@ def logged(data: Measurements | FilteredRuns) -> Measurements:
     return data.measurements if isinstance(data, FilteredRuns) else data
 
 
-def readable(
+def load_and_check(
     problem: Problem, measurements: Source | FilteredRuns | BlackBox, what: str
 ) -> Measurements | FilteredRuns | BlackBox:
     """What was given as measurements, read; InputError where it cannot be this robot's.
@@ -290,13 +290,13 @@ def read_and_filter(
     what : how an error names the measurements. Raises InputError where they cannot be
     this robot's.
     """
-    data = readable(problem, measurements, what)
+    data = load_and_check(problem, measurements, what)
     if isinstance(data, BlackBox):
         return data
-    return behind_filters(problem, data, settings)
+    return filter_runs(problem, data, settings)
 
 
-def behind_filters(
+def filter_runs(
     problem: Problem,
     data: Measurements | FilteredRuns,
     settings: Preprocessing | None = None,

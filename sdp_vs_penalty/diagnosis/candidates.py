@@ -29,30 +29,30 @@ Key = tuple[str, int | None]
 
 
 @dataclass(frozen=True)
-class Form:
-    """A candidate with one set of shape constants; own : another constant of the
+class Candidate:
+    """A candidate with one set of shape constants; replaces_own_constant : another constant of the
     model's own effect, which stands in its place and is a nuisance, no finding."""
 
     key: Key
     effect: Effect
-    own: bool = False
+    replaces_own_constant: bool = False
 
     @cached_property
-    def k(self) -> int:
+    def n_coefficients(self) -> int:
         return len(self.effect.parameters)
 
     @cached_property
     def constants(self) -> int:
         """Continuous shape constants; none of the model's own effect, whose size is no
         new one."""
-        if self.own:
+        if self.replaces_own_constant:
             return 0
         return sum(
             self.effect.shapes[x].bounds is not None for x in self.effect.searched
         )
 
     @cached_property
-    def law(self) -> tuple[Hashable, ...]:
+    def discrete_choice(self) -> tuple[Hashable, ...]:
         """Its candidate, and the constants that are choices among which nothing is
         refined."""
         e = self.effect
@@ -71,14 +71,14 @@ class Form:
         """(k,) standard deviations of its parameters that its effect says, NaN where it
         says none."""
         known = self.effect.plausible
-        return np.full(self.k, np.nan) if known is None else known
+        return np.full(self.n_coefficients, np.nan) if known is None else known
 
-    def refines(self, other: Form) -> bool:
+    def refines(self, other: Candidate) -> bool:
         """Whether its effect says that it is a finer form of the other's, on the same
         joint."""
         return self.key[1] == other.key[1] and other.key[0] in self.effect.refines
 
-    def with_shape(self, **shape: float) -> Form:
+    def with_shape(self, **shape: float) -> Candidate:
         return replace(self, effect=self.effect.with_shape(**shape))
 
     def bounds(self, name: str) -> tuple[float, float] | None:
@@ -88,7 +88,11 @@ class Form:
             .on(self.effect.robot.joints[self.effect.joints[0]].kind)
             .bounds
         )
-        return (found[0], max(found[1], TURNS[-1])) if self.own and found else found
+        return (
+            (found[0], max(found[1], TURNS[-1]))
+            if self.replaces_own_constant and found
+            else found
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +101,8 @@ class Batch:
     (len(joints), M, F k)."""
 
     joints: tuple[int, ...]
-    forms: tuple[Form, ...]
-    white: Array
+    forms: tuple[Candidate, ...]
+    whitened_columns: Array
 
     @cached_property
     def signed(self) -> NDArray[np.bool_]:
@@ -113,29 +117,30 @@ class Batch:
     @cached_property
     def grams(self) -> Array:
         """(len(joints), F, k, k) products of each form's columns."""
-        k = self.forms[0].k
-        parts = self.white.reshape(*self.white.shape[:2], len(self.forms), k).transpose(
-            0, 2, 3, 1
-        )
+        k = self.forms[0].n_coefficients
+        parts = self.whitened_columns.reshape(
+            *self.whitened_columns.shape[:2], len(self.forms), k
+        ).transpose(0, 2, 3, 1)
         return np.asarray(parts @ parts.transpose(0, 1, 3, 2))
 
     @classmethod
     def of(
         cls,
         joints: tuple[int, ...],
-        forms: tuple[Form, ...],
+        forms: tuple[Candidate, ...],
         white: Sequence[dict[int, Array]],
     ) -> Batch:
-        """white : of each form, (M, k) by joint."""
+        """whitened_columns : of each form, (M, k) by joint."""
         return cls(
             joints, forms, np.stack([np.hstack([z[j] for z in white]) for j in joints])
         )
 
     def columns(self, f: int) -> dict[int, Array]:
         """(M, k) by joint, of one form."""
-        k = self.forms[f].k
+        k = self.forms[f].n_coefficients
         return {
-            j: self.white[a][:, f * k : f * k + k] for a, j in enumerate(self.joints)
+            j: self.whitened_columns[a][:, f * k : f * k + k]
+            for a, j in enumerate(self.joints)
         }
 
 
@@ -146,7 +151,7 @@ class Library:
     batches: tuple[Batch, ...] = ()
     laws: Mapping[Key, int] = field(default_factory=dict)
 
-    def again(self, data: WhiteData) -> Library:
+    def with_current_columns(self, data: WhiteData) -> Library:
         """The same where what refers to the model's torque and links is of another one."""
 
         def made(b: Batch) -> Batch:
@@ -157,33 +162,37 @@ class Library:
         return replace(self, batches=tuple(map(made, self.batches)))
 
 
-def library(data: WhiteData) -> Library:
+def list_candidates(data: WhiteData) -> Library:
     """All candidates beside the model; their columns white."""
     groups: dict[
-        tuple[tuple[int, ...], Hashable], list[tuple[Form, dict[int, Array]]]
+        tuple[tuple[int, ...], Hashable], list[tuple[Candidate, dict[int, Array]]]
     ] = {}
     for form in (
         *_forms(data.rows, data.estimate.model, data.frozen),
         *_own_forms(data),
     ):
         if white := _white(data, form):
-            alike = form.k, depends(form.effect), form.key if form.own else None
+            alike = (
+                form.n_coefficients,
+                depends(form.effect),
+                form.key if form.replaces_own_constant else None,
+            )
             groups.setdefault((tuple(sorted(white)), alike), []).append((form, white))
     batches = tuple(
         Batch.of(joints, *zip(*group, strict=True))
         for (joints, _), group in groups.items()
     )
-    laws = {f.law: f for b in batches for f in b.forms}
+    laws = {f.discrete_choice: f for b in batches for f in b.forms}
     return Library(batches, Counter(f.key for f in laws.values()))
 
 
-def _white(data: WhiteData, form: Form) -> dict[int, Array]:
+def _white(data: WhiteData, form: Candidate) -> dict[int, Array]:
     """(M, k) white columns by joint, kept for nobody."""
     blocks = data.rows.blocks(form.effect, keep=False)
     return {b.joint: data.white(b.columns, b.joint) for b in blocks}
 
 
-def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
+def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Candidate]:
     """Every effect of the library. What the model already has on a joint is left out,
     unless it is held fixed and may have changed."""
     taken = set[Key]()
@@ -213,10 +222,10 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Form]:
             key = (name, joint)
             if key not in taken and (kind.at_rest != "holds" or stands[joint]):
                 every = kind.candidates(model.robot, joint, start)
-                yield from (Form(key, e) for e in every if tells(e))
+                yield from (Candidate(key, e) for e in every if tells(e))
 
 
-def _own_forms(data: WhiteData) -> Iterator[Form]:
+def _own_forms(data: WhiteData) -> Iterator[Candidate]:
     """The model's own effects with other values of the shape constants that are
     estimated."""
     joints = data.estimate.robot.joints
@@ -236,12 +245,18 @@ def _own_forms(data: WhiteData) -> Iterator[Form]:
                 {high, *grid, *(x for x in near if grid[0] < x < high)} - {now}
             )
             yield from (
-                Form(key, effect.with_shape([key[1]], **{name: x}), own=True)
+                Candidate(
+                    key,
+                    effect.with_shape([key[1]], **{name: x}),
+                    replaces_own_constant=True,
+                )
                 for x in values
             )
 
 
-def eligible(forms: Sequence[Form], picked: Sequence[Form], model: Model) -> list[bool]:
+def may_join(
+    forms: Sequence[Candidate], picked: Sequence[Candidate], model: Model
+) -> list[bool]:
     """Which forms may join: nothing twice, a finer form only where what it refines is
     there."""
     taken = {p.key for p in picked if not p.effect.several}

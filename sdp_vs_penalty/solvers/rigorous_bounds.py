@@ -21,8 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.robot.arrays import Array, or_one
-from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet, Entries, alike
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.constraint import (
+    Constraint,
+    ConstraintSet,
+    StackedCones,
+    group_cones,
+)
 from sdp_vs_penalty.solvers import verify_proof
 from sdp_vs_penalty.solvers.objective import Entropy, Objective
 
@@ -43,7 +48,7 @@ def _gamma(operations: int) -> Extended:
 _TINY = Long(np.finfo(float).tiny)
 
 
-def in_cones(entries: Entries, multipliers: Array) -> tuple[Extended, Array]:
+def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array]:
     """Multipliers (e,) that lie in their (self-dual) cones, near those given; their
     sums' absolute values. A matrix is V V^T, formed with rounding; the others are
     exact."""
@@ -82,14 +87,14 @@ def factor(matrices: Array) -> Array:
         )  # near entry by entry, in any system of units
     except np.linalg.LinAlgError:
         size = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
-        size = or_one(size)[:, :, None]
+        size = nonzero_or_one(size)[:, :, None]
         eigenvalues, vectors = np.linalg.eigh(matrices / size / np.swapaxes(size, 1, 2))
         out = size * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
     return out
 
 
 def _against(
-    entries: Entries, dual: Extended, sizes: Array, p: int
+    entries: StackedCones, dual: Extended, sizes: Array, p: int
 ) -> tuple[Extended, Extended]:
     """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of
     absolute values; dual, sizes (e,)."""
@@ -142,7 +147,10 @@ class DualEvidence:
 
 
 def lower_bound(
-    objective: Objective, constraints: Entries, evidence: DualEvidence, bound: Array
+    objective: Objective,
+    constraints: StackedCones,
+    evidence: DualEvidence,
+    bound: Array,
 ) -> float:
     """A number that is certainly <= min objective over the constraints and |theta_k| <=
     bound_k; -inf where slopes of the entropy are not definite.
@@ -217,7 +225,7 @@ def proves_infeasible(
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
     """Whether theta satisfies all constraints, decided in rational arithmetic."""
-    margin, size = Entries.of(alike(constraints)).margins(theta)
+    margin, size = StackedCones.from_groups(group_cones(constraints)).margins(theta)
     exact = {int(k): Fraction(float(theta[k])) for c in constraints for k in c.indices}
     return all(
         verify_proof.inside(c.cone, _exact_value(c, exact))

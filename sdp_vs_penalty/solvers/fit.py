@@ -21,12 +21,17 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import Alike, ConstraintSet, project, safe_depth
-from sdp_vs_penalty.solvers import verified
+from sdp_vs_penalty.robot.constraint import (
+    ConeGroup,
+    ConstraintSet,
+    project,
+    safe_depth,
+)
+from sdp_vs_penalty.solvers import rigorous_bounds
 from sdp_vs_penalty.solvers.identification import unit_diagonals
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import Iterate
-from sdp_vs_penalty.solvers.verified import TIGHT, DualEvidence
+from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, DualEvidence
 
 
 @dataclass(frozen=True)
@@ -60,13 +65,14 @@ class Fit:
         and, unless that is tight, also from polished ones."""
         assert self.bound is not None
         objective, entries, bound = self.objective, self.constraints.entries, self.bound
-        lower = verified.lower_bound(
+        lower = rigorous_bounds.lower_bound(
             objective, entries, dual_evidence(self, polished=False), bound
         )
         if objective.least_squares.gap(self.upper, lower, self.theta) <= 0.5 * TIGHT:
             return lower
         return max(
-            lower, verified.lower_bound(objective, entries, dual_evidence(self), bound)
+            lower,
+            rigorous_bounds.lower_bound(objective, entries, dual_evidence(self), bound),
         )
 
     @cached_property
@@ -169,7 +175,7 @@ def _polished(
     return replace(e, multipliers=kept, push=push)
 
 
-def _inverse(group: Alike, t: Array) -> Array:
+def _inverse(group: ConeGroup, t: Array) -> Array:
     """(g, 10, 4, 4) from a slope e of the last demand on each link (its minimum
     thickness: the one that is active) to E with <T F_i T, E> = e_i; zeros of the
     others."""

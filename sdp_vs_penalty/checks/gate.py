@@ -16,7 +16,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.problem import Problem
 
 
-def refuse_meaningless(
+def raise_on_errors(
     problem: Problem,
     measurements: Measurements,
     verb: str = "identify",
@@ -35,7 +35,7 @@ def refuse_meaningless(
     found = [
         (r.run, f)
         for r in reports
-        for f in r.problems
+        for f in r.errors_and_warnings
         if not (gains and f.kind == "torque gain")
     ]
     errors = [(run, f) for run, f in found if f.severity == "error"]
