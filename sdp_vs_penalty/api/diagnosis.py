@@ -30,6 +30,7 @@ def diagnose(
     check: bool = True,
     warn: Callable[[str], Any] | None = None,
     without_check: str = WITHOUT_CHECK,
+    judged_recordings: Source = None,
 ) -> Diagnosis:
     """Which physical effects a model misses, judged against the noise.
 
@@ -61,6 +62,10 @@ def diagnose(
         Hears the remarks of the check; default: a UserWarning each.
     without_check : str
         How an error says to go on without the check, in words.
+
+    judged_recordings : the same as measurements, optional
+        Of which the test run, or the measurements without one, are windows. Errors are
+        shown beside the noise floor that `compare` has of them.
 
     Returns
     -------
@@ -102,4 +107,5 @@ def diagnose(
         progress=progress,
         noise_from=noise_from,
         gain_uncertainty=gain_uncertainty,
+        judged_recordings=judged_recordings,
     )

@@ -41,8 +41,9 @@ SIGMAS = 4.0
 #: the same: one of a few (a sign, an axis, an order), or one with a number, which adapts
 #: to whatever the model lacks. No joint's may rise by more than the last.
 ONE_OF_FEW, WITH_A_NUMBER, WORSE = 1.5, 2.0, 1.2
-#: The same of a motion of few directions, in which much explains much.
-POOR = 4.0
+#: The same of a motion of few directions, in which much explains much, and of what
+#: friction with memory resembles.
+MUCH = 4.0
 #: One arm for all runs has to explain them so many times worse than one for each.
 TIMES_BETTER = 1.5
 #: Widest 95 % interval of a number that is claimed, to either side: of a factor (natural

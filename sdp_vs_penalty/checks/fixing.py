@@ -98,8 +98,10 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
 def _error_left_out(problem: Problem, runs: Sequence[Measurements]) -> float | None:
     """Relative error [%] on the last part of each run of what is identified from the
     first; None where nothing is."""
+    from sdp_vs_penalty.api.identification import identify
     from sdp_vs_penalty.diagnosis.comparison import compare
-    from sdp_vs_penalty.estimation.identify import identify
+    from sdp_vs_penalty.estimation.build_problem import filter_runs, load_and_check
+    from sdp_vs_penalty.estimation.identify import estimate_parameters
 
     train, test = [], []
     for run in runs:
@@ -108,7 +110,9 @@ def _error_left_out(problem: Problem, runs: Sequence[Measurements]) -> float | N
         train.append(plain.window(0.0, TRAINED_ON * end))
         test.append(plain.window(TRAINED_ON * end, end))
     try:
-        estimate = identify(problem, concatenate(train))
+        data = load_and_check(problem, concatenate(train), "check --fix")
+        assert isinstance(data, Measurements)
+        estimate = estimate_parameters(problem, filter_runs(problem, data))
         (judged,) = compare(estimate, concatenate(test))
     except InputError:
         return None

@@ -70,7 +70,7 @@ def explanations_in_a_line(problem: str, found: Sequence[tuple[str, Issue]]) -> 
     told = [(run, f) for run, f in found if f.nature == EXPLANATION]
     if not told:
         return ""
-    run, first = told[0]
+    run = told[0][0]
     kinds = list(dict.fromkeys(f.what.rstrip(".") for _, f in told))
     more = f" (and {formatting.count(len(kinds) - 1, 'more such thing')})"
     words = " ".join(dict.fromkeys(f.apply for _, f in told if f.apply))

@@ -10,8 +10,10 @@ from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
 
-#: Samples above which windows of a run stand for it.
-LONG = PARTS * PART
+
+def is_long(run: Measurements) -> bool:
+    """Whether windows of a run stand for it."""
+    return run.samples > PARTS * PART
 
 
 def windows_of(run: Measurements) -> list[Measurements]:
@@ -19,7 +21,7 @@ def windows_of(run: Measurements) -> list[Measurements]:
 
     A window's rows count from its first sample, which its name says.
     """
-    if run.samples <= LONG:
+    if not is_long(run):
         return [run]
     starts = np.linspace(0, run.samples - PART, PARTS // 2).astype(int).tolist()
     name = run.names[0]

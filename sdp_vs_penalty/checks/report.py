@@ -7,7 +7,7 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
-from sdp_vs_penalty.checks.long_runs import LONG
+from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.formatting import Shown, Summary, Table
@@ -15,8 +15,8 @@ from sdp_vs_penalty.formatting import Shown, Summary, Table
 
 @dataclass(frozen=True, repr=False)
 class Report(Shown):
-    """issues : of one run, the gravest first; mended : the run with every repair made,
-    those that are only likely included; fixed : with the certain ones only; unexplained
+    """issues : of one run, the gravest first; repaired_all : the run with every repair made,
+    those that are only likely included; repaired_certain : with the certain ones only; unexplained
     : share of the torques' energy that the arm's dynamics leave over, after mending,
     None where there is nothing to fit; arm : the rows and their net repair, where these
     had samples to spare for its parameters.
@@ -24,8 +24,8 @@ class Report(Shown):
 
     run: str
     issues: tuple[Issue, ...]
-    mended: Measurements
-    fixed: Measurements
+    repaired_all: Measurements
+    repaired_certain: Measurements
     unexplained: float | None = None
     arm: tuple[Likelihood, LogTransform] | None = field(
         default=None, compare=False, repr=False
@@ -40,7 +40,7 @@ class Report(Shown):
     @property
     def is_long(self) -> bool:
         """Whether windows stand for the run: it is not repaired then."""
-        return self.repaired_all.samples > LONG
+        return is_long(self.repaired_all)
 
     @property
     def errors_and_warnings(self) -> tuple[Issue, ...]:

@@ -377,9 +377,9 @@ def compare_runs(
         rest = [runs[k].normal(weights[k]) for k in range(len(runs)) if k != odd]
         others = tuple(np.concatenate(x).sum(axis=0) for x in zip(*rest, strict=True))
         none = log.raw(repair)[:, :, :0]
-        before = log.left_out(repair, weights[odd], none, others)[1]
+        before = log.jackknife_errors(repair, weights[odd], none, others)[1]
         for kind, j, more in (("another arm", -1, none), *_changes(log, repair, theta)):
-            arms, after = log.left_out(
+            arms, after = log.jackknife_errors(
                 repair, weights[odd], more, others if j >= 0 else None
             )
             gain = float(np.log(before / after)[:, log.moving].sum()) * (

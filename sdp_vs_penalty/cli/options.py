@@ -28,6 +28,7 @@ models model.json ...: Models written by `identify` or `add`.
 --gain-uncertainty >=0.0 <=0.999 0.01: Relative standard deviation of the torque channels' gains; widens
     the intervals.
 --gravity x,y,z: Gravity in the base frame, in m/s^2.
+--hold finger_joint=0: Joints that stand still [rad, m]; their links belong to their parents.
 --json out.json: JSON file for the figures.
 --verbose, -v: All tables.
 --method: Method, of `sdp-vs-penalty list methods`.

@@ -252,7 +252,8 @@ def diagnosis(
     if result.unexplained_sentence or not found:
         paragraph(result.advice)
     for retune in result.retuned:
-        weak = f" (weak: {'; '.join(retune.remarks)})" if retune.remarks else ""
+        why = "; ".join(retune.remarks)
+        weak = f" ({retune.rating}: {why})" if why else ""
         paragraph(f"retune {retune.explanation}{weak}")
     if result.effects:
         _findings(
@@ -262,12 +263,7 @@ def diagnosis(
         )
     for curve in result.curves:
         paragraph(f"curve: {curve.sentence(units)}")
-    beyond = np.sqrt(np.maximum(result.unexplained, 0.0)) * result.noise_floor
-    known = result.noise_known
-    left = ", ".join(
-        f"{x:.2g} {plain_unit(u)}" for x, u in zip(beyond, units, strict=True)
-    )
-    say(f"error left beyond the noise, per joint: {left if known else 'not known'}")
+    say(result.left_sentence)
     lines = event_lines(result.events, verbose)
     for line in lines:
         say(
@@ -310,8 +306,8 @@ def _findings(
     errors += [f.held_out_rmse_after for f in shown]
     noise = "noise" if result.noise_known else "noise?"
     names = ["model", "retuned"][: 1 + retuned]
-    weak = (" weak" if f.confidence == "weak" else "" for f in shown)
-    names += [*(f"+ {k}.{mark}" for k, mark in enumerate(weak, start=1)), noise]
+    marks = ("" if f.rating == "confident" else f" {f.rating}" for f in shown)
+    names += [*(f"+ {k}.{mark}" for k, mark in enumerate(marks, start=1)), noise]
     each = zip(names, [*errors, result.noise_floor], strict=True)
     rows = [(name, *map(number, row)) for name, row in each]
     joints = [str(j + 1) for j in range(len(units))]
@@ -326,7 +322,8 @@ def _findings(
                 " in these data."
             )
         said.add(finding.effect)
-        why = f" Weak: {'; '.join(finding.remarks)}." if finding.remarks else ""
+        why = "; ".join(finding.remarks)
+        why = f" {finding.rating.capitalize()}: {why}." if why else ""
         paragraph(f"{k}. {head}{rest}{why}")
     if len(shown) < len(result.effects):
         more = ", ".join(f.text.partition("@")[0] for f in result.effects[len(shown) :])
@@ -334,8 +331,7 @@ def _findings(
 
 
 def without_trailing_weak(effects: Sequence[Finding]) -> Sequence[Finding]:
-    """The history without the findings at its end that are not sure, but for the first
-    two of them."""
+    """The history without the weak findings at its end, but for the first two of them."""
     last = max((k for k, f in enumerate(effects) if f.torque_is_certain), default=-1)
     return effects[: last + 3]
 

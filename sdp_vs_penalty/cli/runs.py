@@ -1,7 +1,8 @@
 """The runs that a model is fitted to and tested on."""
 
 import math
-from collections.abc import Sequence
+import shlex
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -9,12 +10,13 @@ from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.files import load_measurements, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
-from sdp_vs_penalty.data.plausibility import check_plausible
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
+from sdp_vs_penalty.errors import InputError, MissingJoints
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, load_answers
+from sdp_vs_penalty.robot.joint import parse_held
 
 #: How to do without the check.
 NO_CHECK = "pass --no-check to"
@@ -25,11 +27,53 @@ def problem_from_options(
     gravity: str | None = None,
     bounds: str | None = None,
     filters: str | None = None,
+    hold: str | None = None,
 ) -> Problem:
-    """The problem named ``source`` with --gravity, --bounds and --filters as they are
-    written."""
+    """The problem named ``source`` with --gravity, --bounds, --filters and --hold as
+    they are written."""
     mounting = None if gravity is None else numbers("--gravity", gravity, 3)
-    return with_filters(with_bounds(load_problem(source, mounting), bounds), filters)
+    problem = load_problem(source, mounting, parse_held(hold) if hold else None)
+    return with_filters(with_bounds(problem, bounds), filters)
+
+
+def read_and_hold(
+    make: Callable[[str | None], Problem],
+    hold: str | None,
+    read: Callable[[Problem], Sequence[Measurements | BlackBox]],
+) -> tuple[Problem, Sequence[Measurements | BlackBox], str | None]:
+    """The problem, its runs, and --hold as it is then.
+
+    make : the problem with --hold as written; read : the runs for a problem. Joints that
+    the runs do not have, or that stand still without torque in all of them, are held;
+    one line says so.
+    """
+    problem = make(hold)
+    try:
+        runs = read(problem)
+        why = "stands still without torque"
+        idle = [
+            find_idle_joints(problem.robot, run)
+            if isinstance(run, Measurements)
+            else {}
+            for run in runs
+        ]
+        found = {
+            name: value
+            for name, value in (idle[0] if idle else {}).items()
+            if all(name in other for other in idle)
+        }
+    except MissingJoints as error:
+        runs, why, found = [], "is in no column", dict.fromkeys(error.joints, 0.0)
+    if not found:
+        return problem, runs, hold
+    words = ",".join(f"{name}={value:.6g}" for name, value in found.items())
+    console.warn(
+        f"{' and '.join(found)} {why}: held, its link belongs to its parent; the same by"
+        f" `--hold {shlex.quote(words)}`"
+    )
+    hold = f"{hold},{words}" if hold else words
+    problem = make(hold)
+    return problem, read(problem), hold
 
 
 def runs_from_options(
@@ -119,4 +163,5 @@ def runs_for(
     }:
         whole = concatenate([measured, tested])
     held_out = None if tested is None else windowed(tested, judge)
-    return Runs(windowed(measured, train), held_out, whole)
+    judged = measured if tested is None else tested
+    return Runs(windowed(measured, train), held_out, whole, judged)

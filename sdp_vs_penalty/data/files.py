@@ -24,7 +24,7 @@ from sdp_vs_penalty.data.measurements import (
     without_traces,
 )
 from sdp_vs_penalty.data.store import iter_chunks
-from sdp_vs_penalty.errors import InputError, Remark, given, other_robot
+from sdp_vs_penalty.errors import InputError, MissingJoints, Remark, given, other_robot
 from sdp_vs_penalty.files import reading
 
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence
@@ -111,7 +111,7 @@ def _one(
 ) -> Measurements:
     word, label = "sample", None
     if isinstance(part, Measurements):
-        found = without_traces(part)
+        found = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
         found, label = read_run(part, joints, names), part
         word = getattr(format_of(Path(part)) or csv, "SAMPLE", word)
@@ -126,9 +126,9 @@ def _one(
                 "no measurements", remedy, what.replace("...", given(part))
             )
         header = Header.of(f"run{number}", list(columns), what=what, remedy=_REMEDY)
-        found = without_traces(header.run(columns))
+        found = without_traces(without_held(header.run(columns), names))
         if joints is not None and found.n != joints:
-            raise other_robot(found.n, joints, what)
+            raise other_robot(found.n, joints, what, names=names or ())
     for run in found.runs() if usable else ():
         check_usable(label or run.names[0], run, word)
     return found
@@ -225,10 +225,27 @@ def read_run(
         part: Measurements = home.read(path, Choice(names, topic, rename, rate))
     if rate is not None:
         part = replace(part, t=np.arange(len(part.t)) / rate)
+    part = without_held(part, names)
+    missing = len(names or ()) - len(part.joint_names)
+    if names is not None and part.joint_names and 0 < missing == len(names) - part.n:
+        raise MissingJoints(_joints_missing(names, part.joint_names), path)
     part = _without_silent_channels(path, part)
     if joints is not None and part.n != joints:
-        raise other_robot(part.n, joints, path)
+        raise other_robot(part.n, joints, path, names=names or ())
     return without_traces(part)
+
+
+def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements:
+    """The run without the columns of joints that the robot holds."""
+    held = getattr(names, "held", ())
+    if not held or names is None or run.n != len(names) + len(held):
+        return run
+    return run.without_joints([joint.place for joint in held])
+
+
+def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:
+    """The robot's joints that a log with these names does not have."""
+    return [n for n in names if not any(x == n or x.endswith(n) for x in there)]
 
 
 def _without_silent_channels(path: Path, run: Measurements) -> Measurements:

@@ -32,7 +32,8 @@ class Measurements(Shown):
     temperature : (N, n) of each joint's gear or motor [degrees Celsius], or None.
     commanded : what the drives were told or gave, (N, n) by the names of
     :data:`COMMANDED`; torque_logged : False where no torque was measured: tau then
-    holds the feed-forward torque, or zeros. Velocity and acceleration for
+    holds the feed-forward torque, or zeros; joint_names : what the file calls the joints,
+    where it does and has just been read. Velocity and acceleration for
     identification are not these dq: see preprocessing.
     """
 
@@ -45,6 +46,7 @@ class Measurements(Shown):
     temperature: Array | None = None
     commanded: Mapping[str, Array] = field(default_factory=dict)
     torque_logged: bool = True
+    joint_names: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -150,6 +152,12 @@ class Measurements(Shown):
         groups = {group: block[keep] for group, block in self.groups.items()}
         return Measurements.of(self.t[keep], groups, (name or self.names[0],))
 
+    def without_joints(self, places: Sequence[int]) -> Measurements:
+        """The same without the channels of some joints, by their places from 0."""
+        stays = [k for k in range(self.n) if k not in places]
+        groups = {group: block[:, stays] for group, block in self.groups.items()}
+        return Measurements.of(self.t, groups, self.names, self.run)
+
     def parts(self) -> Iterator[Measurements]:
         """Consecutive samples, few at a time, whichever run they are of."""
         for start in range(0, len(self.t), PART):
@@ -180,11 +188,14 @@ class Runs:
     """train : to identify from, test : to judge on, windows of what was measured; None
     without a test.
 
-    whole : all of that, each run once, in which the noise is measured."""
+    whole : all of that, each run once, in which a search measures the noise;
+    judged_recordings : of what errors are shown of, without windows.
+    """
 
     train: Measurements
     test: Measurements | None
     whole: Measurements
+    judged_recordings: Measurements
 
     @property
     def judge(self) -> Measurements:

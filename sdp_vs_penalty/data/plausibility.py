@@ -65,6 +65,27 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
                 raise InputError(what, f"convert to radians{motors}", where)
 
 
+def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, float]:
+    """Joints that stand still in all runs while their torque channel reads exactly
+    nothing, and where [rad, m]: a gripper's, a wheel's. None where no torque is logged.
+
+    An arm's joint that stands still needs a torque, and a broken channel of one that
+    moves is no idle joint.
+    """
+    found: dict[str, float] = {}
+    if not measurements.torque_logged or measurements.n != robot.n:
+        return found
+    for k, joint in enumerate(robot.joints):
+        # An encoder's last digit [rad, m].
+        is_still = all(
+            np.ptp(run.q[:, k]) <= 1e-4 for run in measurements.runs() if run.samples
+        )
+        is_silent = is_still and not np.any(measurements.tau[:, k])
+        if is_silent and measurements.samples:
+            found[joint.name] = float(np.mean(measurements.q[:, k]))
+    return found if len(found) < robot.n else {}
+
+
 def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     """Joints farther outside their ranges than an encoder's zero or a turn brings them:
     twice their travel on a straight axis."""

@@ -133,18 +133,25 @@ def add(
     # Refuses constants that are there already.
     Model(estimate.robot, (*estimate.model.effects, *new))
     if frozen:
-        return _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
+        made = _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
+        return _with_noise_of(estimate, made)
     found = identified([*_own(estimate, retuned), *new])
     together = joint_optimum_of_constants(
         found, [e for e in added if not all_given(e)], filtered
     )
     if together is None:
-        return found
+        return _with_noise_of(estimate, found)
     model, shapes = together
     found = identified(model.effects)
-    return replace(
-        found, details={**found.details, "shapes": [s.to_dict() for s in shapes]}
-    )
+    details = {**found.details, "shapes": [s.to_dict() for s in shapes]}
+    return _with_noise_of(estimate, replace(found, details=details))
+
+
+def _with_noise_of(estimate: Estimate, made: Estimate) -> Estimate:
+    """A model that grew from another one, with the noise floor that that one keeps."""
+    if noise := estimate.provenance.get("noise"):
+        made.provenance["noise"] = noise
+    return made
 
 
 def _retunes(

@@ -22,6 +22,7 @@ from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict, judge, noise_
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
+from sdp_vs_penalty.signals.noise import REPETITION
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 
@@ -264,8 +265,9 @@ def compare(
     measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
         a DataFrame, Measurements, or a list of runs; or FilteredRuns, whose filters hold.
     All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
-    beside the same noise floor, that of the measurements. noise_from : the runs whose repetition
-    shows it (default: the measurements); name all that was recorded where these are a window of it.
+    beside one noise floor, the same for every verb. noise_from : the recordings of which the
+    measurements are windows, whose repetition shows it (default: the measurements). Where they do not
+    repeat, the floor is that of the first model's own recordings, if these did.
     Returns one :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
     Raises InputError where a model and the measurements have different numbers of joints.
     """
@@ -304,7 +306,7 @@ def compare_filtered(
     if noise_from is not None:
         _, given = driven(first, as_measurements(noise_from))
     shown = runs if given is measurements else FilteredRuns.of(given, settings)
-    floor = _kept_noise(first, given, settings) or noise_level(first.problem, shown)
+    floor = _noise_floor(first, shown)
     said = subsample_sentence(
         window_subsample(given, settings),
         given,
@@ -314,15 +316,42 @@ def compare_filtered(
     return Comparisons(replace(one, judged_on=said) for one in judged)
 
 
-def _kept_noise(
-    model: Estimate, given: Measurements, settings: Preprocessing
-) -> tuple[Array | None, str] | None:
-    """What :func:`noise_level` said of these measurements where the model keeps it;
-    None elsewhere."""
+def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, str]:
+    """The noise floor (n,) [N m or N] that models are judged beside, and its source.
+
+    It depends on the first model's problem and on the recordings that are judged, and on
+    nothing else, so that every verb has the same one. What the model keeps of these very
+    recordings is not measured again. Where they show no repetition, and the model's own
+    recordings did, it is the latter's: the same arm, behind the same filters.
+    """
+    kept = _kept_noise(first, shown.settings)
+    if kept is not None and kept.data_hash == shown.measurements.data_hash:
+        return kept.floor, kept.source
+    floor, source = noise_level(first.problem, shown)
+    if kept is not None and kept.source == REPETITION and source != REPETITION:
+        return kept.floor, kept.source
+    return floor, source
+
+
+def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
+    """The floor of the recordings that a model comes from, where it keeps that and the
+    filters are its own."""
     if model.preprocessing != settings or model.provenance.get("noise") is None:
         return None
-    kept = NoiseFloor.from_dict(model.provenance["noise"])
-    return (kept.floor, kept.source) if kept.data_hash == given.data_hash else None
+    return NoiseFloor.from_dict(model.provenance["noise"])
+
+
+def noise_floor(model: Estimate, recordings: Measurements) -> tuple[Array | None, str]:
+    """The noise floor (n,) [N m or N] beside which :func:`compare` judges models on
+    these recordings, the first of them ``model``; and its source."""
+    _, given = driven(model, recordings)
+    return _noise_floor(model, FilteredRuns.of(given, model.preprocessing))
+
+
+def keep_noise_floor(estimate: Estimate, recordings: Measurements) -> None:
+    """Let a model keep the noise floor of the recordings that it comes from."""
+    floor = NoiseFloor(*noise_floor(estimate, recordings), recordings.data_hash)
+    estimate.provenance["noise"] = floor.to_dict()
 
 
 def _judged(

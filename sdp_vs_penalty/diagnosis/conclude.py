@@ -33,6 +33,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     Invisible,
     Remaining,
     Retune,
+    size_with_interval,
 )
 from sdp_vs_penalty.diagnosis.held_out import HeldOut, lowers
 from sdp_vs_penalty.diagnosis.remaining import (
@@ -468,13 +469,13 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
 
 def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
     """What was found, in one or two sentences."""
-    unit = formatting.plain_unit(effect.parameters[effect.sized_by][0].unit)
+    unit = effect.parameters[effect.sized_by][0].unit
     where = (
         "the whole robot"
         if effect.whole_robot
         else "joint " + "+".join(str(j + 1) for j in effect.joints)
     )
-    amount = f"{size:.4g} ± {std:.1g} {unit}".rstrip()
+    amount = size_with_interval(size, std, unit)
     head = f"{effect.name} on {where}: {amount}"
     head += f" ({effect.constants})" if effect.constants else ""
     text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()

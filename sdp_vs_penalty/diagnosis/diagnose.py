@@ -8,6 +8,7 @@ from pathlib import Path
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.candidates import Key, list_candidates
+from sdp_vs_penalty.diagnosis.comparison import noise_floor
 from sdp_vs_penalty.diagnosis.conclude import SearchOutcome, conclude, what_is_left
 from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
@@ -47,6 +48,7 @@ def diagnose(
     progress: Progress = no_progress,
     noise_from: Source = None,
     gain_uncertainty: float | None = None,
+    judged_recordings: Source = None,
 ) -> Diagnosis:
     """Which physical effects the model misses, judged against the noise; see
     :class:`Diagnosis`.
@@ -59,7 +61,9 @@ def diagnose(
     curve's band; progress : called with a short text of where the search stands;
     noise_from : the runs whose repetition shows the noise (default: the measurements);
     gain_uncertainty : relative
-    standard deviation of the torque channels' gains; default: the model's. In a long recording windows
+    standard deviation of the torque channels' gains; default: the model's; judged_recordings : of which
+    the test run, or the measurements without one, are windows: errors are shown beside the noise floor
+    that :func:`~.comparison.compare` has of them. In a long recording windows
     are searched (:mod:`~sdp_vs_penalty.signals.segments`), and a remark says so.
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
@@ -74,6 +78,7 @@ def diagnose(
         return found
 
     recording = logged(measurements, "measurements", "measurements")
+    test_as_given = test
     test = None if test is None else logged(test, "test", "test run")
     settings = given.preprocessing.resolve(recording)
     estimate, recording = driven(given, recording)
@@ -122,6 +127,9 @@ def diagnose(
     if record is not None and test is not None:
         share = record.new_share(FilteredRuns.of(test, settings))
     done = conclude(found, gain_errors, share, seed)
+    judged = judged_recordings or test_as_given or measurements
+    floor, _ = noise_floor(given, logged(judged, "judged_recordings", "judged runs"))
+    done = done if floor is None else replace(done, noise_floor=floor)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 

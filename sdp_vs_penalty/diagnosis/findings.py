@@ -6,17 +6,22 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
+
+import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.remaining import Event
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE
 from sdp_vs_penalty.files import JsonRecord, read_json
-from sdp_vs_penalty.formatting import Shown, Summary, Table
+from sdp_vs_penalty.formatting import Shown, Summary, Table, plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
 
@@ -41,6 +46,10 @@ REASONS: Mapping[str, str] = {
 }
 
 
+#: How far a finding is to be believed; see :attr:`Told.rating`.
+Rating = Literal["confident", "near-tie", "weak"]
+
+
 class Rated(JsonRecord):
     """What is told with its confidence, and why that is weak."""
 
@@ -48,10 +57,28 @@ class Rated(JsonRecord):
     remarks: tuple[str, ...]
 
     @property
+    def rating(self) -> Rating:
+        """ "near-tie" where the torque is there and only its name is open: weak for no
+        other reason than that another effect fits as well."""
+        if self.confidence == "confident":
+            return "confident"
+        only_rivals = list(self.remarks) == [REASONS["rivals"]]
+        return "near-tie" if only_rivals else "weak"
+
+    @property
     def torque_is_certain(self) -> bool:
-        """Whether its torque is there, whatever its name: confident, or weak only as
-        another effect fits as well."""
-        return self.confidence == "confident" or [*self.remarks] == [REASONS["rivals"]]
+        """Whether its torque is there, whatever its name: confident, or a near-tie."""
+        return self.rating != "weak"
+
+
+def size_with_interval(size: float, std: float, unit: str) -> str:
+    """A size with its 95 % interval, as every place shows it.
+
+    >>> size_with_interval(3.1234, 0.25, "N m")
+    '3.123 ± 0.49 N m (95 %)'
+    """
+    amount = f"{size:.4g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}".rstrip()
+    return f"{amount} (95 %)"
 
 
 @dataclass(frozen=True)
@@ -59,7 +86,7 @@ class Finding(Rated):
     """One missing effect.
 
     joints from 1, empty for the whole robot; size : of the effect's parameter (the
-    amplitude where there are several) in ``unit``, with its standard deviation;
+    amplitude where there are several) in ``unit``, with its standard deviation std;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
     is weak, if it is; constants : the shape in words, with units.
@@ -81,6 +108,19 @@ class Finding(Rated):
     gain: float
     remarks: tuple[str, ...] = ()
     constants: str = ""
+
+    @property
+    def size_text(self) -> str:
+        """The size with its 95 % interval."""
+        return size_with_interval(self.size, self.std, self.unit)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON; half_width_95 : half the size's 95 % interval."""
+        half = NORMAL_95 * self.std
+        return super().to_dict() | {
+            "rating": self.rating,
+            "half_width_95": half if isfinite(half) else None,
+        }
 
     @property
     def undecided(self) -> str | None:
@@ -211,7 +251,9 @@ class Diagnosis(Shown, JsonRecord):
         )
         curves = self.curves if whole else ()
         if not chosen and not retuned and not curves:
-            kind = "sure finding" if confident and self.effects else "finding"
+            kind = "finding"
+            if confident and self.effects:
+                kind = "confident finding or near-tie"
             raise InputError(
                 f"there is no {kind} to add",
                 "name the effect itself, or leave the model as it is",
@@ -245,13 +287,10 @@ class Diagnosis(Shown, JsonRecord):
     @property
     def _missing(self) -> str:
         confident = [f for f in self.effects if f.confidence == "confident"]
-        weak = len(self.effects) - len(confident)
-        counts = [f"{len(confident)} confident"] * bool(confident) + [
-            f"{weak} weak"
-        ] * bool(weak)
         findings = f"finding{'s' if len(self.effects) != 1 else ''}"
         counted = (
-            f"{_named(confident or self.effects)} ({' and '.join(counts)} {findings})"
+            f"{_named(confident or self.effects)}"
+            f" ({rating_counts(self.effects)} {findings})"
         )
         if self.unexplained_sentence:
             if confident:
@@ -275,8 +314,62 @@ class Diagnosis(Shown, JsonRecord):
                 f" {_named(self.retuned)}."
             )
         if self.noise_known:
-            return "Nothing is missing that these measurements could show."
+            return self._nothing
         return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
+
+    @property
+    def _nothing(self) -> str:
+        """What is said where nothing was found beside a noise that is known."""
+        over = self.held_out_over_noise
+        if over is None or not len(over):
+            return "Nothing is missing that these measurements could show."
+        worst = int(np.argmax(over))
+        times = formatting.number(float(over[worst]), 2)
+        if above := self.joints_above_noise:
+            return (
+                "No effect of the library explains the torque beyond the noise on"
+                f" {formatting.joints(above)} (joint {worst + 1}: {times} times)."
+            )
+        return (
+            "Nothing is missing that these measurements could show: fitted again, no"
+            f" joint errs more than {times} times its noise."
+        )
+
+    @property
+    def held_out_rmse_with_all(self) -> Array:
+        """(n,) error on data left out with all findings, constants and curves
+        [N m or N]."""
+        errors = self.held_out_rmse.copy()
+        for curve in self.curves:
+            errors[curve.joint - 1] = curve.held_out_rmse_after
+        return errors
+
+    @property
+    def held_out_over_noise(self) -> Array | None:
+        """(n,) :attr:`held_out_rmse_with_all` over the noise floor; None where the noise
+        is not known."""
+        if not self.noise_known or not np.all(self.noise_floor > 0.0):
+            return None
+        return self.held_out_rmse_with_all / self.noise_floor
+
+    @property
+    def joints_above_noise(self) -> list[int]:
+        """Joints (from 1) that err more than ABOVE_NOISE noise floors with all that was
+        found."""
+        over = self.held_out_over_noise
+        if over is None:
+            return []
+        return [int(j) + 1 for j in np.flatnonzero(over > ABOVE_NOISE)]
+
+    @property
+    def left_sentence(self) -> str:
+        """What error is left on data left out, joint by joint."""
+        start = "Error on data left out, with everything found, joint by joint:"
+        if self.held_out_over_noise is None:
+            errors = (formatting.number(x, 3) for x in self.held_out_rmse_with_all)
+            return f"{start} {', '.join(errors)} N m or N (the noise is not known)."
+        times = (formatting.number(x, 2) for x in self.held_out_over_noise)
+        return f"{start} {', '.join(times)} times the noise."
 
     @property
     def unexplained_sentence(self) -> str:
@@ -310,15 +403,23 @@ class Diagnosis(Shown, JsonRecord):
                 "record a run with more than one period: only repetition tells noise"
                 " from error."
             )
-            return f"Add what is sure; {record}" if self.sure else record.capitalize()
+            add = f"Add {self.sure_text}; {record}"
+            return add if self.sure else record.capitalize()
         if self.sure:
-            return "Add what is sure, and diagnose the model that results."
+            return f"Add {self.sure_text}, and diagnose the model that results."
         if self.effects or self.retuned:
             return (
-                "Record a run that tells the findings from what fits as well: none is"
-                " sure."
+                "Record a run that tells the findings from what fits as well: all are"
+                " weak."
             )
         return "Use the model, or record motion that excites more."
+
+    @property
+    def sure_text(self) -> str:
+        """What :attr:`sure` holds, in words."""
+        kinds = {f.rating for f in self.sure}
+        names = {"confident": "the confident findings", "near-tie": "the near-ties"}
+        return " and ".join(text for kind, text in names.items() if kind in kinds)
 
     def _summary(self) -> Summary:
         rows = [("next", self.advice)]
@@ -339,13 +440,13 @@ class Diagnosis(Shown, JsonRecord):
         rows = [
             (
                 f.text,
-                f"{f.size:.3g} ± {f.std:.1g} {f.unit}",
-                f.confidence,
+                f.size_text,
+                f.rating,
                 ", ".join(f.indistinguishable_from),
             )
             for f in self.effects
         ]
-        rows += [(r.text, r.explanation, r.confidence, "") for r in self.retuned]
+        rows += [(r.text, r.explanation, r.rating, "") for r in self.retuned]
         return ("effect", "size", "confidence", "indistinguishable from"), rows
 
     @property
@@ -363,6 +464,15 @@ class Diagnosis(Shown, JsonRecord):
         for k, finding in enumerate(out["effects"], start=1):
             finding["number"] = k
         return out
+
+
+def rating_counts(found: Sequence[Finding | Retune]) -> str:
+    """How many there are of each rating: "2 confident, 1 near-tie and 1 weak"."""
+    ratings = [f.rating for f in found]
+    counts = [
+        f"{ratings.count(kind)} {kind}" for kind in get_args(Rating) if kind in ratings
+    ]
+    return formatting.words(counts) if counts else ""
 
 
 def _named(found: Sequence[Finding | Retune]) -> str:

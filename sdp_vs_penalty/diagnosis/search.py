@@ -256,8 +256,12 @@ class Search:
                 form = batch.forms[f]
                 if on is None and form.key in self.refused:
                     continue
-                if free[f] and values[f] > best.get(form.law, (0.0,))[0]:
-                    best[form.law] = float(values[f]), form, batch.columns(int(f))
+                if free[f] and values[f] > best.get(form.discrete_choice, (0.0,))[0]:
+                    best[form.discrete_choice] = (
+                        float(values[f]),
+                        form,
+                        batch.columns(int(f)),
+                    )
         ranked = sorted(best.values(), key=lambda b: -b[0])
         close = list(dict.fromkeys(form.key for _, form, _ in ranked))[
             :MAX_CANDIDATES_REFINED

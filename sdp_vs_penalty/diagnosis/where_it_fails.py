@@ -123,8 +123,12 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     if named:
         out = [f"The error depends most on {words(named)}."]
     else:
-        out = [f"No cause explains {100.0 * CHANGES:.0f} % of the error."]
-    if REVERSAL in dict(found) and failure.reversal_lift > 1.0:
+        out = [
+            f"No function of one cause explains {100.0 * CHANGES:.0f} % of the error on"
+            " data left out."
+        ]
+    near = any(s.cause == REVERSAL for s in failure.stretches)
+    if (REVERSAL in dict(found) or near) and failure.reversal_lift > 1.0:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is"
             f" {failure.reversal_lift:.2g} times as large as elsewhere."

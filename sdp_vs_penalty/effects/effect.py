@@ -80,10 +80,11 @@ class JointCoverage:
 class Effect(ABC):
     """One effect on the joints it is given (from 0), with its shape constants fixed.
 
-    Subclasses set the class attributes, which the command line and the README show, and define
-    :meth:`parameter_names_and_units` and :meth:`torques`, or :attr:`parameters` and :meth:`blocks`. Everything that anyone
-    asks of an effect is declared here: nothing outside this folder knows an effect or a shape constant
-    by its name.
+    Subclasses set the class attributes, which the command line and the README show.
+    They define :meth:`parameter_names_and_units` and :meth:`torques`, or
+    :attr:`parameters` and :meth:`blocks`. Everything that anyone asks of an effect is
+    declared here: nothing outside this folder knows an effect or a shape constant by
+    its name.
     """
 
     #: That of the class, in snake case.

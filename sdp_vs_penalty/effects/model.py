@@ -51,7 +51,8 @@ class Model:
         torque are read. None where no effect needs it.
     gains : (n,) what each torque channel reads over the true torque, where that is known: parameters
         are then in true units, and the modelled torque is the channels'. None: they read true.
-    allow_duplicates : effects may come a second time, as what has changed since their first was identified.
+    allow_duplicates : effects may come a second time, as what has changed since their
+        first was identified.
     known : parameters that are given, by name: their torque is taken off what is explained, their
         columns are zero there.
     """

@@ -1,10 +1,11 @@
 """From data to an optimisation problem: the one place where measurements become what is
 minimised.
 
-``identify``, ``export-sdp``, proofs, the page and the shootout's instances all ask :func:`build_problem`, so that
-what one of them proves is what another solves. Gravity, bounds and filters belong to the
-:class:`~sdp_vs_penalty.problem.problem.Problem`, a time window to the measurements
-(:func:`~sdp_vs_penalty.cli.runs.problem_from_options` reads both as users write them); everything else is an option.
+``identify``, ``export-sdp``, proofs, the page and the shootout's instances all ask
+:func:`build_problem`, so that what one of them proves is what another solves. Gravity,
+bounds and filters belong to the :class:`~sdp_vs_penalty.problem.problem.Problem`, a time
+window to the measurements (:func:`~sdp_vs_penalty.cli.runs.problem_from_options` reads
+both as users write them); everything else is an option.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ from sdp_vs_penalty.solvers.proof import (
     stated,
     write_proof,
 )
-from sdp_vs_penalty.solvers.rigorous_bounds import violations
+from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, violations
 from sdp_vs_penalty.version import __version__
 
 DATA = "data"
@@ -357,6 +357,18 @@ def estimate_parameters(
     return estimate
 
 
+def _wider_than_certified(proof: Mapping[str, Any], model: Estimate) -> str:
+    """Says where the proof's interval is wider than the model's certificate; "" where it
+    is not, up to the promised gap, since the two are found in different arithmetic."""
+    gap, stated = verify_proof.relative_gap(proof), model.certificate.gap
+    if stated is None or (gap is not None and gap <= stated + TIGHT):
+        return ""
+    share = "infinite" if gap is None else verify_proof.in_words(gap)
+    return (
+        f"its gap of {share} is wider than the {stated:.1e} of the model's certificate"
+    )
+
+
 def _require_suitable(
     estimator: Estimator,
     by_simulation: bool,
@@ -411,48 +423,35 @@ def verify_proof_file(
     ]
     if found is not None:
         low, high = (float(x) for x in found)
+        gap = verify_proof.relative_gap(proof)
         said = [
             f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in"
             " exact arithmetic"
         ]
+        if gap is not None:
+            said.append(f"its gap is {verify_proof.in_words(gap)} of the loss")
         said += [
             "proved is this of the numbers in the file; that the model describes the"
             " robot is not"
         ]
-    if model is None:
-        return True, "; ".join(
-            [*said, "name --model and --data to see what the numbers are made of"]
-        )
     fault = ""
-    if proof["model"] != model.identity or "theta" not in proof:
-        fault = "it is of another model"
-    elif proof["parameters"] != [p.name for p in model.model.parameters]:
-        fault = "its parameters, or their order, are not the model's"
-    elif [Fraction(x) for x in proof["theta"]] != [
-        Fraction(repr(x)) for x in model.theta.tolist()
-    ]:
-        fault = "its theta is not the model's"
-    if fault:
+    if model is None:
+        said.append("name --model and --data to see what the numbers are made of")
+    elif fault := _other_model(proof, model):
         return False, f"refused: {path}: {fault}"
-    said.append("it is of this model")
-    if data is not None:
+    else:
+        said.append("it is of this model")
+    if model is not None and data is not None:
         runs = as_measurements(
             data, model.robot.n, model.robot.joint_names, "verify(data=...)"
         )
         if proof["data"] != runs.data_hash:
-            return (
-                False,
-                (
-                    f"refused: {path}: it is of other measurements (or of another"
-                    " --window)"
-                ),
-            )
+            fault = "it is of other measurements (or of another --window)"
+            return False, f"refused: {path}: {fault}"
         own = _reposed(model, runs)
         if own is not None and (fault := difference(proof, own)):
-            return (
-                False,
-                f"refused: {path}: these measurements make another problem: {fault}",
-            )
+            fault = f"these measurements make another problem: {fault}"
+            return False, f"refused: {path}: {fault}"
         how = "make its numbers, constraints and bounds (recomputed in floating point)"
         if own is None:
             how = (
@@ -460,7 +459,23 @@ def verify_proof_file(
                 " recomputed)"
             )
         said.append(f"these measurements {how}")
-    return True, "; ".join(said)
+    if found is not None:
+        fault = verify_proof.weakness(proof)
+        if not fault and model is not None:
+            fault = _wider_than_certified(proof, model)
+    return (False, f"refused: {path}: {fault}") if fault else (True, "; ".join(said))
+
+
+def _other_model(proof: Mapping[str, Any], model: Estimate) -> str:
+    """In what a proof is of another model; "" where it is of this one."""
+    if proof["model"] != model.identity or "theta" not in proof:
+        return "it is of another model"
+    if proof["parameters"] != [p.name for p in model.model.parameters]:
+        return "its parameters, or their order, are not the model's"
+    theta = [Fraction(repr(x)) for x in model.theta.tolist()]
+    if [Fraction(x) for x in proof["theta"]] != theta:
+        return "its theta is not the model's"
+    return ""
 
 
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:

@@ -8,8 +8,10 @@ on motion that is mostly new, and links that can exist. A diagnosis names what i
 missing; the grade is the same with and without it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -94,6 +96,19 @@ class Verdict(JsonRecord):
         """One line for the header of a file."""
         reasons = " ".join(str(line) for line in self.lines)
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
+
+    def with_missing(self, said: str) -> Verdict:
+        """The same with what a diagnosis says in place of what errors alone say."""
+        fit = next((line for line in self.lines if line.about == FIT), None)
+        over = self.error_over_noise
+        alone = fit and _left(fit, None if over is None else np.array(over))
+        lines = [
+            replace(line, text=line.text.replace(alone, said))
+            if alone and line.about == MISSING
+            else line
+            for line in self.lines
+        ]
+        return replace(self, lines=tuple(lines))
 
     def to_dict(self) -> dict[str, Any]:
         return {"grade": self.grade, "headline": self.headline, **super().to_dict()}
@@ -231,7 +246,11 @@ def _prediction(
 def _left(fit: Line, over: Array | None) -> str:
     """What errors alone say of what is missing."""
     if fit.grade == "good":
-        return "Nothing that these measurements show: every joint's error is noise."
+        times = formatting.number(1.0 if over is None else float(np.max(over)), 2)
+        return (
+            "Nothing that these measurements show: no joint errs more than"
+            f" {times} times its noise."
+        )
     if over is None:
         return "Not known without a noise floor; `diagnose` names causes."
     above = (np.flatnonzero(over > ABOVE_NOISE) + 1).tolist()

@@ -131,7 +131,16 @@ def anneal_and_search(
     annealed = optimize.dual_annealing(
         lambda v: loss.value(v, weight), box, x0=u, **settings
     )
-    best, lowest, spent = annealed.x, float(annealed.fun), int(annealed.nfev)
+    best, spent = search_locally(loss, weight, annealed.x, budget - int(annealed.nfev))
+    return best, int(annealed.nfev) + spent
+
+
+def search_locally(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int
+) -> tuple[Array, int]:
+    """SLSQP from u, again and again while that helps; the best point and how many
+    evaluations it took."""
+    box, best, lowest, spent = [(0.0, 1.0)] * len(u), u, loss.value(u, weight), 0
     while spent < budget and lowest > 0.0:
         # SLSQP stops at kinks of the penalty, and its tolerances want values of size 1:
         # start it again with the loss rescaled, while that helps.

@@ -166,9 +166,9 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
             check(
                 option_help(o),
                 bool(now),
-                lambda on, write=write: write("yes" * on),
+                lambda on, write=write: write("yes" * on),  # type: ignore[misc]
                 key,
-            )  # type: ignore[misc]
+            )
         else:
             text_field(option_help(o), now, write, key, str(o.metavar))
 

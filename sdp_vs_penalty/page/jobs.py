@@ -23,7 +23,12 @@ from sdp_vs_penalty.data.files import check_usable, load_measurements, save, win
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import compare, predicted
+from sdp_vs_penalty.diagnosis.comparison import (
+    compare,
+    keep_noise_floor,
+    predicted,
+    still_missing,
+)
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
@@ -56,7 +61,7 @@ from sdp_vs_penalty.signals.phases import (
     tracks_of,
 )
 from sdp_vs_penalty.simulation.follow import follow
-from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES, hidden_runs
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 Answer = dict[str, Any]
 #: Share of a run that is identified from where the rest of it is kept for testing.
@@ -128,7 +133,23 @@ class JobRequest(dict[str, Any]):
             for side, windows in run["split"].items():
                 sides[side].append(windowed(named, [(a, b) for a, b in windows]))
         test = concatenate(sides["test"]) if sides["test"] else None
-        return Runs(concatenate(sides["train"]), test, loaded)
+        judged = self._recordings("train" if test is None else "test")
+        return Runs(concatenate(sides["train"]), test, loaded, judged)
+
+    def _recordings(self, side: str) -> Measurements:
+        """The runs, as they were recorded, of which all or a part is on a side of the
+        split: "train" or "test"."""
+        files = [
+            self.folder / run["file"]
+            for run in self["runs"]
+            if run["use"] in (side, "split")
+        ]
+        return load_measurements(*files)
+
+    @property
+    def training_recordings(self) -> Measurements:
+        """The runs that are identified from, without windows."""
+        return self._recordings("train")
 
 
 def read(asked: JobRequest) -> Answer:
@@ -192,15 +213,16 @@ def look_again(asked: JobRequest) -> Answer:
 
 
 def simulate(asked: JobRequest) -> Answer:
-    """Three runs and one for testing, with an effect hidden in them; the truth is not
+    """Runs of these names, the last for testing, with an effect hidden; the truth is not
     shown."""
     problem = asked.problem
-    asked.progress("simulating four runs of 20 s")
+    names = asked["names"]
+    asked.progress(f"simulating {len(names)} runs of 20 s")
     hidden = [(asked["effect"], [j - 1 for j in asked["joints"]])] * (
         asked["effect"] != "none"
     )
-    made = hidden_runs(problem, hidden, asked["level"], asked["seed"])
-    named = zip(RUN_FILES, made.runs, strict=True)
+    made = hidden_runs(problem, hidden, asked["level"], asked["seed"], len(names))
+    named = zip(names, made.runs, strict=True)
     runs = [keep(asked, problem, part, name) for name, part in named]
     return {"runs": runs, "effects": made.truth["model_effects"]}
 
@@ -365,6 +387,7 @@ def fit(asked: JobRequest) -> Answer:
         progress=asked.progress,
         workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),
     )
+    keep_noise_floor(estimate, asked.training_recordings)
     return summary(asked, estimate)
 
 
@@ -387,10 +410,16 @@ def find(asked: JobRequest) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
     runs, model = asked.runs, asked.model
     result = diagnose(
-        model, runs.train, runs.test, noise_from=runs.whole, **asked.common_options
+        model,
+        runs.train,
+        runs.test,
+        noise_from=runs.whole,
+        judged_recordings=runs.judged_recordings,
+        **asked.common_options,
     )
     curves = [curve.effect(model.robot).text for curve in result.curves]
-    return {"diagnosis": result.to_dict(), "curves": curves}
+    said = still_missing(result, model)
+    return {"diagnosis": result.to_dict(), "curves": curves, "missing": said}
 
 
 def methods(asked: JobRequest) -> Answer:
@@ -421,7 +450,7 @@ def methods(asked: JobRequest) -> Answer:
             rows.append([name, str(error), *[""] * (len(sections.JUDGED_HEADS) - 1)])
             continue
         row = sections.judged_row(
-            compare({name: made}, runs.judge, noise_from=runs.whole)[0]
+            compare({name: made}, runs.judge, noise_from=runs.judged_recordings)[0]
         )
         rows.append(
             [*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])]
@@ -454,11 +483,17 @@ def take(asked: JobRequest) -> Answer:
         )
         how: dict[str, Any] = {
             "commands": asked["commands"],
+            "forward": asked["forward"],
             "progress": asked.progress,
         }
         said = found and Diagnosis.from_dict(found)
         write_report(
-            models, runs.judge, out, noise_from=runs.whole, findings=said, **how
+            models,
+            runs.judge,
+            out,
+            noise_from=runs.judged_recordings,
+            findings=said,
+            **how,
         )
     else:
         given = asked.get("urdf") if name == "robot.urdf" else None
@@ -545,7 +580,9 @@ def summary(asked: JobRequest, estimate: Estimate) -> Answer:
         Path(asked["out"]),
     )
     asked.progress("comparing measured with modelled")
-    comparison = compare({"model": estimate}, given.judge, noise_from=given.whole)[0]
+    comparison = compare(
+        {"model": estimate}, given.judge, noise_from=given.judged_recordings
+    )[0]
     (arm, judge), (_, train) = (
         driven(estimate, given.judge),
         driven(estimate, given.train),

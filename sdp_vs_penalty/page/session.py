@@ -11,13 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
-from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL
+from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
+from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
 
 
 @dataclass(frozen=True)
@@ -333,11 +336,17 @@ class Session:
                     path.unlink(missing_ok=True)
 
     async def simulate(
-        self, effect: str, joints: list[int], level: str, seed: int
+        self,
+        effect: str,
+        joints: list[int],
+        level: str,
+        seed: int,
+        names: Sequence[str] = RUN_FILES,
     ) -> None:
         """The built-in data with an effect hidden in them, instead of the runs that are
-        there."""
+        there; names : of the runs."""
         how = {"effect": effect, "joints": joints, "level": level, "seed": seed}
+        how["names"] = list(names)
         await self._take_runs("Simulating", "simulate", [], **how)
         at = ":" + "+".join(map(str, joints)) if joints else ""
         hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
@@ -437,8 +446,13 @@ class Session:
             "Looking for what is missing", "find", frozen=self.frozen
         )
         found = Diagnosis.from_dict(answer["diagnosis"])
+        verdict = Verdict.from_dict(self.current.comparison["verdict"])
+        said = verdict.with_missing(answer["missing"]).to_dict()
         self.history[-1] = replace(
-            self.current, findings=found, curve_texts=answer["curves"]
+            self.current,
+            findings=found,
+            curve_texts=answer["curves"],
+            comparison={**self.current.comparison, "verdict": said},
         )
         self.new = "diagnose", "findings"
 
@@ -466,13 +480,17 @@ class Session:
 
     async def show_me(self) -> None:
         """The whole job in small, on simulated runs with something hidden: the verb
-        ``demo``."""
+        ``demo``, with the same runs."""
         await self.choose_robot(ARM)
-        await self.simulate(HIDDEN, [self.robot["n"]], LEVEL, 7)
+        joint = self.robot["n"]
+        await self.simulate(HIDDEN, [joint], LEVEL, SEED, RUNS)
         await self.identify()
         await self.diagnose()
         assert self.findings is not None
-        await self.add([f.text for f in self.findings.sure])
+        found = [f.text for f in self.findings.sure]
+        names = formatting.words([f.partition("@")[0] for f in found] or ["nothing"])
+        await self.add(found)
+        self.say(f"Hidden: {HIDDEN}:{joint}; found: {names}.", error=False)
 
     async def take(
         self,
@@ -488,6 +506,7 @@ class Session:
             "commands": self.commands(),
             "findings": self.findings and self.findings.to_dict(),
             "urdf": self.robot["source"] if self.robot["file"] else None,
+            "forward": self.answer("forward") is not None,
         }
         answer = await self._job(
             f"Making {name}", "take", name=name, **content, **(options or {})

@@ -29,7 +29,11 @@ from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, o
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.geometry import link_geometry
-from sdp_vs_penalty.robot.joint import parse_mechanism, parse_transmission
+from sdp_vs_penalty.robot.joint import (
+    parse_held,
+    parse_mechanism,
+    parse_transmission,
+)
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -108,17 +112,23 @@ def _shown(value: Any) -> str:
     )
 
 
-def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
+def _from_toml(
+    folder: Path, held: Mapping[str, float], data: Mapping[str, Any]
+) -> Problem:
     check_fields(data)
-    kinematics = data["kinematics"]
+    kinematics, chain = data["kinematics"], data.get("mechanism", {})
+    held = parse_held(chain.get("held", ())) | dict(held)
+    if chain and not {"joints", "held"} & set(chain):
+        remedy = 'write joints = ["q1", ...] or held = ["finger_joint=0"]'
+        raise InputError("[mechanism] says nothing of joints", remedy)
     given: Array | None = None
     geometry, gravity = (
         None,
         tuple(map(float, kinematics.get("gravity", STANDARD_GRAVITY))),
     )
     if "urdf" in kinematics:
-        robot, given = load_urdf(folder / kinematics["urdf"], gravity)
-        geometry = link_geometry(folder / kinematics["urdf"])
+        robot, given = load_urdf(folder / kinematics["urdf"], gravity, held)
+        geometry = link_geometry(folder / kinematics["urdf"], held)
     else:
         keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
         limits = [
@@ -128,20 +138,21 @@ def _from_toml(folder: Path, data: Mapping[str, Any]) -> Problem:
         alpha = [np.pi * x for x in kinematics["alpha_over_pi"]]
         a, d, convention = (kinematics[key] for key in ("a", "d", "convention"))
         robot = Robot.from_dh(folder.name, a, alpha, d, convention, gravity, limits)
-    if "mechanism" in data:
+    if "joints" in chain:
         if robot.mechanism is not None:
             raise InputError(
                 "the URDF has mimic joints of its own", "leave out [mechanism]"
             )
-        section = data["mechanism"]
-        massless = [int(k) for k in section.get("massless", ())]
-        joints, mechanism = parse_mechanism(robot.tree, section["joints"], massless)
+        massless = [int(k) for k in chain.get("massless", ())]
+        joints, mechanism = parse_mechanism(robot.tree, chain["joints"], massless)
         robot = replace(robot, joints=joints, mechanism=mechanism, transmission=None)
         kept = robot.link_joints
         given = None if given is None else given[list(kept)]
         geometry = None if geometry is None else [geometry[k] for k in kept]
     if "transmission" in data:
         robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
+    if "urdf" not in kinematics:
+        robot = robot.with_constant_joints(held)
     if data.get("links", robot.links) != robot.links:
         what = f"links = {data['links']}, the kinematics have {robot.links}"
         raise InputError(what, "correct links, or leave it out")
@@ -276,24 +287,31 @@ def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
     raise InputError("no problem", remedy, what.replace("...", given(source)))
 
 
-def load_problem(source: str | Path, gravity: Sequence[float] | None = None) -> Problem:
+def load_problem(
+    source: str | Path,
+    gravity: Sequence[float] | None = None,
+    held: Mapping[str, float] | None = None,
+) -> Problem:
     """The problem of ``source``: a built-in name, a folder with a problem.toml, or a
     URDF file.
 
     gravity : the gravity vector in the base frame [m/s^2], for a robot mounted
-    otherwise. Raises InputError where there is no such problem, or its files contradict
+    otherwise; held : joints that stand still at these positions [rad, m], whose links
+    belong to their parents. Raises InputError where there is no such problem, or its files contradict
     themselves.
     """
     path = Path(source)
     if str(source) in problem_names():
         path = problems_folder() / str(source)
     if os.path.isfile(path / "problem.toml"):  # False for what can be no name
-        problem = read_toml(path / "problem.toml", partial(_from_toml, path))
+        problem = read_toml(
+            path / "problem.toml", partial(_from_toml, path, held or {})
+        )
     elif os.path.isfile(path):
-        robot, links = load_urdf(path)
+        robot, links = load_urdf(path, held=held)
         box = open_box(robot.links, c.DEFAULT_LINK_MASS[0])
         box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * links[:, 0])
-        bodies = link_bodies(robot, box[:, 1:4], links, link_geometry(path))
+        bodies = link_bodies(robot, box[:, 1:4], links, link_geometry(path, held))
         nominal, sources = plausible_links(robot, links, bodies)
         title = f"{robot.name} from {path.name}"
         problem = Problem(

@@ -11,7 +11,7 @@ from pathlib import Path
 from sdp_vs_penalty.data.files import save
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
+from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, keep_noise_floor
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
@@ -26,6 +26,8 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 #: The arm, what is hidden on its last joint, how strongly, and the methods side by
 #: side.
 ARM, HIDDEN, LEVEL = "panda", "presliding_hysteresis", "strong"
+#: Of the simulated arm.
+SEED = 7
 METHODS = ("ols", "penalty", "lmi-sdp")
 #: Names of the runs: to identify from, and to judge on.
 RUNS = ("run1.csv", "run2.csv", "test.csv")
@@ -45,7 +47,9 @@ class Demo:
     truth: str
 
 
-def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) -> Demo:
+def demo(
+    folder: str | Path, seed: int = SEED, progress: Progress = no_progress
+) -> Demo:
     """Simulate, identify by three methods, look where the model fails, diagnose, add;
     all in ``folder``.
 
@@ -69,13 +73,15 @@ def demo(folder: str | Path, seed: int = 7, progress: Progress = no_progress) ->
         progress(f"identifying by {method}")
         options = PoseOptions(seed=seed)
         models[method] = estimate_parameters(problem, filtered, method, options)
+        keep_noise_floor(models[method], train)
     model = models[METHODS[-1]]
     progress("comparing on motion that no model has seen")
     failures = where_it_fails(model, test)
     progress("looking for what is missing")
     found = diagnose(model, train, test, seed=seed)
     progress("adding it")
-    better = add(model, found, train, seed=seed) if found.effects else model
+    sure = found.selected(confident=True) if found.sure else None
+    better = model if sure is None else add(model, sure, train, seed=seed)
     *compared, after = compare({**models, "with what was found": better}, test)
     for name, estimate, judged in (
         ("model", model, compared[-1]),

@@ -93,7 +93,11 @@ def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:
     away."""
     out: dict[str, list[float]] = {}
     for f in () if diagnosis is None else diagnosis.effects:
-        row = out.setdefault(f"found: {f.effect}", [0.0] * n) if f.sure else []
+        row = (
+            out.setdefault(f"found: {f.effect}", [0.0] * n)
+            if f.torque_is_certain
+            else []
+        )
         for j in [j - 1 for j in f.joints] or range(n) if row else ():
             a, b = f.held_out_rmse_before[j], f.held_out_rmse_after[j]
             row[j] = max(row[j], 1.0 - (b / a) ** 2 if a > 0.0 else 0.0)

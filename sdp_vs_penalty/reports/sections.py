@@ -18,7 +18,7 @@ from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows, 
 from sdp_vs_penalty.estimation.uncertainty import Interval, counts
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.exporters.friction_table import friction_curves
-from sdp_vs_penalty.formatting import number, plain_unit
+from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.reports import markup, plots
 from sdp_vs_penalty.reports.markup import figure, table, text
 from sdp_vs_penalty.reports.plots import COLOURS, MEASURED
@@ -270,14 +270,13 @@ def findings(material: ReportData) -> str:
     for f in found.effects:
         joint = f.joints[0] - 1 if f.joints else 0
         errors = f.held_out_rmse_before, f.held_out_rmse_after, found.noise_floor
-        size = f"{number(f.size, 4)} ± {number(f.std, 2)} {plain_unit(f.unit)}"
         joints, rivals = (
             ", ".join(map(str, f.joints)),
             ", ".join(f.indistinguishable_from),
         )
         own = (number(x[joint]) for x in errors)
         rows.append(
-            (f.effect, joints or "all", f.confidence, size, rivals or "-", *own)
+            (f.effect, joints or "all", f.rating, f.size_text, rivals or "-", *own)
         )
     heads = (
         "effect",
@@ -296,16 +295,14 @@ def findings(material: ReportData) -> str:
         else ""
     )
     if rows:
-        first, last = (
-            found.effects[0].held_out_rmse_before,
-            found.effects[-1].held_out_rmse_after,
-        )
+        first, last = found.held_out_rmse_before, found.held_out_rmse_with_all
         floor = found.noise_floor.tolist() if found.noise_known else None
         body += text(
             "Held-out error of each joint before all findings and with all of them:"
         )
         body += markup.bars(list(first), list(last), floor, units)
         body += table((*heads, "noise floor"), rows, numbers_from=5)
+    body += text(found.left_sentence)
     body += "".join(text(remark) for remark in found.remarks)
     judged = material.judged[material.name]
     motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]

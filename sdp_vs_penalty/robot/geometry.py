@@ -8,7 +8,7 @@ has no geometry, and its body is then taken from what else is known.
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,14 +42,16 @@ class Geometry:
     volume: float
 
 
-def link_geometry(path: str | Path) -> list[Geometry | None]:
+def link_geometry(
+    path: str | Path, held: Mapping[str, float] | None = None
+) -> list[Geometry | None]:
     """Of each moving link of a URDF, with what is fixed to it; None where it is not
-    known whole.
+    known whole; held : joints that count as fixed where they stand [rad, m].
 
     Raises InputError for a file that is not a URDF of a tree of joints.
     """
     out: list[Geometry | None] = []
-    for parts in placed_links(path):
+    for parts in placed_links(path, held):
         with errors_located_in(path):
             found = [_shapes(Path(path), link, at) for link, at in parts]
         every = [shape for part in found for shape in part or []]

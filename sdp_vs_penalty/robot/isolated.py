@@ -63,7 +63,7 @@ def parse_isolated(
     parser: Callable[..., Iterator[Arrays]],
     path: str | Path,
     *arguments: Any,
-    whiten_rows: Callable[[], object] = dict,
+    prepare: Callable[[], object] = dict,
     seconds: float = _LIMITS.silence,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
     """What ``parser(path, *arguments)`` yields, from a child process.
@@ -94,7 +94,7 @@ def parse_isolated(
     request = {
         "parser": [parser.__module__, parser.__qualname__],
         "arguments": [str(path), *arguments],
-        "prepare": [whiten_rows.__module__, whiten_rows.__qualname__],
+        "prepare": [prepare.__module__, prepare.__qualname__],
         "room": memory_for(size),
         "seconds": seconds,
         "cpu": int(_LIMITS.cpu + _LIMITS.cpu_by_mib * size / 2**20),

@@ -90,6 +90,33 @@ class Mechanism(JsonRecord):
             raise InputError("every link is declared massless", remedy)
 
 
+@dataclass(frozen=True)
+class HeldJoint(JsonRecord):
+    """A joint that does not move, and is none of the robot's any more: what it carried
+    belongs to its parent.
+
+    name : as the robot's file has it; value : where it stands [rad, m]; place : its
+    column in a log of all driven joints, from 0.
+    """
+
+    name: str
+    value: float
+    place: int
+
+
+class ChannelNames(tuple[str, ...]):
+    """Names of the driven joints in order; held : joints that a log may hold besides."""
+
+    held: tuple[HeldJoint, ...] = ()
+
+    @classmethod
+    def of(cls, names: Sequence[str], held: Sequence[HeldJoint]) -> "ChannelNames":
+        """These names, and the joints that are held."""
+        out = cls(names)
+        out.held = tuple(held)
+        return out
+
+
 #: A joint that follows: the joint that it follows, by name, multiplier and offset.
 Follower = tuple[str, float, float]
 
@@ -130,6 +157,26 @@ def resolve_mimic_joints(
     return tuple(tree[k] for k in free), Mechanism(
         tuple(tree), matrix, offset, tuple(massless)
     )
+
+
+def parse_held(text: str | Sequence[str]) -> dict[str, float]:
+    """Where joints are held, "finger_joint=0,wheel=0.1"; InputError for another text.
+
+    >>> parse_held("finger_joint=0")
+    {'finger_joint': 0.0}
+    """
+    words = text.split(",") if isinstance(text, str) else text
+    held = {}
+    for word in words:
+        name, equals, value = word.strip().rpartition("=")
+        try:
+            held[name] = float(value)
+        except ValueError:
+            equals = ""
+        if not (equals and name and np.isfinite(held[name])):
+            remedy = "write a joint's name and where it stands, like finger_joint=0"
+            raise InputError(f"--hold {word.strip()[:60]!r}", remedy)
+    return held
 
 
 def parse_mechanism(

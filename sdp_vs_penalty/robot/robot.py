@@ -8,18 +8,24 @@ robot: they are an argument, because they are what is being identified.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.files import JsonRecordSkippingNone
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, check_finite
-from sdp_vs_penalty.robot.joint import Joint, Mechanism, Transmission
+from sdp_vs_penalty.robot.joint import (
+    ChannelNames,
+    HeldJoint,
+    Joint,
+    Mechanism,
+    Transmission,
+)
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
@@ -33,7 +39,8 @@ class Robot(JsonRecordSkippingNone):
     other order. mechanism : where joints follow others, ``joints`` are those that move
     by themselves, a joint's parent counts in ``tree``, and there are more links than
     joints: ``links`` of them. transmission : how the motors turn with the joints, where
-    that is known. Raises InputError for joints in another order.
+    that is known; held : joints that stand still and count no more. Raises InputError
+    for joints in another order.
     """
 
     name: str
@@ -41,6 +48,7 @@ class Robot(JsonRecordSkippingNone):
     gravity: tuple[float, ...] = STANDARD_GRAVITY
     transmission: Transmission | None = None
     mechanism: Mechanism | None = None
+    held: tuple[HeldJoint, ...] = ()
 
     def __post_init__(self) -> None:
         check_finite("the gravity x,y,z [m/s^2]", np.array(self.gravity), (3,))
@@ -101,6 +109,32 @@ class Robot(JsonRecordSkippingNone):
             row / row[row != 0.0][0] for row in rows if np.count_nonzero(row) > 1
         )
 
+    def with_constant_joints(self, held: Mapping[str, float]) -> "Robot":
+        """The same with driven joints that stand still at these positions [rad, m].
+
+        Their links stay links of their own, so that bounds keep their numbers; a URDF's
+        are merged into their parents where it is read. Raises InputError for names of
+        no joint, or of all.
+        """
+        if not held:
+            return self
+        places = check_held(self.joint_names, held)
+        stays = [k for k in range(self.n) if k not in places]
+        value = np.zeros(self.n)
+        value[list(places)] = [held[self.joint_names[k]] for k in places]
+        m = self.mechanism or Mechanism(self.tree, np.eye(self.n), np.zeros(self.n), ())
+        mechanism = Mechanism(
+            m.tree, m.matrix[:, stays], m.offset + m.matrix @ value, m.massless
+        )
+        still = [HeldJoint(self.joint_names[k], float(value[k]), k) for k in places]
+        return replace(
+            self,
+            joints=tuple(self.joints[k] for k in stays),
+            transmission=None,
+            mechanism=mechanism,
+            held=tuple(still),
+        )
+
     def leader(self, place: int) -> tuple[str, float, float]:
         """Whom a joint of the tree follows, by what multiplier and offset. InputError
         for several."""
@@ -147,9 +181,9 @@ class Robot(JsonRecordSkippingNone):
         return out
 
     @cached_property
-    def joint_names(self) -> tuple[str, ...]:
-        """(n,) the names of the driven joints."""
-        return tuple(joint.name for joint in self.joints)
+    def joint_names(self) -> ChannelNames:
+        """(n,) the names of the driven joints; with them those that are held."""
+        return ChannelNames.of([joint.name for joint in self.joints], self.held)
 
     @cached_property
     def position_units(self) -> tuple[str, ...]:
@@ -481,6 +515,17 @@ class Robot(JsonRecordSkippingNone):
             (1.0, self._with_inertias(links + heavy)),
             (-1.0, self._with_inertias(heavy)),
         ]
+
+
+def check_held(names: Sequence[str], held: Mapping[str, float]) -> tuple[int, ...]:
+    """The places of held joints among the driven ones; InputError for names of no joint,
+    or of all."""
+    for name in held:
+        require_known("joint", name, names, "--hold")
+    if len(held) == len(names):
+        remedy = "leave those that move out of --hold"
+        raise InputError("every joint is held, so nothing moves", remedy)
+    return tuple(k for k, name in enumerate(names) if name in held)
 
 
 def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:

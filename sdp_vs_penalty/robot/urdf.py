@@ -8,7 +8,7 @@ n_j1 q_1, q_m2 = n_a2 (n_j2 q_2 + q_1).
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,12 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import (
     Follower,
+    HeldJoint,
     Joint,
     Transmission,
     resolve_mimic_joints,
 )
-from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot, check_held
 
 _MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 #: Lengths [m], masses [kg] and inertias [kg m^2] beyond this are no robot's and
@@ -120,7 +121,9 @@ def read_inertial(link: Any) -> Array:
 
 
 def load_urdf(
-    path: str | Path, gravity: Sequence[float] = STANDARD_GRAVITY
+    path: str | Path,
+    gravity: Sequence[float] = STANDARD_GRAVITY,
+    held: Mapping[str, float] | None = None,
 ) -> tuple[Robot, Array]:
     """The robot of a URDF file and its nominal standard parameters, shape (links, 10).
 
@@ -129,34 +132,58 @@ def load_urdf(
     carries it, and one fixed to the base is dropped. A link without an inertial has
     zeros. Mimic joints follow the joints that they name; a link whose inertials say
     mass 0 is massless and gets no parameters; <transmission> elements say how motors
-    turn.
+    turn. held : joints that stand still at these positions [rad, m]; they and what
+    mimics them count as fixed.
 
     Raises InputError for a file that is not a URDF, a floating or planar joint, a loop,
     or no moving joint at all.
     """
-    root, tree, parts = _read(path)
+    still = tuple[HeldJoint, ...]()
+    if held:
+        driven = load_urdf(path, gravity)[0].joint_names
+        with errors_located_in(path):
+            places = check_held(driven, held)
+        still = tuple(HeldJoint(driven[k], held[driven[k]], k) for k in places)
+    root, tree, parts = _read(path, held)
     with errors_located_in(path):
-        (nominal, massless), followers = _weighed(parts), dict[str, Follower]()
-        for joint in root.findall("joint"):
-            if (element := joint.find("mimic")) is not None:
-                (ratio,) = _numbers(element, "multiplier", 1.0)
-                (offset,) = _numbers(element, "offset", 0.0)
-                followers[joint.get("name")] = (
-                    str(element.get("joint")),
-                    ratio,
-                    offset,
-                )
+        nominal, massless = _weighed(parts)
+        moving = {joint.name for joint in tree}
+        followers = {n: f for n, f in _followers(root).items() if n in moving}
         joints, mechanism = resolve_mimic_joints(tree, followers, massless)
         transmission = _transmission(root, [joint.name for joint in joints])
     name, given = root.get("name") or Path(path).stem, tuple(map(float, gravity))
     kept = [x for k, x in enumerate(nominal) if k not in massless]
-    return Robot(name, joints, given, transmission, mechanism), np.array(kept)
+    robot = Robot(name, joints, given, transmission, mechanism, still)
+    return robot, np.array(kept)
 
 
-def placed_links(path: str | Path) -> list[Parts]:
+def _followers(root: Any) -> dict[str, Follower]:
+    """The joints that mimic others, by name."""
+    found = dict[str, Follower]()
+    for joint in root.findall("joint"):
+        if (element := joint.find("mimic")) is not None:
+            (ratio,) = _numbers(element, "multiplier", 1.0)
+            (offset,) = _numbers(element, "offset", 0.0)
+            found[joint.get("name")] = (str(element.get("joint")), ratio, offset)
+    return found
+
+
+def _with_followers(root: Any, held: Mapping[str, float]) -> dict[str, float]:
+    """Where held joints and all that mimic them stand [rad, m]."""
+    still, followers = dict(held), _followers(root)
+    for _ in followers:  # a follower may follow a follower
+        for name, (leader, ratio, offset) in followers.items():
+            if leader in still:
+                still[name] = ratio * still[leader] + offset
+    return still
+
+
+def placed_links(
+    path: str | Path, held: Mapping[str, float] | None = None
+) -> list[Parts]:
     """What each moving link that has a mass is made of. Raises InputError as
     :func:`load_urdf` does."""
-    parts = _read(path)[2]
+    parts = _read(path, held)[2]
     with errors_located_in(path):
         massless = _weighed(parts)[1]
     return [own for k, own in enumerate(parts) if k not in massless]
@@ -189,9 +216,14 @@ def parse_urdf(path: str | Path) -> Any:
         raise InputError(what, "correct the file", path) from error
 
 
-def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
+def _read(
+    path: str | Path, held: Mapping[str, float] | None = None
+) -> tuple[Any, list[Joint], list[Parts]]:
     """The <robot> element of a file, its moving joints, depth first, and what their
-    links are made of."""
+    links are made of.
+
+    held : joints that count as fixed where they stand.
+    """
     root = parse_urdf(path)
     joints: list[Joint] = []
     parts: list[Parts] = []
@@ -207,8 +239,14 @@ def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
                 pose @ pose_of(element),
                 element.find("child").get("link"),
             )
+            name_of_joint = element.get("name")
             if element.get("type") == "fixed":
                 visit(child, body, placement)
+            elif name_of_joint in still:
+                at = joint_motion(
+                    _joint(element, body, placement), still[name_of_joint]
+                )
+                visit(child, body, placement @ at)
             else:
                 joints.append(_joint(element, body, placement))
                 parts.append([])
@@ -216,6 +254,7 @@ def _read(path: str | Path) -> tuple[Any, list[Joint], list[Parts]]:
 
     with errors_located_in(path):
         links, children, base = _tree(root)
+        still = _with_followers(root, held or {})
         visit(base, -1, np.eye(4))
         for name in links:
             what = f"link {name!r} is in a loop of joints apart from the base {base!r}"
@@ -309,6 +348,17 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
     return Joint(
         name, _MOVING[kind], parent, placement, axis / length, np.eye(4), *limits
     )
+
+
+def joint_motion(joint: Joint, value: float) -> Array:
+    """(4, 4) the pose that a joint's position [rad, m] puts its link to."""
+    out = np.eye(4)
+    if joint.kind == "prismatic":
+        out[:3, 3] = value * joint.axis
+    else:
+        k = np.cross(np.eye(3), joint.axis)
+        out[:3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
+    return out
 
 
 def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:

@@ -124,15 +124,17 @@ class Following(Shown):
                 f"its measured torque from the loop, the others less; the arm {stays}."
             )
         first = min(self.free, key=lambda f: f.seconds if f.left else np.inf)
-        end = (
-            f"leaves the measured motion after {first.seconds:.2g} s"
-            if first.left
-            else stays
-        )
+        end = f"; the free run {stays}"
+        if first.left:
+            end = (
+                f"; the free run leaves the measured motion after {first.seconds:.2g} s"
+            )
+        elif any(f.cut for f in self.free):
+            end = ""  # of a run that was not followed to its end nothing is said
         return (
             f"Run forward, {self.ahead.seconds:.3g} s ahead the worst joint, {j + 1}, "
             f"is off by {said(self.ahead.rms[j], self.units[j])} RMS, {share} the "
-            f"error at constant velocity; the free run {end}."
+            f"error at constant velocity{end}."
         )
 
     def _summary(self) -> Summary:

@@ -55,8 +55,9 @@ class Solver(ABC):
     which it is absent; system_package : Debian's name of a program, where it is not the
     command's. cones : what it takes; what it lacks is rewritten. order : of the kinds
     of cones, where it wants one; full_matrices : whether a psd cone's rows are all
-    entries of the matrix instead of svec's. default_options : options by the names of its
-    documentation; meaning : what its status claims (of a Solution; else "failed");
+    entries of the matrix instead of svec's. default_options : options by the names of
+    its documentation; status_meaning : what its status claims (of a Solution; else
+    "failed");
     finest : the finest accuracy that a loop around it may ask for.
     """
 
@@ -76,7 +77,7 @@ class Solver(ABC):
         """Its answer to a problem that is written as it wants it."""
 
     def options(self, accuracy: float) -> dict[str, Any]:
-        """What it is told for an accuracy, relative, of gap and feasibility."""
+        """Its options for an accuracy, relative, of gap and feasibility."""
         return {
             name: accuracy if value is ACCURACY else value
             for name, value in self.default_options.items()

@@ -9,6 +9,9 @@ Standard library, rational numbers, no rounding; docs/proof.md is the format. Th
 
 or, of kind "infeasible", that there is no such x. Any y, S_i and T_i in the cones bound f from below:
 |r|^2 >= 2 <y, r> - <y, y>, <S, F> >= 0, -log det F >= log det T + d - <T, F> for F, T > 0.
+
+What holds may still say nothing: a proof is vacuous from a gap (upper - lower) / loss(theta) of 1 on,
+and above a thousandth it shows no optimum.
 """
 
 import hashlib
@@ -192,6 +195,12 @@ def dual_bound(p):
     return constant, slope
 
 
+def loss(p):
+    """|R theta - rho|^2 + floor^2."""
+    rows = zip(p["R"], p["rho"], strict=True)
+    return p["floor"] ** 2 + sum((dot(a, p["theta"]) - r) ** 2 for a, r in rows)
+
+
 def objective(p):
     """An upper bound of f(theta), exact without entropy; ValueError where theta is not
     feasible."""
@@ -200,9 +209,7 @@ def objective(p):
         all(abs(a) <= b for a, b in zip(x, p["bound"], strict=True)),
         "theta lies outside its bound",
     )
-    total = p["floor"] ** 2 + sum(
-        (dot(a, x) - r) ** 2 for a, r in zip(p["R"], p["rho"], strict=True)
-    )
+    total = loss(p)
     for c in p["constraints"]:
         terms = [
             [x[k] * a for a in F]
@@ -245,11 +252,48 @@ def check(proof):
     )
 
 
+def relative_gap(proof):
+    """(upper - lower) / loss(theta) of a proof of an optimum that :func:`check` accepts;
+    of exact data the loss counts as at least 1e-12 (|rho|^2 + floor^2). None where that
+    is zero and the interval is not."""
+    p = typed(proof, OPTIMUM, {})
+    torque = dot(p["rho"], p["rho"]) + p["floor"] ** 2
+    scale, width = max(loss(p), torque / 10**12), p["upper"] - p["lower"]
+    return width / scale if scale else Fraction(0) if not width else None
+
+
+def in_words(x):
+    """A rational number, however large, to two digits."""
+    return f"{Decimal(x.numerator) / Decimal(x.denominator):.1e}"
+
+
+def weakness(proof, loosest=Fraction(1, 1000)):
+    """Why a proof that holds shows no optimum; "" where it does. loosest: the largest gap
+    of one that does."""
+    gap = relative_gap(proof)
+    if gap is None or gap >= 1:
+        share = "" if gap is None else f", {in_words(gap)} times the loss wide,"
+        ends = (in_words(Fraction(proof[name])) for name in ("lower", "upper"))
+        return f"vacuous: [{', '.join(ends)}]{share} says nothing of the optimum"
+    if gap > loosest:
+        most = in_words(loosest)
+        return f"loose: its gap is {in_words(gap)} of the loss, more than {most}"
+    return ""
+
+
+def main(path):
+    """What a proof shows, as one line; ValueError where it does not."""
+    proof = read(path)
+    found = check(proof)
+    if found is None:
+        return "infeasible"
+    need(not weakness(proof), weakness(proof))
+    share = in_words(relative_gap(proof))
+    return f"optimum in {[float(x) for x in found]}, gap {share} of the loss"
+
+
 if __name__ == "__main__":
     try:
-        found = check(read(sys.argv[1]))
-        print(
-            "infeasible" if found is None else f"optimum in {[float(x) for x in found]}"
-        )
+        print(main(sys.argv[1]))
     except Exception as error:
         sys.exit(f"refused: {type(error).__name__}: {error}")

@@ -183,3 +183,27 @@ def run_of(
     q = q * [1.0, 0.3, 2.0, 0.0] + [0.0, 1.0, -3.0, 0.7]
     q += 1e-4 * np.random.default_rng(seed).normal(size=q.shape)
     return Measurements(t, q, np.ones_like(q), names=(f"run {seed}",))
+
+
+def write_joint_states(path: Path, messages: Any) -> None:
+    """A ROS 2 bag of messages (topic, t [s], names, position, velocity, effort), each
+    of the last three perhaps empty."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store, kind = get_typestore(Stores.ROS2_HUMBLE), "sensor_msgs/msg/JointState"
+    state = store.types[kind]
+    header, stamp = (
+        store.types[name]
+        for name in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    with Writer(path, version=9) as writer:
+        connections: dict[str, Any] = {}
+        for topic, t, names, *fields in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            at = round(t * 1e9) + 1_700_000_000 * 10**9
+            head = header(stamp(sec=at // 10**9, nanosec=at % 10**9), "")
+            message = state(head, list(names), *(np.array(x, float) for x in fields))
+            writer.write(connections[topic], at, store.serialize_cdr(message, kind))

@@ -18,7 +18,6 @@ from recorded import brief, changed
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
-from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.diagnosis.findings import Retune
 from sdp_vs_penalty.effects import effect_types
@@ -28,6 +27,7 @@ from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.reports.demo import RUNS
 
 NAMES = ("a.csv", "b.csv", "test.csv")
 #: What a person sets to look at something else.
@@ -100,8 +100,7 @@ def story(hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     screen.set("shown-run", "test.csv")
     models = [load_estimate(step.file) for step in session.history]
     runs, test = load_measurements(folder / "a.csv", folder / "b.csv"), hidden.runs[3]
-    whole = concatenate([runs, test])
-    judged = compare(dict(zip("ab", models, strict=True)), test, noise_from=whole)
+    judged = compare(dict(zip("ab", models, strict=True)), test)
     known = {
         "figures": figures,
         "runs": runs,
@@ -211,7 +210,7 @@ def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     asyncio.run(session.show_me())
     assert called == [
         ("choose_robot", "panda"),
-        ("simulate", "presliding_hysteresis", [7], "strong", 7),
+        ("simulate", "presliding_hysteresis", [7], "strong", 7, RUNS),
         ("identify",),
         ("diagnose",),
         ("add", [one.text]),

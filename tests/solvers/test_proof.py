@@ -75,9 +75,9 @@ def test_the_checker_stands_alone(proofs, tmp_path):
             [sys.executable, "-I", "-S", alone, path], capture_output=True, text=True
         )
         assert done.returncode == code, done.stderr
-        assert done.stdout == (
-            f"optimum in {[float(x) for x in interval]}\n" if code == 0 else ""
-        )
+        share = verify_proof.in_words(verify_proof.relative_gap(proofs["lmi-sdp"]))
+        claim = f"optimum in {[float(x) for x in interval]}, gap {share} of the loss\n"
+        assert done.stdout == (claim if code == 0 else "")
     (tmp_path / "text.json").write_text(json.dumps({"format": 1}))
     done = subprocess.run(
         [sys.executable, "-I", alone, tmp_path / "text.json"], capture_output=True
@@ -167,10 +167,63 @@ def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_p
             "upper": "1e12",
         }  # the multipliers are of another problem
         path.write_text(json.dumps(signed(weaker)))
-        assert verify_proof_file(path)[0], words
+        verify_proof.check(verify_proof.read(path))
         holds, said = verify_proof_file(path, estimate, run)
         assert not holds, words
         assert words in said
+
+
+#: Intervals that hold the optimum and say nothing of it, and one that says too little.
+WEAK = {
+    "vacuous": [("-1e308", "1e308"), ("-1e12", "1e12"), ("0", None), (None, "1e308")],
+    "loose": [("0.9", None), (None, "1.5")],
+}
+
+
+@pytest.mark.parametrize(("lower", "upper"), WEAK["vacuous"])
+def test_a_vacuous_proof_is_not_accepted(proofs, tmp_path, lower, upper):
+    true = proofs["lmi-sdp-plain"]
+    ends = {"lower": lower or true["lower"], "upper": upper or true["upper"]}
+    path = tmp_path / "proof.json"
+    path.write_text(json.dumps(signed({**true, **ends})))
+    holds, said = verify_proof_file(path)
+    assert not holds
+    assert "vacuous" in said
+
+
+@pytest.mark.parametrize(("low", "high"), WEAK["loose"])
+def test_a_loose_proof_shows_no_optimum(proofs, tmp_path, low, high):
+    true = proofs["lmi-sdp-plain"]
+    lower = repr(float(true["lower"]) * float(low or 1.0))
+    upper = repr(float(true["upper"]) * float(high or 1.0))
+    path = tmp_path / "proof.json"
+    edited = {**true, **({"lower": lower} if low else {"upper": upper})}
+    path.write_text(json.dumps(signed(edited)))
+    holds, said = verify_proof_file(path)
+    assert not holds
+    assert "loose" in said
+
+
+def test_the_gap_is_printed(proofs, tmp_path):
+    path = tmp_path / "proof.json"
+    proof.write_proof(proofs["lmi-sdp"], path)
+    share = verify_proof.in_words(verify_proof.relative_gap(proofs["lmi-sdp"]))
+    assert f"its gap is {share} of the loss" in verify_proof_file(path)[1]
+
+
+def test_a_proof_wider_than_the_models_certificate_is_refused(tmp_path):
+    problem, path = load_problem("two_link"), tmp_path / "proof.json"
+    run = experiment(problem).training_run(seed=2)
+    estimate = identify(problem, run, proof=path)
+    assert verify_proof_file(path, estimate)[0]
+    true = json.loads(path.read_text())
+    wider = repr(float(true["upper"]) * (1.0 + 1e-6))
+    path.write_text(json.dumps(signed({**true, "upper": wider})))
+    assert verify_proof_file(path)[0]
+    holds, said = verify_proof_file(path, estimate)
+    assert not holds
+    assert "wider than" in said
+    assert "certificate" in said
 
 
 def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: True time over the file's that is tried; the ends are round.
@@ -19,7 +19,7 @@ class Clock(Transformation):
     name = "clock_rate"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         yield replace(now, reversed=not now.reversed)
         for factor in _RATES if any(now.gravity) else ():

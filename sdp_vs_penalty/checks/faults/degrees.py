@@ -7,7 +7,7 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 
@@ -17,7 +17,7 @@ class Degrees(Transformation):
     name = "degrees"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
         far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]

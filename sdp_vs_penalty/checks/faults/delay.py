@@ -7,7 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation, choices
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
@@ -25,7 +25,7 @@ class Delay(Transformation):
     name = "delay"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         each = [(j,) for j in log.joints] if len(log.joints) > 1 else []
         for name, tried in _LATE.items():

@@ -7,7 +7,7 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import Event, LogTransform
 
@@ -25,7 +25,7 @@ class Beside(Transformation):
     name = "events"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         motion, order, laws = log.data.motion, list(now.order), log.data.laws
         span, heard = float(np.ptp(motion.t)), log.filter_gain(now)[:, :, None]

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.constants import WIDEST
-from sdp_vs_penalty.checks.likelihood import At, Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.formats.recognition import UNITS as NAMED
 
@@ -66,16 +66,16 @@ class FaultSize:
     another one.
 
     tolerance : what arms and loggers differ by themselves, in the number's own unit;
-    reach : how far to either side the best value is looked for; text : with unit; snaps
+    reach : how far to either side the best value is looked for; text : with unit; round_values
     : round values, tried beside it.
     """
 
     value: float
     at: At
     tolerance: float
-    reach: float
+    search_radius: float
     text: Callable[[float], str]
-    snaps: tuple[float, ...] = ()
+    round_values: tuple[float, ...] = ()
     widest: float = WIDEST
 
     def round_within(self, reach: float) -> list[float]:
@@ -84,7 +84,7 @@ class FaultSize:
         return [x for x in by_distance[:1] if abs(x - self.value) < reach]
 
     @classmethod
-    def factor(cls, x: float, at: At, snaps: tuple[float, ...]) -> "Number":
+    def factor(cls, x: float, at: At, snaps: tuple[float, ...]) -> "FaultSize":
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
         logs = tuple(float(np.log(s)) for s in snaps)
         text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
@@ -162,7 +162,7 @@ class Transformation(ABC):
 
     @abstractmethod
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         """Repairs that differ from ``now``, whose score is given, by one more thing of
         this kind."""

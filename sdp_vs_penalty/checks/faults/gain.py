@@ -13,7 +13,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import At, Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Factors that are tried beside the nearest: units, and a grid whose steps the
@@ -29,7 +29,7 @@ class Gain(Transformation):
     name = "gain"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         joints = log.joints if len(log.joints) > 1 else []
         # A small one is seen at its best value alone: a step of the grid off, the fit

@@ -12,7 +12,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     Transformation,
     _degrees,
 )
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -28,7 +28,7 @@ class Mounting(Transformation):
     name = "mounting"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         given = np.array(now.gravity)
         size = float(np.linalg.norm(given))

@@ -5,7 +5,7 @@ from itertools import combinations
 
 from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 
@@ -15,7 +15,7 @@ class Exchange(Transformation):
     name = "order"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         for a, b in combinations(log.joints, 2):
             yield now.with_swap(a, b, "tau_order")

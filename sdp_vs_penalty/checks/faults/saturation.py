@@ -12,7 +12,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Below this bend, the largest logged torque over the limit, a channel is as straight
@@ -27,7 +27,7 @@ class Saturation(Transformation):
     name = "saturation"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         for j in log.joints:
             for x in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):

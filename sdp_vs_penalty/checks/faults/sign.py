@@ -8,7 +8,7 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 
@@ -19,7 +19,7 @@ class Sign(Transformation):
     name = "sign"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         for turned in (range(log.n), *((j,) for j in range(log.n))):
             yield now.times("gain", turned, -1.0)

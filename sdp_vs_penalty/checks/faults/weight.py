@@ -14,7 +14,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 
@@ -24,7 +24,7 @@ class Weight(Transformation):
     name = "weight"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         # The weight that a wrist's last link holds is within the error of its
         # friction's law: of one channel alone it has to be half (8 s of the real Panda,

@@ -15,7 +15,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     _shifted,
     choices,
 )
-from sdp_vs_penalty.checks.likelihood import At, Likelihood, Score
+from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 
@@ -30,7 +30,7 @@ class Place(Transformation):
     quarters = -np.pi / 2, np.pi / 2, np.pi
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: Score
+        self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
         joints, quarters = (
             log.problem.robot.joints,

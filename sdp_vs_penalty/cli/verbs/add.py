@@ -27,7 +27,7 @@ def verb(
     --out model2.json: File to write the model to.
     effect EFFECT[:joints][@shape=value]: Effects, separated by commas.
     --from findings.json: Effects found by `diagnose --json`.
-    --confident: Only what is sure: confident, or weak only because another effect fits as well.
+    --confident: Confident findings, and near-ties: weak only because another effect fits as well.
     --only 1,3: Numbers of the findings to add.
     """
     from sdp_vs_penalty.checks.gate import consented
@@ -48,7 +48,7 @@ def verb(
         given = runs_for(estimate, data, window, test, test_window)
         bigger = run(estimate, effects, given.train, progress=progress, **how)
         models = {"before": estimate, "after": bigger}
-        before, after = compare(models, given.judge, noise_from=given.whole)
+        before, after = compare(models, given.judge, noise_from=given.judged_recordings)
         checked = not consented(estimate, given.train)
         judged = after.verdict.to_dict()
         bigger.provenance.update(

@@ -7,6 +7,7 @@ def verb(
     data: list[Path],
     problem: str,
     gravity: str | None = None,
+    hold: str | None = None,
     json_: Path | None = None,
     fix: Path | None = None,
     apply: list[str] | None = None,
@@ -25,11 +26,11 @@ def verb(
     from sdp_vs_penalty.checks import check_runs
     from sdp_vs_penalty.checks.fixing import fix_runs
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import problem_from_options
+    from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
     from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
+    from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.files import write_text
 
-    robot = problem_from_options(problem, gravity)
     data = [file for path in data for file in run_files(path)]
     if apply and fix is None:
         raise InputError("--apply: nothing to write", "name the copy with --fix")
@@ -41,14 +42,20 @@ def verb(
         raise InputError(
             f"--fix {fix}: this is the file that is checked", "choose another name"
         )
-    runs = []
     with console.progress("checking") as progress:
-        for path in data:
-            progress(path.name)
-            runs.append(read_run(path, robot.robot.n, robot.robot.joint_names))
+        robot, measured, hold = read_and_hold(
+            lambda held: problem_from_options(problem, gravity, hold=held),
+            hold,
+            lambda of: [
+                read_run(path, of.robot.n, of.robot.joint_names) for path in data
+            ],
+        )
+        runs = [run for run in measured if isinstance(run, Measurements)]
+        progress(f"judging {len(runs)} runs" if len(runs) > 1 else data[0].name)
         reports = check_runs(robot, runs, robot.preprocessing)
     printing.checks(reports)
     mounting = [] if gravity is None else ["--gravity", gravity]
+    mounting += [] if hold is None else ["--hold", hold]
     words = [*data, "--problem", problem, *mounting]
     meaningless = any(report.meaningless for report in reports)
     content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}

@@ -15,6 +15,7 @@ def verb(
     motors: str | None = None,
     motor_side: bool = False,
     rate: float | None = None,
+    hold: str | None = None,
 ) -> None:
     """Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and MCAP (JointState).
 
@@ -35,14 +36,19 @@ def verb(
     --rate HZ: Samples a second, for a log without a clock (without a header: q1.., dq1.., tau1..).
     """
     from sdp_vs_penalty import formatting
+    from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.data.formats.columns import columns_of
     from sdp_vs_penalty.problem.load import convert
+    from sdp_vs_penalty.problem.problem import Problem
 
+    robot: str | Problem | None = problem
+    if problem is not None and hold is not None:
+        robot = problem_from_options(problem, hold=hold)
     names = joints.split(",") if joints else None
     run = convert(
         source,
         out,
-        problem=problem,
+        problem=robot,
         joints=names,
         topic=topic,
         rename=pairs("--rename", rename),

@@ -9,6 +9,7 @@ def verb(
     effects: str | None = None,
     folds: int = 5,
     gravity: str | None = None,
+    hold: str | None = None,
     json_: Path | None = None,
     seed: int = 0,
     known: str | None = None,
@@ -22,16 +23,23 @@ def verb(
     --folds >=2: Stretches that each motion is cut into.
     """
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import parsed_known, problem_from_options
+    from sdp_vs_penalty.cli.runs import (
+        parsed_known,
+        problem_from_options,
+        read_and_hold,
+    )
     from sdp_vs_penalty.data.files import load_measurements
     from sdp_vs_penalty.estimation.resampling import cross_validate
     from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers
 
-    robot = problem_from_options(problem, gravity)
     with console.progress("reading the measurements") as progress:
-        runs = load_measurements(
-            *data, joints=robot.robot.n, names=robot.robot.joint_names
+        robot, (runs,), hold = read_and_hold(
+            lambda held: problem_from_options(problem, gravity, hold=held),
+            hold,
+            lambda of: [
+                load_measurements(*data, joints=of.robot.n, names=of.robot.joint_names)
+            ],
         )
         how: dict[str, Any] = {"effects": effects, "folds": folds, "seed": seed}
         how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler)}
@@ -58,6 +66,7 @@ def verb(
         "--method": method,
         "--effects": effects,
         "--gravity": gravity,
+        "--hold": hold,
         "--out": "model.json",
     }
     words = (word for pair in told.items() if pair[1] for word in pair)

@@ -41,6 +41,7 @@ def verb(
             seed=seed,
             progress=progress,
             noise_from=given.whole,
+            judged_recordings=given.judged_recordings,
             gain_uncertainty=gain_uncertainty,
             check=not no_check,
             warn=console.warn,

@@ -18,6 +18,7 @@ def verb(
     joints: str | None = None,
     urdf: Path | None = None,
     seed: int = 0,
+    hold: str | None = None,
 ) -> None:
     """Design an exciting trajectory within the robot's limits, the run that tells two effects apart, or
     the one that weighs a load.
@@ -50,11 +51,13 @@ def verb(
         return _separate(Path(problem), separate, out, urdf, level=level, **how)
     if payload:
         return _payload(Path(problem), joints, out, **how)
+    from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.estimation.excitation import excite
 
     how |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
     with console.progress("excitation") as progress:
-        found = excite(problem, progress=progress, **how)
+        robot = problem_from_options(problem, hold=hold) if hold else problem
+        found = excite(robot, progress=progress, **how)
     found.save(out)
     console.say(
         f"condition number of the base regressor: {found.history[0]:.1f} at the start, "

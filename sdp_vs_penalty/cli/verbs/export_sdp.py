@@ -10,6 +10,7 @@ def verb(
     gravity: str | None = None,
     filters: str | None = None,
     bounds: str | None = None,
+    hold: str | None = None,
     window: str | None = None,
     known_load: list[str] | None = None,
     known: str | None = None,
@@ -29,15 +30,19 @@ def verb(
         parsed_known,
         parsed_known_load,
         problem_from_options,
+        read_and_hold,
         runs_from_options,
     )
     from sdp_vs_penalty.estimation.build_problem import PoseOptions
     from sdp_vs_penalty.exporters.sdp import write_posed
 
-    robot = problem_from_options(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
         loads = [parsed_known_load(text) for text in known_load or []]
-        _, runs = runs_from_options(robot, data, window)
+        robot, (_, runs), _ = read_and_hold(
+            lambda held: problem_from_options(problem, gravity, bounds, filters, held),
+            hold,
+            lambda robot: runs_from_options(robot, data, window),
+        )
         given = parsed_known(known)
         chosen = PoseOptions(
             effects, known_loads=loads, known=given, instruments=instruments

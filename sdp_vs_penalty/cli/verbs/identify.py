@@ -13,6 +13,7 @@ def verb(
     gravity: str | None = None,
     filters: str | None = None,
     bounds: str | None = None,
+    hold: str | None = None,
     solver: str | None = None,
     seed: int = 0,
     window: str | None = None,
@@ -41,9 +42,14 @@ def verb(
     from sdp_vs_penalty.parallel import Workers
 
     estimator = with_solver(method, solver)
-    robot = runs.problem_from_options(problem, gravity, bounds, filters)
     with console.progress("reading the measurements") as progress:
-        whole, given = runs.runs_from_options(robot, data, window)
+        robot, (whole, given), _ = runs.read_and_hold(
+            lambda held: runs.problem_from_options(
+                problem, gravity, bounds, filters, held
+            ),
+            hold,
+            lambda robot: runs.runs_from_options(robot, data, window),
+        )
         begin = time.perf_counter()
         try:
             estimate, fit = identify_and_judge(

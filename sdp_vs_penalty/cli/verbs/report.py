@@ -40,7 +40,7 @@ def verb(
             estimates,
             given.train,
             out,
-            noise_from=given.whole,
+            noise_from=given.judged_recordings,
             progress=progress,
             **how,
         )

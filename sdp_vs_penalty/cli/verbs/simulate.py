@@ -13,6 +13,7 @@ def verb(
     drive: str = "torque",
     json_: Path | None = None,
     seed: int = 0,
+    hold: str | None = None,
 ) -> None:
     """Simulate runs in which an effect is hidden, or run a model forward along measured runs.
 
@@ -33,6 +34,7 @@ def verb(
     if follow:
         _follow(source, follow, drive, seed, out, json_)
         return
+    from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.simulation.hidden_runs import (
         RUN_FILES,
         refuse_foreign,
@@ -44,7 +46,8 @@ def verb(
             "simulate: no folder to write to", "pass --out DIR, or --follow RUN.csv"
         )
     refuse_foreign(out)  # before the minutes that a simulation may take
-    made = simulate(source, hide or (), level, seed)
+    robot = problem_from_options(source, hold=hold) if hold else source
+    made = simulate(robot, hide or (), level, seed)
     made.save(out)
     effects = ",".join(made.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]
@@ -57,6 +60,7 @@ def verb(
             *runs,
             "--effects",
             effects,
+            *(["--hold", hold] if hold else []),
             "--out",
             "model.json",
         ]

@@ -1,7 +1,9 @@
 """ROS 2 bags and MCAP files (and ROS 1 bags) with sensor_msgs/JointState (extra
 [formats])."""
 
+import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,38 +13,42 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
 from sdp_vs_penalty.data.measurements import Measurements, gathered
+from sdp_vs_penalty.data.merging import half_period, nearest_rows
 from sdp_vs_penalty.data.store import (
     PART,
     AppendableArray,
     concatenate_chunks,
     iter_chunks,
 )
-from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.errors import InputError, Remark, missing_extra
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES, FOLDER = (".mcap", ".db3", ".bag"), "metadata.yaml"
 _TYPE = "sensor_msgs/msg/JointState"
+_FIELDS = ("position", "velocity", "effort")
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Joints by name: those of the robot, else those of the first message, in its
-    order.
+    """Joints by name: those of the robot, else those of the message with most joints, in
+    its order.
 
-    Messages that lack one of the joints (a gripper's, on the same topic) are left out.
-    Time is the header's stamp, in seconds of its day, or the recorder's where stamps
-    are zero.
+    Messages come together by joint and nearest stamp: arm and gripper, left and right,
+    efforts of another topic. Time is the header's stamp, in seconds of its day, or the
+    recorder's where stamps are zero.
     """
     from sdp_vs_penalty.robot.isolated import parse_isolated
 
     names = None if choice.joints is None else list(choice.joints)
     with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
-        iter_chunks = parse_isolated(
+        pieces = parse_isolated(
             run_in_parts, path, names, choice.topic, prepare=message_types, seconds=60.0
         )
         try:
-            return gathered(
-                Measurements.of(part["t"], part, (path.name,)) for part in iter_chunks
+            places = next(pieces)["places"].astype(int).tolist()
+            run = gathered(
+                Measurements.of(part["t"], part, (path.name,)) for part in pieces
             )
+            return replace(run, joint_names=tuple((names or [])[k] for k in places))
         except ImportError as error:
             raise missing_extra("ROS bags and MCAP files need", "formats") from error
 
@@ -66,6 +72,10 @@ def run_in_parts(
     _stay_inside(place)
     with AnyReader([place], default_typestore=message_types()) as reader:
         run = _read(place, reader, Choice(joints, topic))
+    # Which of the robot's joints the bag has.
+    yield {
+        "places": np.array([(joints or []).index(n) for n in run.joint_names], float)
+    }
     for part in run.parts():
         yield {"t": part.t, **part.groups}
 
@@ -85,79 +95,249 @@ def _stay_inside(path: Path) -> None:
             )
 
 
+@dataclass
+class _Stream:
+    """Messages of one topic with the same joints and the same fields filled.
+
+    names : of the joints; fields : which of position, velocity and effort have a value
+    for each joint; table : (N, 2 + 3 n) clocks [s] and values, NaN where there are none.
+    """
+
+    topic: str
+    names: tuple[str, ...]
+    fields: tuple[str, ...]
+    table: AppendableArray = field(default_factory=AppendableArray)
+    rows: list[list[float]] = field(default_factory=list)
+    values: Array = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def add(self, row: list[float]) -> None:
+        """Add a message's clocks and values."""
+        self.rows.append(row)
+        if len(self.rows) == PART:
+            self.finish_part()
+
+    def finish_part(self) -> None:
+        """Hand the rows so far to the table."""
+        self.table.append(np.array(self.rows, float).reshape(len(self.rows), -1))
+        self.rows.clear()
+
+    def column(self, field_name: str, joint: str) -> Array:
+        """(N,) one field of one joint."""
+        at = _FIELDS.index(field_name) * len(self.names) + self.names.index(joint)
+        return np.asarray(self.values[:, 2 + at])
+
+
 def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
     connections = [c for c in reader.connections if c.msgtype == _TYPE]
     topics = sorted({c.topic for c in connections})
-    if choice.topic is not None:
-        connections = [c for c in connections if c.topic == choice.topic]
-    if not connections or (choice.topic is None and len(topics) > 1):
-        found = ", ".join(topics) or "none"
-        wanted = f"topic {choice.topic!r}" if choice.topic else "one topic"
-        what = f"{wanted} with {_TYPE} is needed"
-        raise InputError(what, f"choose it with --topic (there are: {found})", path)
-    names, others = list(choice.joints or ()), set[str]()
-    table, rows, first = AppendableArray(), list[list[float]](), np.zeros(0)
+    if not connections or (choice.topic is not None and choice.topic not in topics):
+        raise _which_topic(path, choice.topic, topics)
+    streams, first = _streams(path, reader, connections)
+    names, leading = _choose_joints(path, streams, choice)
+    run = _merged(path, streams, leading, list(names), first)
+    called = tuple(names.values()) if choice.joints is not None else ()
+    return replace(run, joint_names=called)
+
+
+def _which_topic(path: Path, topic: str | None, topics: Sequence[str]) -> InputError:
+    """The error of a topic that is not there, or several that hold all joints."""
+    wanted = f"topic {topic!r}" if topic else "one topic"
+    what = f"{wanted} with {_TYPE} is needed"
+    found = ", ".join(topics) or "none"
+    return InputError(what, f"choose it with --topic (there are: {found})", path)
+
+
+def _streams(
+    path: Path, reader: Any, connections: Sequence[Any]
+) -> tuple[list[_Stream], Array]:
+    """The messages by topic, joints and fields, and the clocks of the first one [ns]."""
+    streams = dict[tuple[Any, ...], _Stream]()
+    first = np.zeros(0)
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
-        own = [str(name) for name in message.name]
-        names = _with_prefix(names, own) if names else own
-        if not set(names) <= set(own):
-            others |= set(own)
-            continue
+        names = tuple(str(name) for name in message.name)
+        lengths = {name: len(getattr(message, name)) for name in _FIELDS}
+        fields = tuple(f for f, n in lengths.items() if n == len(names) > 0)
+        key = (connection.topic, names, fields)
+        stream = streams.setdefault(key, _Stream(*key))
         stamp = message.header.stamp
         # Whole nanoseconds are taken apart before they become floating-point numbers of
         # seconds.
         clocks = np.array([int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorded)])
         first = first if len(first) else clocks
-        rows.append(
-            [
-                *(clocks - first) / 1e9,
-                *_values(path, message, [own.index(n) for n in names]),
-            ]
-        )
-        if len(rows) == PART:
-            table.append(np.array(rows))
-            rows.clear()
-    table.append(np.array(rows, float).reshape(len(rows), 2 + 3 * len(names)))
-    whole = table.array()
-    if not len(whole):
-        there = ", ".join(sorted(others)) or "none"
+        row = list(((clocks - first) / 1e9).tolist())
+        for name in _FIELDS:
+            values = getattr(message, name)
+            row += (
+                [float(x) for x in values] if name in fields else [np.nan] * len(names)
+            )
+        stream.add(row)
+    for stream in streams.values():
+        stream.finish_part()
+        stream.values = stream.table.array()
+    return list(streams.values()), first
+
+
+def _choose_joints(
+    path: Path, streams: Sequence[_Stream], choice: Choice
+) -> tuple[dict[str, str], _Stream]:
+    """The joints to take, as the bag calls them and as the robot does, and the stream
+    whose rows are kept.
+
+    Those of the robot behind one prefix; without a robot those of the first message
+    with a position, in its order. A robot's joints of which the bag says nothing are
+    left to be held.
+    """
+    usable = [s for s in streams if choice.topic in (None, s.topic)]
+    placed = [s for s in usable if "position" in s.fields]
+    if not placed:
+        raise _weightless(path, streams, "position")
+    names = list(choice.joints or max(placed, key=lambda s: len(s.names)).names)
+    every = list(dict.fromkeys(name for s in placed for name in s.names))
+    called = names
+    names = _with_prefix(names, every)
+    found = {n: own for n, own in zip(names, called, strict=True) if n in every}
+    if 2 * len(found) <= len(names):
+        there = ", ".join(sorted(every)) or "none"
         what = (
             f"no message has all joints {', '.join(names) or '(none)'} (there are:"
             f" {there})"
         )
         raise InputError(what, "name the joints as the bag does", path)
-    q, dq, tau = np.split(whole[:, 2:], 3, axis=1)
-    clock = (
-        0 if first[0] or any(part.any() for _, part in iter_chunks(whole[:, 0])) else 1
+    # The topic that says most of the joints, position and effort, leads.
+    by_topic = {
+        topic: {
+            (name, f)
+            for s in placed
+            if s.topic == topic
+            for name in s.names
+            for f in s.fields
+            if name in found and f != "velocity"
+        }
+        for topic in {s.topic for s in placed}
+    }
+    most = max(len(held) for held in by_topic.values())
+    best = sorted(topic for topic, held in by_topic.items() if len(held) == most)
+    if len(best) > 1 and choice.topic is None and most == 2 * len(found):
+        raise _which_topic(path, None, sorted(by_topic))
+    leading = max(
+        (s for s in placed if s.topic in best and set(found) & set(s.names)),
+        key=lambda s: (
+            len(set(found) & set(s.names)),
+            "effort" in s.fields,
+            len(s.values),
+        ),
     )
-    t = concatenate_chunks(
-        part + float(first[clock] % (86_400 * 10**9)) / 1e9
-        for _, part in iter_chunks(whole[:, clock])
-    )
+    return found, leading
+
+
+def _merged(
+    path: Path,
+    streams: Sequence[_Stream],
+    leading: _Stream,
+    names: Sequence[str],
+    first: Array,
+) -> Measurements:
+    """One row for each message of the leading stream, with what the others say at the
+    nearest stamp within half a period; a joint that never moves says it at any time."""
+    stamped = bool(first[0]) or any(s.values[:, 0].any() for s in streams)
+    clock = 0 if stamped else 1
+    t = leading.values[:, clock]
+    kept, within = np.ones(len(t), bool), half_period(t)
+    # Of each stream the row that belongs to each of the leading one's.
+    rows = {id(leading): np.arange(len(t))}
+    sources = {
+        (name, what): _source_of(streams, leading, name, what)
+        for name in names
+        for what in _FIELDS
+    }
+    for (name, what), source in sources.items():
+        if source is None or source is leading:
+            continue
+        order = np.argsort(source.values[:, clock], kind="stable")
+        nearest, near = nearest_rows(t, source.values[order, clock], within)
+        rows[id(source)] = order[nearest]
+        is_still = np.ptp(source.column(what, name)) == 0.0
+        kept &= near | is_still | (what == "velocity")
+    for what in ("position", "effort"):
+        if all(sources[name, what] is None for name in names):
+            raise _weightless(path, streams, what)
+    _say_what_is_skipped(path, streams, leading, names, int(np.sum(~kept)))
+    stays = np.flatnonzero(kept)
+
+    def block(what: str) -> Array:
+        """(N, n) one field of all joints, part by part: a long bag's lies on the disk."""
+        return concatenate_chunks(
+            np.column_stack(
+                [
+                    np.full(len(part), np.nan)
+                    if (source := sources[name, what]) is None
+                    else source.column(what, name)[rows[id(source)][part]]
+                    for name in names
+                ]
+            )
+            for _, part in iter_chunks(stays)
+        )
+
+    q, dq, tau = block("position"), block("velocity"), block("effort")
+    day = float(first[clock] % (86_400 * 10**9)) / 1e9
+    t = concatenate_chunks(t[part] + day for _, part in iter_chunks(stays))
     finite = all(np.all(np.isfinite(part)) for _, part in iter_chunks(dq))
     return Measurements(t, q, tau, dq if finite else None, None, (path.name,))
 
 
+def _source_of(
+    streams: Sequence[_Stream], leading: _Stream, joint: str, what: str
+) -> _Stream | None:
+    """The stream that says this of the joint: the leading one, one of its topic, another
+    one; None where none does."""
+    having = [s for s in streams if what in s.fields and joint in s.names]
+    if not having:
+        return None
+    return max(
+        having, key=lambda s: (s is leading, s.topic == leading.topic, len(s.values))
+    )
+
+
+def _say_what_is_skipped(
+    path: Path,
+    streams: Sequence[_Stream],
+    leading: _Stream,
+    names: Sequence[str],
+    unmatched: int,
+) -> None:
+    """How many messages are left out, and why."""
+    empty = sum(
+        len(s.values)
+        for s in streams
+        if s is not leading
+        and s.topic == leading.topic
+        and set(s.names) == set(leading.names)
+        and len(s.fields) < len(leading.fields)
+    )
+    said = []
+    if empty:
+        said.append(f"{formatting.count(empty, 'message')} with empty fields")
+    if unmatched:
+        more = formatting.count(unmatched, "message")
+        said.append(f"{more} without the other joints within half a period")
+    if said:
+        warnings.warn(f"{path}: {' and '.join(said)} left out", Remark, stacklevel=2)
+
+
+def _weightless(path: Path, streams: Sequence[_Stream], what: str) -> InputError:
+    """The error of a bag in which nobody says positions, or efforts."""
+    topics = ", ".join(sorted({s.topic for s in streams}))
+    said = f"no message of {topics} has {what} of every joint"
+    return InputError(said, "record position and effort of every joint", path)
+
+
 def _with_prefix(names: Sequence[str], own: Sequence[str]) -> list[str]:
     """The bag's names where they are the robot's behind one prefix: panda_joint1 for
-    joint1."""
-    prefixes = {o.removesuffix(names[0]) for o in own if o.endswith(names[0])}
-    fit = sorted(
-        prefix for prefix in prefixes if {prefix + name for name in names} <= set(own)
-    )
-    return [fit[0] + name for name in names] if len(fit) == 1 or "" in fit else [*names]
-
-
-def _values(path: Path, message: Any, at: Sequence[int]) -> list[float]:
-    """Positions, velocities (NaN where there are none) and efforts of the wanted
-    joints."""
-    out, n = list[float](), len(message.name)
-    for field in ("position", "velocity", "effort"):
-        values = getattr(message, field)
-        if len(values) != n and field != "velocity":
-            has = formatting.count(len(values), "value")
-            what = f"a message has {has} of {field} for {formatting.count(n, 'joint')}"
-            raise InputError(what, "record position and effort of every joint", path)
-        out += [float(values[k]) if len(values) == n else np.nan for k in at]
-    return out
+    joint1. The prefix that fits most joints; the names themselves where two fit."""
+    prefixes = {""} | {o.removesuffix(n) for n in names for o in own if o.endswith(n)}
+    fits = {p: sum(p + name in own for name in names) for p in prefixes}
+    most = max(fits.values())
+    best = sorted(p for p, count in fits.items() if count == most)
+    prefix = best[0] if len(best) == 1 or "" in best else ""
+    return [prefix + name for name in names]

@@ -90,6 +90,7 @@ class Header:
     order: Sequence[int] | None = None
     rate: float | None = None
     episode: str | None = None
+    joints: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -166,7 +167,10 @@ class Header:
             factors[name] = second_part_unit(name) if k else scale.get("t", 1.0)
         order = found.order if found else None
         episode = found.episode if found else None
-        return cls(path, groups, factors, what, names, order, choice.rate, episode)
+        joints = found.joints if found else ()
+        return cls(
+            path, groups, factors, what, names, order, choice.rate, episode, joints
+        )
 
     @property
     def columns(self) -> list[str]:
@@ -212,7 +216,7 @@ class Header:
     def gather(self, pieces: Iterable[Measurements]) -> Measurements:
         """The run of consecutive pieces; episodes come one after the other, a second
         apart."""
-        run = gathered(pieces)
+        run = replace(gathered(pieces), joint_names=self.joints)
         if self.episode is None or len(run.t) < 2:
             return run
         steps = np.diff(run.t)

@@ -128,7 +128,7 @@ def _refuse_texts(
     for k in chosen:
         if table.kinds[k] == "text":
             cell = table.first_cells(k)[0][:40]
-            what = f"column {names[k]} is never a number: it holds {cell!r}"
+            what = f"column {names[k]} is never a number: {cell!r} is not a number"
             remedy = "name the column that holds it with `convert --rename`"
             raise InputError(what, remedy, table.path)
 

@@ -468,7 +468,7 @@ def _by_words(
     rename = {} if clock is None else {"t": clock}
     said = _said_joints(names, table)
     count = len(_columns("q", read, joints))
-    called = tuple[str, ...]()
+    called = _called_by_columns(_columns("q", read, joints), read, joints)
     order: tuple[int, ...] | None = None
     for quantity in [q for q in WORDS if q != "t"]:
         columns = _columns(quantity, read, joints)
@@ -562,21 +562,29 @@ def _by_joint(
     them or all of them are its joints (others are held)."""
     if joints is None:
         return found
-    tails = []
-    for joint in joints:
-        words, numbers = (
-            re.findall(kind, joint.lower()) for kind in ("[a-z]+", "[0-9]+")
-        )
-        tails.append(
-            (
-                *(w for w in words if w not in _FILLERS),
-                str(next(map(int, numbers), None)),
-            )
-        )
+    tails = [_tail_of(joint) for joint in joints]
     by_tail = {(*own[name].rest, str(own[name].number)): name for name in found}
     ordered = [by_tail[tail] for tail in tails if tail in by_tail]
     complete = len(ordered) == len(tails) or len(ordered) == len(found)
     return ordered if complete else found
+
+
+def _tail_of(joint: str) -> tuple[str, ...]:
+    """What a joint's name adds to a column's: its words and its number."""
+    words, numbers = (re.findall(kind, joint.lower()) for kind in ("[a-z]+", "[0-9]+"))
+    return (
+        *(w for w in words if w not in _FILLERS),
+        str(next(map(int, numbers), None)),
+    )
+
+
+def _called_by_columns(
+    columns: Sequence[str], read: Mapping[str, _Read], joints: Sequence[str] | None
+) -> tuple[str, ...]:
+    """The robot's joints that columns are called by; none where they are not all."""
+    tails = {_tail_of(joint): joint for joint in joints or ()}
+    found = [tails.get((*read[n].rest, str(read[n].number))) for n in columns]
+    return () if None in found else tuple(str(name) for name in found)
 
 
 def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:

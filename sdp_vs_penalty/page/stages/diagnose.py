@@ -9,7 +9,7 @@ import numpy as np
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, event_lines
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, event_lines, rating_counts
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import missing_chart
@@ -61,15 +61,15 @@ def findings(view: View) -> None:
             " holds on data that did not select it."
         )
         return
-    sure = [f.text for f in found.sure if f.text not in session.added]
+    sure = [f for f in found.sure if f.text not in session.added]
     with draw.tag("ol", style="findings"):
         for k in range(len(found.effects)):
             _card(view, found, k)
     _constants(session, found)
     _curves(view, found)
     if len(sure) > 1:
-        add = partial(session.start, session.add, sure)
-        draw.button(f"Add the {len(sure)} that are sure", add, "add-all")
+        add = partial(session.start, session.add, [f.text for f in sure])
+        draw.button(f"Add all but the weak: {rating_counts(sure)}", add, "add-all")
     _rest(found)
 
 
@@ -84,14 +84,9 @@ def _card(view: View, found: Diagnosis, k: int) -> None:
             draw.tag(
                 "h4", f"{draw.plain_name(finding.effect)} · {_where(finding.joints)}"
             )
-            draw.tag("span", finding.confidence, f"badge {finding.confidence}")
-        size = (
-            f"{finding.size:.4g} ± {finding.std:.1g}"
-            f" {formatting.plain_unit(finding.unit)}".strip()
-        )
-        draw.tag(
-            "p", f"Size {'; '.join(filter(None, (size, finding.constants)))}", "size"
-        )
+            draw.tag("span", finding.rating, f"badge {finding.rating}")
+        size = "; ".join(filter(None, (finding.size_text, finding.constants)))
+        draw.tag("p", f"Size {size}", "size")
         again = finding.effect in [f.effect for f in found.effects[:k]]
         with draw.details("What it is", f"physics-{k}") if again else nullcontext():
             physics = finding.explanation.partition(". ")[2]
@@ -107,7 +102,8 @@ def _card(view: View, found: Diagnosis, k: int) -> None:
                 draw.note("With the model's file, which is under Use:")
                 draw.tag("pre", told, tabindex="0")
         if finding.remarks:
-            draw.note(f"Weak: {'; '.join(finding.remarks)}.")
+            why = "; ".join(finding.remarks)
+            draw.note(f"{finding.rating.capitalize()}: {why}.")
         before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
         own = [j - 1 for j in finding.joints[:1]] or range(len(before))
         joint = min(own, key=lambda j: after[j] / before[j] if before[j] else 1.0)
@@ -152,7 +148,8 @@ def _constants(session: Session, found: Diagnosis) -> None:
             )
             draw.tag("p", constant.explanation)
             if constant.remarks:
-                draw.note(f"Weak: {'; '.join(constant.remarks)}.")
+                why = "; ".join(constant.remarks)
+                draw.note(f"{constant.rating.capitalize()}: {why}.")
             _adding(session, constant.text, f"add-constant-{k}")
 
 
@@ -203,11 +200,7 @@ def _rest(found: Diagnosis) -> None:
                 draw.tag("li", f"{line.capitalize()}.")
     for remark in found.remarks:
         draw.note(remark)
-    over = ", ".join(f"{(1.0 + max(x, 0.0)) ** 0.5:.2g}" for x in found.unexplained)
-    over = over if found.noise_known else "not known"
-    draw.note(
-        f"Held-out error over noise with everything found, joint by joint: {over}."
-    )
+    draw.note(found.left_sentence)
     if found.invisible:
         with draw.details("Not identifiable from these runs", "invisible"):
             draw.note("The model's existing parameters absorb the torque of:")

@@ -263,15 +263,22 @@ class Study:
 
     def result(self, method: str, data: Data) -> Result:
         """A method's estimate from the training part of a data set."""
+        return self.estimated(method, data)
+
+    def estimated(self, method: str | Estimator, data: Data) -> Result:
+        """The same of a method that has no name, such as given links."""
         self.estimate([method], [data])
         return cast(Result, self._made[method, data])
 
-    def estimate(self, methods: Iterable[str], sets: Sequence[Data]) -> None:
+    def estimate(
+        self, methods: Iterable[str | Estimator], sets: Sequence[Data]
+    ) -> None:
         """Have every method's estimate from each of the data sets, by the workers; a
         task is small."""
         new = [(m, d) for m in methods for d in sets if (m, d) not in self._made]
         for method, data in new:
-            self.progress(f"{method} on {data.label} data")
+            name = method if isinstance(method, str) else method.name
+            self.progress(f"{name} on {data.label} data")
         workers = replace(self.workers, progress=self.progress)
         made = workers.map(
             _estimated, [(self.estimator(m), self.task(d)) for m, d in new]

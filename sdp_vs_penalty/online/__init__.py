@@ -1,0 +1,14 @@
+"""A payload in the control loop: mass, centre of mass and inertia from a stream."""
+
+from sdp_vs_penalty.plugins import lazy_exports
+
+__getattr__ = lazy_exports(
+    __name__,
+    arm="ArmModel",
+    change="ChangeDetector",
+    information="Information PayloadPrior",
+    noise="ResidualNoise",
+    payload="Payload PayloadChange PayloadEstimator",
+    projection="ConeProjection",
+    smoothing="SmoothingFilter",
+)

@@ -1,0 +1,177 @@
+"""The arm without its payload, instant by instant: torque, and the payload's columns."""
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Effect, Motion
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.online import constants as c
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Entries of a table of one effect over velocity, its finest step [rad/s, m/s] and its
+#: largest velocity.
+_ENTRIES, _FINEST, _FASTEST = 8193, 1e-5, 20.0
+#: Relative error of a table that is taken for the effect itself.
+_TOLERANCE = 1e-3
+
+
+class ArmModel:
+    """Torque of a model and the regressor of a payload at one instant, without
+    allocation.
+
+    Links come from Pinocchio's regressor. Effects that follow one joint's velocity are
+    tabulated over it, finer near zero; those that grow with a joint's position or
+    acceleration are slopes. Which is which is read off the effects' own torque.
+
+    Parameters
+    ----------
+    model, theta : the arm's model and its parameters (p,).
+
+    Attributes
+    ----------
+    torque, friction : (n,) of the last instant, as the channels read it; friction is
+        the part of it that follows velocity.
+    columns : (n, 10) of the payload, in the last link's frame.
+    dry_friction : (n,) half the jump of friction where a joint turns round.
+
+    Raises
+    ------
+    InputError for an effect that needs more than one instant's state.
+    """
+
+    def __init__(self, model: Model, theta: Array) -> None:
+        robot = model.robot
+        self.model, self.theta, self.n = model, np.array(theta, float), robot.n
+        if not len(model.rigid_indices):
+            raise InputError("the model has no rigid body", "identify one with links")
+        self._regressor = robot._pin.computeJointTorqueRegressor
+        self._pinocchio, self._data = robot._model, robot._model.createData()
+        links = self.theta[model.rigid_indices].reshape(-1, 10)
+        maps = robot._link_maps
+        tree = np.zeros((len(robot.tree), 10))
+        moved = links if maps is None else np.einsum("kij,kj->ki", maps, links)
+        tree[list(robot.link_joints)] = moved
+        self._tree_links = tree.ravel()
+        last = 10 * robot.link_joints[-1]
+        self._last = slice(last, last + 10)
+        self._map = np.eye(10) if maps is None else np.ascontiguousarray(maps[-1])
+        self._mechanism = robot.mechanism
+        gains = np.ones(robot.n) if model.gains is None else np.array(model.gains)
+        self._gains = gains
+        self._table = np.zeros(robot.n * _ENTRIES)
+        self._first = _ENTRIES * np.arange(robot.n)
+        self._index = np.zeros(robot.n, np.intp)
+        self._place = np.zeros(robot.n)
+        self._low = np.zeros(robot.n)
+        self._high = np.zeros(robot.n)
+        self._stiffness = np.zeros(robot.n)
+        self._armature = np.zeros(robot.n)
+        self._scale = (_ENTRIES - 1) / (2.0 * np.arcsinh(_FASTEST / _FINEST))
+        for effect, indices in model.parts:
+            if not np.array_equal(indices, model.rigid_indices):
+                self._take(effect, self.theta[indices])
+        forwards, backwards = np.zeros((2, robot.n))
+        self._add_table(np.full(robot.n, c.REST_SPEED), forwards)
+        self._add_table(np.full(robot.n, -c.REST_SPEED), backwards)
+        self.dry_friction = 0.5 * gains * np.abs(forwards - backwards)
+        self.torque, self.friction = np.zeros((2, robot.n))
+        self.columns = np.zeros((robot.n, 10))
+        n_tree = len(robot.tree)
+        self._tree_torque = np.zeros(n_tree)
+        self._tree_columns = np.zeros((n_tree, 10))
+        self._part = np.zeros(robot.n)
+        self._gain_column = np.ascontiguousarray(gains[:, None])
+
+    def update(self, q: Array, dq: Array, ddq: Array) -> None:
+        """Write ``torque`` and ``columns`` of a state, each (n,)."""
+        if self._mechanism is None:
+            state = q, dq, ddq
+        else:
+            follow = self._mechanism.matrix
+            state = follow @ q + self._mechanism.offset, follow @ dq, follow @ ddq
+        regressor = self._regressor(self._pinocchio, self._data, *state)
+        np.dot(regressor, self._tree_links, out=self._tree_torque)
+        np.dot(regressor[:, self._last], self._map, out=self._tree_columns)
+        if self._mechanism is None:
+            np.copyto(self.torque, self._tree_torque)
+            np.copyto(self.columns, self._tree_columns)
+        else:
+            np.dot(self._mechanism.matrix.T, self._tree_torque, out=self.torque)
+            np.dot(self._mechanism.matrix.T, self._tree_columns, out=self.columns)
+        self.friction[:] = 0.0
+        self._add_table(dq, self.friction)
+        self.torque += self.friction
+        self.friction *= self._gains
+        np.multiply(self._stiffness, q, out=self._part)
+        self.torque += self._part
+        np.multiply(self._armature, ddq, out=self._part)
+        self.torque += self._part
+        self.torque *= self._gains
+        self.columns *= self._gain_column
+
+    def _add_table(self, dq: Array, torque: Array) -> None:
+        """Add the tabulated torque at velocities (n,) to ``torque`` (n,)."""
+        place, low, high = self._place, self._low, self._high
+        np.divide(dq, _FINEST, out=place)
+        np.arcsinh(place, out=place)
+        place *= self._scale
+        place += 0.5 * (_ENTRIES - 1)
+        np.clip(place, 0.0, _ENTRIES - 1.001, out=place)
+        np.copyto(self._index, place, casting="unsafe")
+        place -= self._index
+        self._index += self._first
+        np.take(self._table, self._index, out=low, mode="clip")
+        self._index += 1
+        np.take(self._table, self._index, out=high, mode="clip")
+        high -= low
+        high *= place
+        torque += low
+        torque += high
+
+    def _take(self, effect: Effect, theta: Array) -> None:
+        """Add an effect to the table or to the slopes, whichever is its torque."""
+        rng = np.random.default_rng(0)
+        q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 400, self.n))
+        try:
+            exact = self._torque(effect, theta, q, dq, ddq)
+            nodes = self._nodes()[:, None] * np.ones(self.n)
+            still = np.zeros_like(nodes)
+            table = self._torque(effect, theta, still, nodes, still).T.ravel()
+            one, none = np.ones((1, self.n)), np.zeros((1, self.n))
+            constant = self._torque(effect, theta, none, none, none)[0]
+            stiffness = self._torque(effect, theta, one, none, none)[0] - constant
+            armature = self._torque(effect, theta, none, none, one)[0] - constant
+        except (ValueError, AttributeError, AssertionError) as error:
+            raise self._refusal(effect) from error
+        before = self._table
+        self._table = table
+        made = stiffness * q + armature * ddq
+        for row, velocities in zip(made, dq, strict=True):
+            self._add_table(velocities, row)
+        self._table = before
+        size = np.abs(exact).max(initial=1e-12)
+        if not np.allclose(made, exact, rtol=0.0, atol=_TOLERANCE * size):
+            raise self._refusal(effect)
+        self._table = self._table + table
+        self._stiffness = self._stiffness + stiffness
+        self._armature = self._armature + armature
+
+    def _refusal(self, effect: Effect) -> InputError:
+        return InputError(
+            f"effect {effect.name} cannot run in the loop: it needs more than the"
+            " velocity of one joint at one instant",
+            "identify the arm without it for this purpose",
+        )
+
+    def _nodes(self) -> Array:
+        """(entries,) the velocities of the table."""
+        place = np.arange(_ENTRIES, dtype=float) - (_ENTRIES - 1) / 2
+        return np.asarray(_FINEST * np.sinh(place / self._scale), float)
+
+    def _torque(
+        self, effect: Effect, theta: Array, q: Array, dq: Array, ddq: Array
+    ) -> Array:
+        """(N, n) torque of one effect at states (N, n), true as the model's links are."""
+        clock = 1e-3 * np.arange(len(q), dtype=float)
+        motion = Motion(clock, q, dq, ddq, sign_width=self.model.sign_width)
+        return effect.torque(theta, motion)

@@ -1,0 +1,235 @@
+"""When a payload was picked up or put down: a Bayesian search of the last seconds.
+
+The stretch since the last change is kept as one :class:`Information`, and so are its
+first parts up to instants ``CHANGE_STEP`` apart. What came after an instant is their
+difference. With the evidence K of :mod:`~sdp_vs_penalty.online.information` a change at
+that instant is judged by
+
+    bare before:       ln K(after),
+    a payload before:  max(0, ln K(after)) - (ln K(both) - ln K(before)),
+
+the likelihood of what came after with a payload of its own, or none, over that with
+the payload of before (Adams, MacKay, Bayesian Online Changepoint Detection, 2007).
+One call judges one instant. A change is suspected where this exceeds
+``CHANGE_EVIDENCE``, and believed if it still does ``CHANGE_WAIT`` later. Its instant
+t0 is where the parameters x0 of before and x1 of after explain most, the maximum of
+
+    integral from t0 of (|e - Y x0|^2 - |e - Y x1|^2) / (2 sigma^2 tau) dt.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdp_vs_penalty.online import constants as c
+from sdp_vs_penalty.online.information import (
+    SIZE,
+    WIDTH,
+    Information,
+    PayloadPrior,
+    Posterior,
+)
+from sdp_vs_penalty.robot.arrays import Array
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change that is believed: time, its 95 % interval [s], evidence [-], and whether
+    a payload is carried after it."""
+
+    time: float
+    lower: float
+    upper: float
+    evidence: float
+    is_carrying: bool
+
+
+class ChangeDetector:
+    """Search for the instant of a change, in preallocated arrays.
+
+    Parameters
+    ----------
+    prior : of a payload; correlation : s, of the residuals; period : s of the loop;
+    forgetting : s, after which data count exp(-1).
+    """
+
+    def __init__(
+        self,
+        prior: PayloadPrior,
+        correlation: float,
+        period: float,
+        forgetting: float,
+        delay: float,
+    ) -> None:
+        self.is_carrying = False
+        self.total = Information()
+        self._correlation = correlation
+        self._stride = max(1, round(c.CHANGE_STEP / period))
+        step = self._stride * period
+        self._half_step = 0.5 * step
+        self._mixed = int(np.ceil(delay / step + 0.5))
+        self._fade = float(np.exp(-step / forgetting))
+        self._places = max(4, round(c.CHANGE_REACH / step))
+        self._matrices = np.zeros((self._places, WIDTH, WIDTH))
+        self._seconds = np.zeros(self._places)
+        self._times = np.zeros(self._places)
+        self._count = 0  # instants that are kept
+        self._next = 0
+        self._until_next = 0
+        self._to_judge = 0
+        self._suspected: int | None = None
+        self._wait = max(1, round(c.CHANGE_WAIT / period))
+        self._waited = 0
+        self._outer = np.zeros((WIDTH, WIDTH))
+        self._window = Information()
+        self._posterior = Posterior(prior)
+        # All instants are judged once in their step of time and a half.
+        self._per_call = max(1, round(self._places * period / 0.1))
+
+    def add(self, rows: Array, weighted: Array, period: float, time: float) -> None:
+        """Count the rows [Y, e] (n, 11) of one instant, and the same over sigma^2."""
+        if self._until_next == 0:
+            self._keep(time)
+            self._until_next = self._stride
+        self._until_next -= 1
+        np.dot(rows.T, weighted, out=self._window.matrix)
+        self._window.matrix *= period
+        self.total.matrix += self._window.matrix
+        self.total.seconds += period
+
+    def _keep(self, time: float) -> None:
+        """Keep the stretch so far as an instant at which a change may have happened."""
+        self.total.fade(self._fade)
+        self._matrices *= self._fade
+        self._seconds *= self._fade
+        place = self._next
+        np.copyto(self._matrices[place], self.total.matrix)
+        self._seconds[place] = self.total.seconds
+        self._times[place] = time
+        self._next = (place + 1) % self._places
+        self._count = min(self._count + 1, self._places)
+
+    def search(self) -> Change | None:
+        """Judge the next instants, or a suspicion that is old enough; a change that is
+        believed, or None."""
+        if self._suspected is not None:
+            self._waited += 1
+            if self._waited < self._wait:
+                return None
+            place, self._suspected = self._suspected, None
+            evidence = self._judge(place)
+            return self._locate(place) if evidence > c.CHANGE_EVIDENCE else None
+        for _ in range(self._per_call):
+            if self._count == 0:
+                return None
+            place = (self._next - 1 - self._to_judge) % self._places
+            self._to_judge = (self._to_judge + 1) % self._count
+            if self._judge(place) > c.CHANGE_EVIDENCE:
+                self._suspected, self._waited = place, 0
+                return None
+        return None
+
+    def _judge(self, place: int) -> float:
+        """Evidence [-] of a change at one instant; -inf where too little came after."""
+        window, before = self._window, self._matrices[place]
+        window.seconds = self.total.seconds - self._seconds[place]
+        if window.seconds < c.CHANGE_SHORTEST:
+            return -np.inf
+        np.subtract(self.total.matrix, before, out=window.matrix)
+        weight = window.weight(self._correlation)
+        posterior = self._posterior
+        posterior.clear()
+        posterior.add(window.matrix, weight)
+        after = posterior.solve()
+        if not self.is_carrying:
+            return after
+        posterior.clear()
+        first = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
+        posterior.add(before, first)
+        alone = posterior.solve()
+        posterior.add(window.matrix, weight)
+        return max(after, 0.0) - (posterior.solve() - alone)
+
+    def _locate(self, place: int) -> Change | None:
+        """The change with its instant and the interval of that, found from a first
+        guess; None where nothing is carried before and after."""
+        kept = (self._next - 1 - np.arange(self._count)) % self._places
+        kept = kept[::-1]  # from the oldest on
+        before = np.zeros(WIDTH)
+        before[SIZE] = -1.0
+        after = before.copy()
+        for _ in range(2):
+            is_carrying = self._after(place) > 0.0
+            after[:SIZE] = self._posterior.mean if is_carrying else 0.0
+            if self.is_carrying:
+                self._before(place)
+                before[:SIZE] = self._posterior.mean
+            np.outer(after, after, out=self._outer)
+            self._outer -= np.outer(before, before)
+            # What came before an instant is not explained by the change.
+            score = np.tensordot(self._matrices[kept], self._outer, 2)
+            score *= 0.5 / self._correlation
+            place = int(kept[np.argmax(score)])
+        if not (is_carrying or self.is_carrying):
+            return None
+        evidence = self._judge(place)
+        if evidence <= c.CHANGE_EVIDENCE:
+            return None
+        share = np.exp(score - score.max())
+        below = np.cumsum(share) / share.sum()
+        times = self._times[kept]
+        lower = times[np.searchsorted(below, 0.025)] - self._half_step
+        upper = times[np.searchsorted(below, 0.975)] + self._half_step
+        time = float(self._times[place])
+        return Change(time, float(lower), float(upper), evidence, is_carrying)
+
+    def _before(self, place: int) -> None:
+        """Solve for the payload before an instant."""
+        self._posterior.clear()
+        weight = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
+        self._posterior.add(self._matrices[place], weight)
+        self._posterior.solve()
+
+    def _after(self, place: int) -> float:
+        """Evidence of a payload after an instant, whose posterior is solved."""
+        self._posterior_after(place, self._posterior)
+        return self._posterior.solve()
+
+    def _posterior_after(self, place: int, out: Posterior) -> None:
+        """Count what came after an instant."""
+        window = self._window
+        np.subtract(self.total.matrix, self._matrices[place], out=window.matrix)
+        window.seconds = self.total.seconds - self._seconds[place]
+        out.clear()
+        out.add(window.matrix, window.weight(self._correlation))
+
+    def posterior_after(self, change: Change, out: Posterior) -> None:
+        """Solve for the payload after a change that was found."""
+        self._posterior_after(self._place(change), out)
+        out.solve()
+
+    def _place(self, change: Change) -> int:
+        """The first instant after a change that filters do not mix with the time
+        before."""
+        place = int(np.flatnonzero(self._times == change.time)[0])
+        newer = (self._next - 1 - place) % self._places
+        return (place + min(self._mixed, newer)) % self._places
+
+    def accept(self, change: Change) -> None:
+        """Begin a new stretch after a change."""
+        place = self._place(change)
+        matrix, seconds = self._matrices[place].copy(), float(self._seconds[place])
+        self.total.matrix -= matrix
+        self.total.seconds -= seconds
+        self._matrices -= matrix
+        self._seconds -= seconds
+        self._count = (self._next - place - 1) % self._places
+        self._to_judge = 0
+        self._suspected = None
+        self.is_carrying = change.is_carrying
+
+    def posterior(self, out: Posterior) -> None:
+        """Solve for the payload that is carried."""
+        out.clear()
+        out.add(self.total.matrix, self.total.weight(self._correlation))
+        out.solve()

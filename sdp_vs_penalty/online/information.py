@@ -1,0 +1,115 @@
+"""What a stretch of a stream knows of a payload: information, evidence, estimate.
+
+With residual e = tau - tau_arm and columns Y (n, 10) of the payload, a stretch of T
+seconds is kept as
+
+    G = integral of [Y, e]^T S^-1 [Y, e] dt,      S = diag(sigma_j^2).
+
+Residuals of a model are no white noise. Where they agree with themselves for tau
+seconds, T seconds are worth 1 + T / tau independent instants, so the information is
+
+    Lambda = (1 / T + 1 / tau) G.
+
+The evidence for a payload against none is the Gaussian Bayes factor under the prior
+P^-1 (MacKay, Information Theory, Inference, and Learning Algorithms, 2003, ch. 28):
+
+    ln K = eta^T (Lambda + P)^-1 eta / 2 - ln det(1 + P^-1 Lambda) / 2.
+
+Parameters are scaled: lengths count in the payload's plausible reach.
+"""
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
+
+from sdp_vs_penalty.online import constants as c
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Ten parameters of a payload, and the residual beside their columns.
+SIZE, WIDTH = 10, 11
+
+
+class PayloadPrior:
+    """What is known of a payload before it is measured.
+
+    Parameters
+    ----------
+    mass : kg, standard deviation of its mass.
+    reach : m, how far from the last link's frame its mass lies.
+    """
+
+    def __init__(
+        self, mass: float = c.PAYLOAD_MASS, reach: float = c.PAYLOAD_REACH
+    ) -> None:
+        self.mass, self.reach = mass, reach
+        #: (10,) from scaled parameters to kg, kg m, kg m^2.
+        self.scale = reach ** np.array([0.0, *[1.0] * 3, *[2.0] * 6])
+        self.information = np.eye(SIZE) / mass**2
+        self.log_det = -2.0 * SIZE * np.log(mass)
+
+
+class Information:
+    """A stretch's matrix G (11, 11) and its length T [s], or those of several."""
+
+    def __init__(self) -> None:
+        self.matrix = np.zeros((WIDTH, WIDTH))
+        self.seconds = 0.0
+
+    def clear(self) -> None:
+        """Nothing is known."""
+        self.matrix[:] = 0.0
+        self.seconds = 0.0
+
+    def fade(self, factor: float) -> None:
+        """What is known counts less."""
+        self.matrix *= factor
+        self.seconds *= factor
+
+    def weight(self, correlation: float) -> float:
+        """1/s: 1 / T + 1 / tau of the stretch."""
+        return 1.0 / max(self.seconds, 1e-9) + 1.0 / correlation
+
+
+class Posterior:
+    """Estimate and evidence of a payload from information, in preallocated arrays.
+
+    Attributes
+    ----------
+    mean : (10,) scaled parameters; covariance : (10, 10), by :meth:`covariance`.
+    """
+
+    def __init__(self, prior: PayloadPrior) -> None:
+        self._prior = prior
+        self.precision = np.zeros((SIZE, SIZE), order="F")
+        self._factor = np.zeros((SIZE, SIZE), order="F")
+        self._diagonal = self._factor.T.reshape(-1)[:: SIZE + 1]
+        self._log = np.zeros(SIZE)
+        self.linear = np.zeros(SIZE)
+        self.mean = np.zeros(SIZE)
+        self._part = np.zeros((SIZE, SIZE), order="F")
+
+    def clear(self) -> None:
+        """Back to the prior."""
+        np.copyto(self.precision, self._prior.information)
+        self.linear[:] = 0.0
+
+    def add(self, matrix: Array, weight: float) -> None:
+        """Count a matrix G with a weight."""
+        np.multiply(matrix[:SIZE, :SIZE], weight, out=self._part)
+        self.precision += self._part
+        np.multiply(matrix[:SIZE, SIZE], weight, out=self._log)
+        self.linear += self._log
+
+    def solve(self) -> float:
+        """Write ``mean``; return the logarithm of the evidence against no payload."""
+        np.copyto(self._factor, self.precision)
+        dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        np.copyto(self.mean, self.linear)
+        dpotrs(self._factor, self.mean, lower=1, overwrite_b=1)
+        np.log(self._diagonal, out=self._log)
+        half_log_det = float(self._log.sum())
+        fit = 0.5 * float(np.dot(self.linear, self.mean))
+        return fit - half_log_det + 0.5 * self._prior.log_det
+
+    def covariance(self) -> Array:
+        """(10, 10) of the scaled parameters of the last :meth:`solve`."""
+        return np.asarray(dpotrs(self._factor, np.eye(SIZE), lower=1)[0])

@@ -1,0 +1,451 @@
+"""A payload from a stream of positions and torques, in the control loop."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.formatting import Shown, Summary
+from sdp_vs_penalty.online import constants as c
+from sdp_vs_penalty.online.arm import ArmModel
+from sdp_vs_penalty.online.change import Change, ChangeDetector
+from sdp_vs_penalty.online.information import SIZE, WIDTH, PayloadPrior, Posterior
+from sdp_vs_penalty.online.noise import ResidualNoise
+from sdp_vs_penalty.online.projection import ConeProjection
+from sdp_vs_penalty.online.smoothing import SmoothingFilter
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.inertia import barycentric_from_standard, inertia_matrix
+
+
+@dataclass(frozen=True, repr=False)
+class Payload(Shown):
+    """What the last link carries, as data and physics together have it.
+
+    Attributes
+    ----------
+    time : s, the instant that it speaks of: the filters' delay before the last sample.
+    theta : (10,) standard parameters in the last link's frame, physically consistent.
+    mass, mass_std : kg, with the gains' uncertainty.
+    com, com_std : (3,) m, in the last link's frame.
+    inertia : (3, 3) kg m^2 about the centre of mass.
+    gap : certified bound on how much nearer to the data another consistent payload
+        could be, in half squared standard deviations.
+    """
+
+    time: float
+    theta: Array
+    mass: float
+    mass_std: float
+    com: Array
+    com_std: Array
+    inertia: Array
+    gap: float
+
+    @property
+    def mass_interval(self) -> tuple[float, float]:
+        """kg, 95 %."""
+        half = NORMAL_95 * self.mass_std
+        return max(self.mass - half, 0.0), self.mass + half
+
+    def _summary(self) -> Summary:
+        com = ", ".join(f"{x:.3f}" for x in self.com)
+        return f"Payload at {self.time:.2f} s: {_mass_text(self)}", [
+            ("centre of mass", f"{com} m in the last link's frame"),
+            ("gap", f"{self.gap:.1e} (certified)"),
+        ]
+
+
+@dataclass(frozen=True, repr=False)
+class PayloadChange(Shown):
+    """A payload was picked up, put down, or is another one.
+
+    Attributes
+    ----------
+    kind : "picked up", "put down" or "changed to".
+    time, time_interval : s, when, and its 95 % interval.
+    detected : s, the sample at which it was believed.
+    mass, mass_std : kg, after it (of "put down": before it), as known when it was
+        believed.
+    evidence : natural logarithm of its odds against no change, before any prior.
+    """
+
+    kind: str
+    time: float
+    time_interval: tuple[float, float]
+    detected: float
+    mass: float
+    mass_std: float
+    evidence: float
+
+    def __str__(self) -> str:
+        return f"{self.kind} {_mass_text(self)} at {self.time:.2f} s"
+
+    def _summary(self) -> Summary:
+        lower, upper = self.time_interval
+        return str(self), [
+            ("instant", f"{lower:.2f} to {upper:.2f} s (95 %)"),
+            ("believed", f"at {self.detected:.2f} s"),
+        ]
+
+
+def _mass_text(known: Payload | PayloadChange) -> str:
+    half = NORMAL_95 * known.mass_std
+    return f"{known.mass:.2f} ± {formatting.number(half, 1)} kg"
+
+
+class PayloadEstimator:
+    """Mass, centre of mass and inertia of a payload from a stream of samples.
+
+    Recursive in information form on ten numbers, with forgetting; projected onto the
+    physically consistent payloads at 100 Hz, with a certificate; slow drift of offsets
+    and friction is tracked beside it. A change of the payload is detected, dated and
+    reported once. :meth:`update` takes one sample in the control loop.
+
+    Parameters
+    ----------
+    estimate : of the arm without a payload, an Estimate or the path of a model.json.
+    noise : of its residuals, as :meth:`calibrated` measures it.
+    rate : Hz, at which samples come in.
+    delay : s, of the filters, at most 0.05: results speak of that long ago.
+    prior : of the payload, before it is measured.
+    forgetting : s, after which data of a payload count exp(-1).
+    drift : s, over which offsets and friction change; 0 where they are held.
+
+    Raises
+    ------
+    InputError for an effect that does not run in the loop, or another delay.
+
+    References
+    ----------
+    Traversaro, Brossette, Escande, Nori, IROS 2016 (physical consistency);
+    Adams, MacKay, 2007 (changes).
+    """
+
+    def __init__(
+        self,
+        estimate: Estimate | str,
+        noise: ResidualNoise,
+        rate: float,
+        *,
+        delay: float = c.MAX_DELAY,
+        prior: PayloadPrior | None = None,
+        forgetting: float = c.FORGETTING,
+        drift: float = c.DRIFT,
+    ) -> None:
+        known = as_estimate(estimate, "PayloadEstimator(estimate=...)")
+        if not 0.0 < rate < np.inf:
+            raise InputError(f"a rate of {rate:g} Hz", "give the samples a second")
+        n = known.robot.n
+        if noise.std.shape != (n,):
+            raise InputError(
+                f"noise of {len(noise.std)} joints, a robot of {n}",
+                "calibrate on runs of this robot",
+            )
+        self.period = 1.0 / rate
+        self.arm = ArmModel(known.model, known.theta)
+        self._prior = PayloadPrior() if prior is None else prior
+        self._filter = SmoothingFilter(2 * n, self.period, delay)
+        self.delay = self._filter.delay
+        self._detector = ChangeDetector(
+            self._prior, noise.correlation, self.period, forgetting, self.delay
+        )
+        self._posterior = Posterior(self._prior)
+        self._projection = ConeProjection()
+        self._steps_per_update = max(1, round(10.0 * self.period / c.PROJECTION_PERIOD))
+        self.noise = noise
+        self._gain_errors = known.uncertainty.gain_errors
+        self._learning = self.period / drift if drift else 0.0
+        self.drift_offset, self.drift_friction = np.zeros(n), np.zeros(n)
+        self._n = n
+        self._time: float | None = None
+        self._next = 0.0
+        self._last, self._new, self._sample = np.zeros((3, 2 * n))
+        self._smoothed = np.zeros((3, 2 * n))
+        self._rows = np.zeros((n, WIDTH))
+        self._weighted = np.zeros((n, WIDTH))
+        self._scaled = np.zeros(SIZE)
+        self._variance = (noise.inflation * noise.std) ** 2
+        self._acceleration = noise.acceleration
+        self._excess = 1.0
+        self._settling = float(np.exp(-self.period / noise.correlation))
+        self._dry_variance = self.arm.dry_friction**2
+        self._friction_size = self._dry_variance + self._variance
+        self._weight, self._part, self._resting = np.zeros((3, n))
+        self._unsettled, self._load = np.zeros((2, n))
+        self._weight_column = self._weight[:, None]
+        self._is_resting, self._is_moving = np.zeros((2, n), bool)
+        self._mass_weight = np.zeros(n)
+        self._published = np.zeros(SIZE)
+        self._gap = 0.0
+        self._is_published = False
+
+    @classmethod
+    def calibrated(
+        cls,
+        estimate: Estimate | str,
+        without_payload: Source,
+        rate: float,
+        *,
+        delay: float = c.MAX_DELAY,
+        prior: PayloadPrior | None = None,
+        forgetting: float = c.FORGETTING,
+        drift: float = c.DRIFT,
+    ) -> Self:
+        """An estimator whose noise is measured on runs without a payload.
+
+        Parameters
+        ----------
+        without_payload : runs that the estimate was not made from: a path, arrays, a
+            table or Measurements.
+        estimate, rate, delay, prior, forgetting, drift : as of the class.
+
+        Raises
+        ------
+        InputError where the runs do not fit, are too short or rest.
+        """
+        known = as_estimate(estimate, "PayloadEstimator.calibrated(estimate=...)")
+        runs = as_measurements(
+            without_payload,
+            known.robot.n,
+            known.robot.joint_names,
+            "PayloadEstimator.calibrated(without_payload=...)",
+        )
+        prior = PayloadPrior() if prior is None else prior
+        noise = ResidualNoise.of(known, runs, delay, prior)
+        return cls(
+            known,
+            noise,
+            rate,
+            delay=delay,
+            prior=prior,
+            forgetting=forgetting,
+            drift=drift,
+        )
+
+    @property
+    def is_carrying(self) -> bool:
+        """Whether a payload is carried, as far as is known."""
+        return self._detector.is_carrying
+
+    def update(self, t: float, q: Array, tau: Array) -> PayloadChange | None:
+        """Take one sample; the change of the payload that it brings to light, or None.
+
+        Parameters
+        ----------
+        t : s; q : (n,) rad or m; tau : (n,) N m or N.
+
+        Raises
+        ------
+        InputError for other shapes, numbers that are none, or a clock that runs back.
+        """
+        if len(q) != self._n or len(tau) != self._n:
+            raise InputError(
+                f"a sample of {len(q)} positions and {len(tau)} torques",
+                f"give {self._n} joints, in the model's order",
+            )
+        np.copyto(self._new[: self._n], q)
+        np.copyto(self._new[self._n :], tau)
+        # A sum is finite only where all of it is.
+        if not np.isfinite(self._new.sum() + t):
+            raise InputError(
+                f"a sample at {t:g} s is not finite", "leave samples out that are none"
+            )
+        change = None
+        if self._time is None or t - self._time > 2.0 * self.delay:
+            self._filter.clear()
+            np.copyto(self._last, self._new)
+            self._time, self._next = t, t
+        if t < self._time:
+            raise InputError(
+                f"the clock runs back from {self._time:g} to {t:g} s",
+                "give samples in order",
+            )
+        while self._next <= t + 1e-3 * self.period:
+            self._interpolate(t)
+            change = self._tick(self._next - self.delay) or change
+            self._next += self.period
+        self._time = t
+        np.copyto(self._last, self._new)
+        return change
+
+    def _interpolate(self, t: float) -> None:
+        """Write the sample at the next tick, between the last one and that of t."""
+        assert self._time is not None
+        span = t - self._time
+        share = 1.0 if span <= 0.0 else min((self._next - self._time) / span, 1.0)
+        np.subtract(self._new, self._last, out=self._sample)
+        self._sample *= share
+        self._sample += self._last
+
+    def _tick(self, time: float) -> PayloadChange | None:
+        """Count one instant of the regular clock, which speaks of ``time``."""
+        if not self._filter.push(self._sample, self._smoothed):
+            return None
+        n, rows = self._n, self._rows
+        velocity = self._smoothed[1, :n]
+        self.arm.update(self._smoothed[0, :n], velocity, self._smoothed[2, :n])
+        np.multiply(self.arm.columns, self._prior.scale, out=rows[:, :SIZE])
+        residual = rows[:, SIZE]
+        np.subtract(self._smoothed[0, n:], self.arm.torque, out=residual)
+        residual -= self.drift_offset
+        np.multiply(self.drift_friction, self.arm.friction, out=self._part)
+        residual -= self._part
+        self._weigh(velocity, self._smoothed[2, :n])
+        np.multiply(rows, self._weight_column, out=self._weighted)
+        self._detector.add(rows, self._weighted, self.period, time)
+        if self._learning:
+            self._follow_drift(residual)
+        if self.is_carrying:
+            np.multiply(rows[:, 0], self._weighted[:, 0], out=self._part)
+            self._mass_weight += self._part
+            self._project()
+        found = self._detector.search()
+        return None if found is None else self._believe(found)
+
+    def _weigh(self, velocity: Array, acceleration: Array) -> None:
+        """Write each joint's weight.
+
+        At rest, and where the window holds a turn, dry friction has any value up to
+        its size; it settles over ``SETTLING_TRAVEL``, and at rest it stays. Gears lose
+        a share of the payload's torque. Jolts beyond the accelerations in which the
+        noise was measured make noise that dies out within its correlation time.
+        """
+        part, weight = self._part, self._weight
+        np.abs(acceleration, out=part)
+        np.divide(part, self._acceleration, out=weight)
+        jolt = float(weight.max()) ** 2
+        self._excess = max(1.0 + (self._excess - 1.0) * self._settling, jolt)
+        part *= self.delay
+        part += c.REST_SPEED
+        np.abs(velocity, out=weight)
+        np.less(weight, part, out=self._is_resting)
+        self._resting += self.period
+        self._resting *= self._is_resting
+        # What friction has forgotten of its last turn: all of it at rest.
+        weight *= -self.period / c.SETTLING_TRAVEL
+        np.exp(weight, out=weight)
+        self._unsettled *= weight
+        np.maximum(self._unsettled, self._is_resting, out=self._unsettled)
+        np.multiply(self._dry_variance, self._unsettled, out=weight)
+        weight += self._variance
+        if self.is_carrying:
+            np.dot(self._rows[:, :SIZE], self._posterior.mean, out=self._load)
+            np.multiply(self._load, c.LOAD_FRICTION, out=part)
+            part *= part
+            weight += part
+        np.divide(self._resting, self.noise.correlation, out=part)
+        part += 1.0
+        part *= self._excess
+        weight *= part
+        np.reciprocal(weight, out=weight)
+
+    def _follow_drift(self, residual: Array) -> None:
+        """Move offsets and friction slowly towards what no payload explains.
+
+        A residual counts one standard deviation at most, so that a payload that is not
+        known yet is not taken for drift.
+        """
+        if self.is_carrying:
+            np.subtract(residual, self._load, out=self._part)
+        else:
+            np.copyto(self._part, residual)
+        np.clip(self._part, -self.noise.std, self.noise.std, out=self._part)
+        self._part *= self._learning
+        np.logical_not(self._is_resting, out=self._is_moving)
+        self._part *= self._is_moving
+        self.drift_offset += self._part
+        self._part *= self.arm.friction
+        self._part /= self._friction_size
+        self.drift_friction += self._part
+
+    def _project(self) -> None:
+        """Some Newton steps of the projection; publish one that is certified."""
+        projection = self._projection
+        if projection.is_done:
+            self._detector.posterior(self._posterior)
+            projection.start(self._posterior.precision, self._posterior.mean)
+        else:
+            projection.step()
+        for _ in range(self._steps_per_update - 1):
+            if projection.step():
+                break
+        if projection.is_done and projection.gap <= c.PROJECTION_GAP:
+            np.copyto(self._published, projection.theta)
+            self._gap = projection.gap
+            self._is_published = True
+
+    def _believe(self, found: Change) -> PayloadChange | None:
+        """Report a change; None where the mass that is picked up could be zero."""
+        was_carrying, before = self.is_carrying, self.payload
+        self._detector.posterior_after(found, self._posterior)
+        mean, std = self._mass(self._posterior)
+        if found.is_carrying and mean - NORMAL_95 * std <= 0.0:
+            return None
+        self._detector.accept(found)
+        self._projection.forget()
+        self._is_published = False
+        self._mass_weight[:] = 0.0
+        kind = "changed to" if was_carrying else "picked up"
+        if not found.is_carrying:
+            kind = "put down"
+            mean = np.nan if before is None else before.mass
+            std = np.nan if before is None else before.mass_std
+        return PayloadChange(
+            kind,
+            found.time,
+            (found.lower, found.upper),
+            self._next,
+            mean,
+            std,
+            found.evidence,
+        )
+
+    def _mass(self, posterior: Posterior) -> tuple[float, float]:
+        """kg: mean and standard deviation of a posterior's mass, with the gains'."""
+        mean = float(posterior.mean[0])
+        variance = float(posterior.covariance()[0, 0]) + (mean * self._gain_std()) ** 2
+        return mean, float(np.sqrt(variance))
+
+    def _gain_std(self) -> float:
+        """Relative standard deviation of a mass that the torque channels' gains leave:
+        that of their mean, weighted as they weigh."""
+        weight, errors = self._mass_weight, self._gain_errors
+        if errors.size == 0:
+            return 0.0
+        total = float(weight.sum())
+        share = weight / total if total > 0.0 else np.full(self._n, 1.0 / self._n)
+        return float(np.linalg.norm(share @ errors))
+
+    @property
+    def payload(self) -> Payload | None:
+        """What is carried now; None while nothing is, or right after a change."""
+        if not (self.is_carrying and self._is_published):
+            return None
+        self._detector.posterior(self._posterior)
+        covariance = self._posterior.covariance()
+        scale = self._prior.scale
+        theta = self._published * scale
+        mass = float(theta[0])
+        _, mass_std = self._mass(self._posterior)
+        barycentric = barycentric_from_standard(theta)
+        com = barycentric[1:4]
+        # The response of the centre h / m to h and m.
+        response = np.zeros((3, SIZE))
+        response[:, 0] = -com / mass
+        response[:, 1:4] = np.eye(3) * self._prior.reach / mass
+        com_variance = np.einsum("ij,jk,ik->i", response, covariance, response)
+        return Payload(
+            self._next - self.period - self.delay,
+            theta,
+            mass,
+            mass_std,
+            com,
+            np.sqrt(com_variance),
+            inertia_matrix(barycentric[4:]),
+            self._gap,
+        )

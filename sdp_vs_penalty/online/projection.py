@@ -1,0 +1,179 @@
+"""The nearest physically consistent payload, with a proof that none is nearer.
+
+    minimise  f(x) = (x - y)^T Lambda (x - y) / 2   subject to  X = P(x) >= 0,
+
+with the pseudo-inertia P (4x4) of :mod:`~sdp_vs_penalty.robot.inertia`. For any
+Z >= 0 and feasible x the optimum f* satisfies (Lagrange duality)
+
+    f(x) - f* <= |Lambda (x - y) - P*(Z)|^2 / 2 in the norm Lambda^-1, + <Z, X>.
+
+The right side is the gap that is certified; |x - x*|^2 in Lambda is at most twice it.
+Newton steps follow the central path (Helmberg, Rendl, Vanderbei, Wolkowicz, SIAM J.
+Optimization 1996), one a call of :meth:`ConeProjection.step`: a control loop spreads
+them over its cycles.
+"""
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dsygv
+
+from sdp_vs_penalty.online import constants as c
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.inertia import PSEUDO_INERTIA_BASIS
+
+_LOWER = np.tri(4, dtype=bool)
+_BASIS = np.ascontiguousarray(PSEUDO_INERTIA_BASIS.reshape(10, 16))
+#: (10, 16) from the entries of a symmetric matrix to its parameters.
+_DUAL_BASIS = np.linalg.solve(_BASIS @ _BASIS.T, _BASIS)
+_IDENTITY = np.eye(4)
+#: Share of the way to the cone's boundary that a step goes.
+_SHARE = 0.95
+#: Complementarity from which the next projection of nearly the same payload starts,
+#: away from the boundary.
+_WARM_GAP = 3.0
+
+
+class ConeProjection:
+    """Projection onto physically consistent payloads, one Newton step a call.
+
+    Attributes
+    ----------
+    theta : (10,) the projected parameters; gap : certified bound on f(x) - f*; is_done
+    : whether the gap is at most ``constants.PROJECTION_GAP``.
+    """
+
+    def __init__(self) -> None:
+        self.theta = np.zeros(10)
+        self.gap = np.inf
+        self.is_done = True
+        self.steps = 0
+        self._precision = np.zeros((10, 10), order="F")
+        self._factor = np.zeros((10, 10), order="F")
+        self._hessian = np.zeros((10, 10))
+        self._lapack = self._hessian.T  # the same numbers in LAPACK's order
+        self._centre = np.zeros(10)
+        self._x = np.zeros(10)
+        self._slope = np.zeros(10)
+        self._step = np.zeros(10)
+        self._Z = np.zeros((4, 4))
+        self._is_warm = False
+        self._kronecker = np.zeros((4, 4, 4, 4))
+        self._products = np.zeros((10, 16))
+
+    def start(self, precision: Array, centre: Array) -> None:
+        """Take Lambda (10, 10) and y (10,); done at once where y is consistent."""
+        np.copyto(self._precision, precision)
+        np.copyto(self._centre, centre)
+        self.steps = 0
+        matrix = _matrix(centre)
+        if _is_definite(matrix):
+            np.copyto(self.theta, centre)
+            self.gap = 0.0
+            self.is_done = True
+            return
+        np.copyto(self._factor, precision)
+        dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        np.copyto(self._factor, precision)
+        dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        if self._is_warm:
+            self._raise_last()
+            self.gap = 0.0
+            self.is_done = self._is_warm = False
+            return
+        values, vectors = np.linalg.eigh(matrix)
+        floor = 0.03 * float(np.abs(values).max())
+        raised = (vectors * np.maximum(values, floor)) @ vectors.T
+        np.copyto(self._x, _parameters(raised))
+        # The slope that the cone must balance, on the eigenvectors that are raised.
+        pull = precision @ (self._x - centre)
+        dual = _matrix_of_slope(pull)
+        spread = np.maximum(np.diagonal(vectors.T @ dual @ vectors), 0.0)
+        size = max(float(spread.max()), 1e-12)
+        np.copyto(self._Z, (vectors * np.maximum(spread, 0.03 * size)) @ vectors.T)
+        self.gap = 0.0
+        self.is_done = False
+
+    def forget(self) -> None:
+        """Start the next projection anew: the payload is another."""
+        self._is_warm = False
+
+    def _raise_last(self) -> None:
+        """Lift the last solution off the boundary, to a complementarity of
+        ``_WARM_GAP``."""
+        X = _matrix(self._x)
+        lift = 0.5 * _WARM_GAP / max(float(np.trace(self._Z)), 1e-12)
+        self._x += _parameters(lift * _IDENTITY)
+        self._Z += 0.5 * _WARM_GAP / float(np.trace(X)) * _IDENTITY
+
+    def step(self) -> bool:
+        """One Newton step; True when the gap is small enough, or no step is left."""
+        if self.is_done:
+            return True
+        X, Z = _matrix(self._x), self._Z
+        inverse = _inverse(X)
+        np.multiply(inverse[:, None, :, None], Z[None, :, None, :], out=self._kronecker)
+        np.dot(_BASIS, self._kronecker.reshape(16, 16), out=self._products)
+        np.dot(self._products, _BASIS.T, out=self._hessian)
+        # Only its lower triangle is read; both orders of a product are the same here.
+        self._hessian += self._precision
+        complementarity = float(np.vdot(X, Z)) / 4.0
+        distance = max(self.gap - 4.0 * complementarity, 0.0)
+        target = 0.1 * max(complementarity, 0.1 * min(distance, 1e6))
+        np.subtract(self._x, self._centre, out=self._step)
+        np.dot(self._precision, self._step, out=self._slope)
+        self._slope *= -1.0
+        self._slope += _BASIS @ (target * inverse).ravel()
+        dpotrf(self._lapack, lower=1, clean=0, overwrite_a=1)
+        np.copyto(self._step, self._slope)
+        dpotrs(self._lapack, self._step, lower=1, overwrite_b=1)
+        dX = _matrix(self._step)
+        dZ = inverse @ dX @ Z
+        dZ = target * inverse - Z - 0.5 * (dZ + dZ.T)
+        primal, dual = _length(X, dX), _length(Z, dZ)
+        self._x += primal * self._step
+        self._Z += dual * dZ
+        self.steps += 1
+        self.gap = self._certified_gap()
+        np.copyto(self.theta, self._x)
+        self.is_done = self.gap <= c.PROJECTION_GAP or self.steps >= c.PROJECTION_STEPS
+        self._is_warm = self.gap <= c.PROJECTION_GAP
+        return self.is_done
+
+    def _certified_gap(self) -> float:
+        """The bound of f(x) - f*, infinite where x or Z left its cone."""
+        X = _matrix(self._x)
+        slack = self._precision @ (self._x - self._centre) - _BASIS @ self._Z.ravel()
+        scaled = dpotrs(self._factor, slack, lower=1)[0]
+        gap = 0.5 * float(slack @ scaled) + float(np.vdot(X, self._Z))
+        if gap <= c.PROJECTION_GAP and not (_is_definite(X) and _is_definite(self._Z)):
+            return float(np.inf)
+        return gap
+
+
+def _matrix(theta: Array) -> Array:
+    return np.dot(theta, _BASIS).reshape(4, 4)
+
+
+def _parameters(matrix: Array) -> Array:
+    """(10,) of a pseudo-inertia, the inverse of :func:`_matrix`."""
+    return _DUAL_BASIS @ matrix.ravel()
+
+
+def _matrix_of_slope(slope: Array) -> Array:
+    """(4, 4) symmetric Z with P*(Z) = slope."""
+    return np.dot(slope, _DUAL_BASIS).reshape(4, 4)
+
+
+def _is_definite(matrix: Array) -> bool:
+    return bool(dpotrf(matrix, lower=1)[1] == 0)
+
+
+def _length(matrix: Array, step: Array) -> float:
+    """How much of a step stays inside the cone, at most one."""
+    lowest = float(dsygv(step, matrix, jobz="N")[0][0])
+    return 1.0 if lowest >= -_SHARE else _SHARE / -lowest
+
+
+def _inverse(matrix: Array) -> Array:
+    """Of a positive definite matrix (4, 4)."""
+    lower = dpotri(dpotrf(matrix, lower=1)[0], lower=1)[0]
+    return np.where(_LOWER, lower, lower.T)

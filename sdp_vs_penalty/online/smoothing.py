@@ -1,0 +1,83 @@
+"""Causal smoothing of a stream with a delay that is stated exactly."""
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.online import constants as c
+from sdp_vs_penalty.robot.arrays import Array
+
+
+class SmoothingFilter:
+    """Value, rate and acceleration of a stream by a cubic over a moving window.
+
+    The window reaches ``delay`` to either side of the instant that it speaks of
+    (Savitzky, Golay, Anal. Chem. 1964): what comes out is of ``delay`` seconds ago, at
+    every frequency. Nothing is allocated after construction but views.
+
+    Parameters
+    ----------
+    channels : how many signals.
+    period : s between two samples.
+    delay : s, at most 0.05; rounded to samples, at least two.
+
+    Raises
+    ------
+    InputError for a delay that is too long, or shorter than two samples.
+    """
+
+    def __init__(self, channels: int, period: float, delay: float) -> None:
+        half = round(delay / period)
+        if not 0.0 < delay <= c.MAX_DELAY or half < 2:
+            raise InputError(
+                f"a filter's delay of {delay:g} s at {1.0 / period:g} Hz",
+                f"choose two samples ({2.0 * period:g} s) to {c.MAX_DELAY:g} s",
+            )
+        self.delay = half * period
+        self.length = 2 * half + 1
+        self.kernel = smoothing_kernel(half, period)
+        # Each sample is stored twice, so that every window is one contiguous view.
+        self._samples = np.zeros((2 * self.length, channels))
+        self._windows = [self._samples[k : k + self.length] for k in range(self.length)]
+        self._next = 0
+        self._count = 0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether a whole window of samples has come in."""
+        return self._count >= self.length
+
+    def clear(self) -> None:
+        """Forget all samples, as after a gap of the clock."""
+        self._count = 0
+
+    def push(self, sample: Array, out: Array) -> bool:
+        """Take a sample (channels,); write value, rate and acceleration (3, channels)
+        of ``delay`` ago to ``out``. False while the first window fills."""
+        place = self._next
+        self._samples[place] = sample
+        self._samples[place + self.length] = sample
+        self._next = place = (place + 1) % self.length
+        if self._count < self.length:
+            self._count += 1
+            if self._count < self.length:
+                return False
+        np.dot(self.kernel, self._windows[place], out=out)
+        return True
+
+
+def smoothing_kernel(half: int, period: float) -> Array:
+    """(3, 2 half + 1) weights of the value, the rate and the acceleration in the middle
+    of a cubic that is fitted to a window."""
+    t = np.arange(-half, half + 1) * period
+    fit = np.linalg.pinv(np.vander(t, 4, increasing=True))
+    return np.ascontiguousarray(fit[:3] * np.array([[1.0], [1.0], [2.0]]))
+
+
+def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Array]:
+    """Value, rate and acceleration (N - 2 half, channels) of a whole log, by the kernel
+    of the stream."""
+    windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * half + 1, axis=0)
+    value, rate, acceleration = (
+        windows @ weights for weights in smoothing_kernel(half, period)
+    )
+    return value, rate, acceleration

@@ -1,0 +1,88 @@
+"""The penalised objective's global optimum over its weight, with the runs of annealing."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.research.figures import style
+from sdp_vs_penalty.research.figures.style import legend_below, new_figure
+from sdp_vs_penalty.research.tables.global_optimum import Searched, Searches
+from sdp_vs_penalty.robot.arrays import Array
+
+
+def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
+    """Above: the objective over the feasible optimum; below: the worst violation. One
+    column a problem; a line the certified optimum, a dot a run of annealing."""
+    figure, axes = new_figure(2, len(searched), 5.2, sharex=True)
+    for column, found in zip(axes.T, searched, strict=True):
+        _draw_objective(column[0], found)
+        _draw_violation(column[1], found)
+        column[0].set_title(f"{found.label} run, {found.name}")
+        for axis in column:
+            axis.set_xscale("symlog", linthresh=0.1)
+            axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
+            axis.axvspan(0.0, 40.0, color=style.GREY, alpha=0.15, linewidth=0)
+            axis.axvline(
+                found.exact_by_theory,
+                color=style.RED,
+                linestyle=":",
+                label="exact from here on (largest multiplier)",
+            )
+        column[1].set_xlabel("weight xi (grey: the paper's)")
+    axes[0, 0].set_ylabel("objective over feasible\noptimum [%]")
+    axes[1, 0].set_ylabel("worst violation\n[kg m$^2$, kg or m]")
+    legend_below(figure, axes[0, 0])
+    figure.suptitle(title)
+    return figure
+
+
+def _draw_objective(axis: Any, found: Searched) -> None:
+    base = found.feasible_loss
+    lines = {
+        "certified optimum": ([x.value for x in found.free], style.BLACK, "-"),
+        "certified, box on inertias": (
+            [x.lower for x in found.boxed],
+            style.BLUE,
+            "--",
+        ),
+    }
+    for label, (values, color, line) in lines.items():
+        excess = 100.0 * (np.array(values) / base - 1.0)
+        axis.plot(Searches.weights, excess, color=color, linestyle=line, label=label)
+    _dots(axis, 100.0 * (found.annealed[..., 0] / base - 1.0))
+    axis.set_yscale("symlog", linthresh=1.0)
+    axis.axhline(0.0, color=style.GREY, linewidth=0.6)
+
+
+def _draw_violation(axis: Any, found: Searched) -> None:
+    none = 1e-8  # where "none" is drawn [kg m^2, kg or m]
+    worst = np.maximum([x.worst for x in found.free], none)
+    axis.plot(Searches.weights, worst, color=style.BLACK, label="certified optimum")
+    boxed = [np.nan if x.best is None else x.best.worst for x in found.boxed]
+    axis.plot(
+        Searches.weights,
+        np.maximum(boxed, none),
+        color=style.BLUE,
+        linestyle="--",
+        label="certified, box on inertias",
+    )
+    _dots(axis, np.maximum(found.annealed[..., 2], none))
+    axis.set_yscale("log")
+    ticks = [1e-8, 1e-6, 1e-4, 1e-2, 1.0]
+    axis.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
+    axis.set_ylim(0.5 * none, 20.0)
+
+
+def _dots(axis: Any, values: Array) -> None:
+    for k, run in enumerate(values):
+        axis.plot(
+            Searches.annealed,
+            run,
+            linestyle="",
+            marker="o",
+            markersize=3.5,
+            color=style.ORANGE,
+            alpha=0.8,
+            label="a run of annealing" if k == 0 else "_",
+        )

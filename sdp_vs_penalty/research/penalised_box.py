@@ -1,0 +1,364 @@
+"""The published penalised objective with its box on barycentric inertias: a lower bound,
+the best point found, and spatial branch and bound between them.
+
+The box bounds I = J - m (c.c 1 - c c^T), which is not convex in theta. With Q = m c c^T
+it is linear, I = J - (tr(Q) 1 - Q), and Q is relaxed over a cell l <= c <= u:
+
+    [[Q, m c], [(m c)^T, m]] >= 0                                 (Shor 1987)
+    Q_ab >= l_a h_b + l_b h_a - l_a l_b m,  Q_ab >= u_a h_b + u_b h_a - u_a u_b m
+    Q_ab <= u_a h_b + l_b h_a - u_a l_b m,  Q_ab <= l_a h_b + u_b h_a - l_a u_b m
+    Sigma' - Q >= 0
+
+with h = m c (McCormick 1976, times m >= 0). The last line is the slack's matrix
+inequality of :mod:`penalised_optimum` about the centre of mass, Sigma' of theta'. What
+is left shrinks with the square of the cell: cells of the largest Q_aa - h_a^2 / m are cut
+in two (Androulakis, Maranas, Floudas, J. Global Optim. 1995). With c fixed the problem is
+convex and exact: that is the upper bound.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import combinations, count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.research.penalised_optimum import (
+    PenalisedOptimum,
+    PenalisedProblem,
+    solve_certified,
+)
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, linear
+
+
+def _place(a: int, b: int) -> int:
+    """Of entry (a, b) of Q among xx, xy, yy, xz, yz, zz, an inertia's order."""
+    low, high = sorted((a, b))
+    return high * (high + 1) // 2 + low
+
+
+@dataclass(frozen=True)
+class BoxedOptimum:
+    """best : the best point found, None where no cell had one; lower : certified bound
+    on the optimum inside the box; root_lower : the relaxation's without branching;
+    n_cells : relaxations solved."""
+
+    best: PenalisedOptimum | None
+    lower: float
+    root_lower: float
+    n_cells: int
+
+    @property
+    def gap(self) -> float:
+        """(best - lower) / best; infinite without a best point."""
+        if self.best is None:
+            return np.inf
+        return max(self.best.value - self.lower, 0.0) / self.best.scale
+
+
+class BoxedProblem:
+    """The published problem with its box on barycentric inertias."""
+
+    #: Where a table leaves a coordinate of a centre of mass open [m].
+    farthest = 10.0
+    #: A cell is cut no nearer to its end than this share of it.
+    nearest_cut = 0.2
+    #: The share of the box at its ends in which no start lies.
+    margin = 0.01
+
+    def __init__(self, problem: PenalisedProblem) -> None:
+        self.problem, self.task = problem, problem.task
+        self.links = problem.task.links
+        box = problem.task.box[: len(self.links)]
+        self.c_low = np.where(
+            np.isfinite(box[:, 1:4, 0]), box[:, 1:4, 0], -self.farthest
+        )
+        self.c_high = np.where(
+            np.isfinite(box[:, 1:4, 1]), box[:, 1:4, 1], self.farthest
+        )
+        self.inertia_box = box[:, 4:]
+        skipped = ("centre of mass", "moments")
+        self.hard = [c for c in problem.hard if c.family not in skipped]
+        self.first_q = problem.p + len(problem.prices)
+
+    def solve_cell(
+        self, weight: float, low: Array, high: Array
+    ) -> tuple[float, PenalisedOptimum, Array]:
+        """A certified lower bound over low <= c <= high (n, 3); theta of the relaxation
+        as it is outside of the box; (n, 3) by how much Q_aa exceeds h_a^2 / m."""
+        problem, n = self.problem, len(self.links)
+        limit = problem.slack_limits(weight)
+        start = self._start(low, high, limit)
+        constraints = [*self.hard, *problem.consistency, *problem.soft]
+        constraints += problem.between(limit)
+        for k in range(n):
+            constraints += self._cell(k, low[k], high[k])
+        data = problem.in_slacks
+        R = np.hstack([data.R, np.zeros((len(data.R), 6 * n))])
+        cost = np.zeros(len(start))
+        cost[problem.p : self.first_q] = weight * problem.prices
+        far = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
+        most = self.task.bound[self.links[:, 0]] * far**2
+        bound = np.concatenate(
+            [
+                self.task.bound + problem.links_slack @ limit[:n],
+                limit,
+                np.repeat(most, 6),
+            ]
+        )
+        fit = solve_certified(replace(data, R=R), cost, constraints, start, bound)
+        theta = problem.theta(fit.theta)
+        lower = max(fit.lower, 0.0)
+        mass, h = theta[self.links[:, 0]], theta[self.links[:, 1:4]]
+        q = fit.theta[self.first_q :].reshape(n, 6)[:, [0, 2, 5]]
+        return lower, problem.optimum(theta, weight, lower), q - h**2 / mass[:, None]
+
+    def _start(self, low: Array, high: Array, limit: Array) -> Array:
+        """Strictly inside a cell: its middle, nominal masses, inertias inside the box
+        and slacks that make them consistent."""
+        problem, n = self.problem, len(self.links)
+        theta, slack = (
+            problem.interior.copy(),
+            problem.slack_start * np.minimum(limit, 1.0),
+        )
+        mass, c, width = theta[self.links[:, 0]], 0.5 * (low + high), high - low
+        q = mass[:, None, None] * (
+            c[:, :, None] * c[:, None] + np.eye(3) * width[:, None] ** 2 / 8.0
+        )
+        lower, upper = self._finite_box()
+        about = inertia.barycentric_from_standard(problem.interior[self.links])[:, 4:]
+        about = np.clip(
+            about,
+            lower + self.margin * (upper - lower),
+            upper - self.margin * (upper - lower),
+        )
+        moments = np.linalg.eigvalsh(inertia.inertia_matrix(about))
+        needed = moments[:, 2] - 0.5 * moments.sum(axis=1)
+        slack[:n] = np.maximum(slack[:n], 2.0 * np.maximum(needed, 0.0))
+        slack[:n] = np.minimum(slack[:n], 0.9 * limit[:n])
+        steiner = np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
+        links = np.column_stack([mass, mass[:, None] * c, about + steiner])
+        theta[self.links] = links
+        theta = theta + problem.links_slack @ slack[:n]
+        return np.concatenate([theta, slack, inertia.inertia_entries(q).ravel()])
+
+    def _finite_box(self) -> tuple[Array, Array]:
+        """The box on inertias, open ends as far as the bounds of theta reach."""
+        far = self.task.bound[self.links[:, 4:]]
+        box = self.inertia_box
+        return (
+            np.where(np.isfinite(box[..., 0]), box[..., 0], -far),
+            np.where(np.isfinite(box[..., 1]), box[..., 1], far),
+        )
+
+    def _cell(self, k: int, low: Array, high: Array) -> list[Constraint]:
+        """All that a link's cell demands of (m, h), J', its slack and Q."""
+        link, q = self.links[k], self.first_q + 6 * k + np.arange(6)
+        slack, name = self.problem.p + k, f"link {k + 1}"
+        out = [_lifted(name, link, q), _about_centre(name, link, q)]
+        rows = list[Array]()
+        for a in range(3):
+            rows += [_row({1 + a: 1.0, 0: -low[a]}), _row({1 + a: -1.0, 0: high[a]})]
+        for a in range(3):
+            place = 10 + _place(a, a)
+            both, product = low[a] + high[a], low[a] * high[a]
+            rows.append(_row({place: -1.0, 1 + a: both, 0: -product}))
+        for a, b in combinations(range(3), 2):
+            place = 10 + _place(a, b)
+            for x, y, sign in (
+                (low[a], low[b], 1.0),
+                (high[a], high[b], 1.0),
+                (high[a], low[b], -1.0),
+                (low[a], high[b], -1.0),
+            ):
+                row = _row({place: 1.0, 1 + b: -x, 1 + a: -y, 0: x * y})
+                rows.append(sign * row)
+        indices = np.concatenate([link, q])
+        matrix = np.array(rows).T
+        out.append(linear("cell", name, indices, matrix, np.zeros(len(rows))))
+        return out + self._box_rows(k, q, np.append(link, slack))
+
+    def _box_rows(
+        self,
+        k: int,
+        more: NDArray[np.intp],
+        own: NDArray[np.intp],
+        c: Array | None = None,
+    ) -> list[Constraint]:
+        """lower <= J'_e - 2 s [e on the diagonal] - <Q_e, Q> <= upper; with c fixed Q is
+        m c c^T."""
+        out = list[Constraint]()
+        for e, (lower, upper) in enumerate(self.inertia_box[k]):
+            form = inertia.STEINER_FORMS[e]
+            row = {4 + e: 1.0}
+            if np.trace(form) > 0.0:
+                row[10] = -2.0
+            values = _row(row, 11)
+            if c is None:
+                doubled = inertia.inertia_entries(form) * [1, 2, 1, 2, 2, 1]
+                values = np.concatenate([values, -doubled])
+            else:
+                values[0] -= c @ form @ c
+            indices = np.concatenate([own, more])
+            for end, sign in ((lower, 1.0), (upper, -1.0)):
+                if np.isfinite(end):
+                    used = np.flatnonzero(values)
+                    out.append(
+                        linear(
+                            "barycentric inertia",
+                            f"link {k + 1}, {e}, {sign:+g}",
+                            indices[used],
+                            sign * values[used, None],
+                            [-sign * end],
+                        )
+                    )
+        return out
+
+    def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
+        """The optimum inside the box with centres of mass fixed at c (n, 3): convex and
+        exact. None where the box leaves no room there."""
+        problem, n = self.problem, len(self.links)
+        limit = problem.slack_limits(weight)
+        size = problem.p + len(limit)
+        # h = m c is folded into the column of m.
+        fold = np.eye(size)
+        for link, centre in zip(self.links, c, strict=True):
+            fold[link[1:4], link[1:4]] = 0.0
+            fold[link[1:4], link[0]] = centre
+        kept = np.flatnonzero(fold.any(axis=0))
+        number = np.full(size, -1)
+        number[kept] = np.arange(len(kept))
+        constraints = [*self.hard, *problem.soft, *problem.between(limit)]
+        none = np.zeros(0, np.intp)
+        for k in range(n):
+            constraints.append(_about_fixed(f"link {k + 1}", self.links[k], c[k]))
+            own = np.append(self.links[k], problem.p + k)
+            constraints += self._box_rows(k, none, own, c[k])
+        folded = [_fold(x, fold, number) for x in constraints]
+        full = self._start(c, c, limit)[:size]
+        data = problem.in_slacks
+        cost = np.append(np.zeros(problem.p), weight * problem.prices)
+        bound = np.append(self.task.bound + problem.links_slack @ limit[:n], limit)
+        try:
+            fit = solve_certified(
+                replace(data, R=(data.R @ fold)[:, kept]),
+                cost[kept],
+                folded,
+                full[kept],
+                bound[kept],
+            )
+        except InputError:
+            return None
+        theta = problem.theta(fold[:, kept] @ fit.theta)
+        return problem.optimum(theta, weight, max(fit.lower, 0.0))
+
+    def centres(self, theta: Array) -> Array:
+        """(n, 3) centres of mass, inside their bounds."""
+        c = inertia.barycentric_from_standard(theta[self.links])[:, 1:4]
+        middle = 0.5 * (self.c_low + self.c_high)
+        return np.clip(np.where(np.isfinite(c), c, middle), self.c_low, self.c_high)
+
+    def branch_all(
+        self, weights: Iterable[float], gap: float, most_cells: int
+    ) -> list[BoxedOptimum]:
+        """Branch and bound at rising weights; as without the box, a bound at a smaller
+        weight still holds, and so does an answer that violates nothing."""
+        out = list[BoxedOptimum]()
+        for weight in weights:
+            if out and (best := out[-1].best) is not None:
+                same = self.problem.optimum(best.theta, weight, out[-1].lower)
+                held = BoxedOptimum(same, out[-1].lower, out[-1].root_lower, 0)
+                if held.gap <= self.problem.held_gap:
+                    out.append(held)
+                    continue
+            found = self.branch_and_bound(weight, gap, most_cells)
+            if out:
+                found = replace(found, lower=max(found.lower, out[-1].lower))
+            out.append(found)
+        return out
+
+    def branch_and_bound(
+        self, weight: float, gap: float, most_cells: int
+    ) -> BoxedOptimum:
+        """Cells by their lower bound, the lowest first, until the gap is reached or
+        ``most_cells`` relaxations are solved."""
+        lower, found, excess = self.solve_cell(weight, self.c_low, self.c_high)
+        root, best, number = lower, None, count()
+        cells = [(lower, next(number), self.c_low, self.c_high, found, excess)]
+        n_cells = 1
+        while True:
+            lower, _, low, high, found, excess = cells[0]
+            candidate = self.solve_at(
+                weight, np.clip(self.centres(found.theta), low, high)
+            )
+            if candidate is not None and (best is None or candidate.value < best.value):
+                best = candidate
+            result = BoxedOptimum(best, lower, root, n_cells)
+            if result.gap <= gap or n_cells + 2 > most_cells:
+                return result
+            heapq.heappop(cells)
+            k, a = np.unravel_index(np.argmax(excess), excess.shape)
+            c = self.centres(found.theta)[k, a]
+            width = high[k, a] - low[k, a]
+            c = np.clip(
+                c,
+                low[k, a] + self.nearest_cut * width,
+                high[k, a] - self.nearest_cut * width,
+            )
+            for below in (True, False):
+                new_low, new_high = low.copy(), high.copy()
+                (new_high if below else new_low)[k, a] = c
+                own, found, excess = self.solve_cell(weight, new_low, new_high)
+                n_cells += 1
+                entry = max(own, lower), next(number), new_low, new_high, found, excess
+                heapq.heappush(cells, entry)
+
+
+def _row(values: dict[int, float], size: int = 16) -> Array:
+    out = np.zeros(size)
+    for place, value in values.items():
+        out[place] = value
+    return out
+
+
+def _lifted(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constraint:
+    """[[Q, h], [h^T, m]] >= 0."""
+    coefficients = np.zeros((10, 4, 4))
+    coefficients[:4] = inertia.PSEUDO_INERTIA_BASIS[:4]
+    for a, b in np.ndindex(3, 3):
+        coefficients[4 + _place(a, b), a, b] = 1.0
+    indices = np.concatenate([link[:4], q])
+    return linear("lifted", name, indices, coefficients, np.zeros((4, 4)), "psd")
+
+
+def _about_centre(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constraint:
+    """Sigma' - Q >= 0."""
+    coefficients = np.zeros((12, 3, 3))
+    coefficients[:6] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
+    for a, b in np.ndindex(3, 3):
+        coefficients[6 + _place(a, b), a, b] = -1.0
+    indices = np.concatenate([link[4:], q])
+    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
+
+
+def _about_fixed(name: str, link: NDArray[np.intp], c: Array) -> Constraint:
+    """Sigma' - m c c^T >= 0."""
+    coefficients = np.zeros((7, 3, 3))
+    coefficients[0] = -np.outer(c, c)
+    coefficients[1:] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
+    indices = np.append(link[:1], link[4:])
+    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
+
+
+def _fold(c: Constraint, fold: Array, number: NDArray[np.intp]) -> Constraint:
+    """The constraint in the variables that are kept."""
+    local = fold[c.indices]
+    used = np.flatnonzero(local.any(axis=0))
+    coefficients = np.tensordot(local[:, used].T, c.coefficients, axes=(1, 0))
+    return replace(c, indices=number[used], coefficients=coefficients)

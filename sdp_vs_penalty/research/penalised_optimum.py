@@ -1,0 +1,409 @@
+"""The certified global optimum of the published penalised objective (Gaz et al., RA-L
+2019, eq. 29).
+
+For a weight xi the paper's retrieval minimises
+
+    f(theta) + xi [ sum_i (lambda_max(I_i) - tr(I_i) / 2)+ + v_M(theta) + v_c(theta) ]
+
+over links inside bounds on masses, centres of mass and signs: f the torque loss (one
+step) or |pi(theta) - pi_hat|^2 (two steps), I_i a link's inertia about its centre of
+mass, v_M what the total mass violates [kg], v_c what centres of mass violate of their
+cones [m]. With the pseudo-inertia P(theta) = [[Sigma, m c], [(m c)^T, m]] and
+D = diag(1, 1, 1, 0), the Schur complement of P + s D at m > 0 gives
+
+    P + s D >= 0   <=>   (tr(I) / 2) 1 - I + s 1 >= 0   <=>   s >= lambda_max(I) - tr(I) / 2,
+
+so that the triangle penalty is the least slack s >= 0 of a linear matrix inequality:
+
+    minimise  f(theta) + xi (sum_i s_i + sum_k e_k + sum_j d_j / m_j)
+    subject to  P_i(theta) + s_i D >= 0,  s_i >= 0,                i = 1..n
+                total mass in [M - e, M + e],  e >= 0,
+                (m_j c_j, m_j) in its cone, widened by d_j >= 0,   m_j <= its upper bound,
+                masses, centres of mass and signs inside their bounds.
+
+Everything is convex but d_j / m_j, for which d_j / (upper bound of m_j) is taken: a lower
+bound, which is exact where no cone is violated (the Panda has none). The box on
+barycentric inertias is left out; :mod:`penalised_box` brings it in.
+
+Since P(theta) + s D = P(theta + 2 s j), j the three moments of inertia, the matrices are
+posed in theta' = theta + 2 s j: they are the SDP's own P(theta') >= 0, and the slack
+stands in the loss instead.
+
+A multiplier Z_i of P_i >= 0 in the problem without slack says from which weight on the
+penalty is exact: xi >= <Z_i, D> for each link, and xi at least the multipliers of the
+total mass (Han, Mangasarian, Math. Programming 1979).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import interior_point
+from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.solvers.fit import Fit, repair
+from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.primal_dual import minimise
+from sdp_vs_penalty.solvers.small_cones import SmallCones
+
+
+@dataclass(frozen=True)
+class PenalisedOptimum:
+    """The relaxation's answer at one weight.
+
+    theta (p,); value : the published objective there; lower : certified bound of the
+    relaxation, below every value; loss : f at theta; triangle (n,) : what each link
+    violates [kg m^2]; worst : largest violation of all kinds; scale : what the gap is
+    relative to, the objective, of an exact fit a trace of the data.
+    """
+
+    #: A demand is violated above this [kg m^2, kg, m].
+    tolerance: ClassVar[float] = 1e-6
+
+    theta: Array
+    weight: float
+    value: float
+    lower: float
+    loss: float
+    triangle: Array
+    worst: float
+    scale: float
+
+    @property
+    def gap(self) -> float:
+        """(value - lower) / scale."""
+        return (self.value - self.lower) / self.scale
+
+    @property
+    def is_violated(self) -> bool:
+        """Whether any demand is."""
+        return self.worst > self.tolerance
+
+    @property
+    def n_links_violated(self) -> int:
+        return int(np.sum(self.triangle > self.tolerance))
+
+
+class PenalisedProblem:
+    """The published problem of a task for every weight.
+
+    data : the loss f; two_step : whether f is the distance to the base parameters.
+    Slacks stand behind theta: one a link, then one an entry of each soft demand.
+    """
+
+    #: What the penalty takes the place of; "trace" is a consequence of the box.
+    soft_families = ("pseudo-inertia", "total mass", "centre of mass cone")
+    #: The bound on moments about the frame is this many times what the box implies,
+    #: where the box is left out.
+    moment_margin = 10.0
+    #: Of a link's ten parameters those of its moments of inertia.
+    moments = (4, 6, 9)
+    #: Up to this gap an optimum at a smaller weight is one at a larger weight as well.
+    held_gap = 1e-6
+    #: Where the slacks start, as a share of what they may be.
+    slack_start = 0.1
+
+    def __init__(self, task: Task, two_step: bool) -> None:
+        self.task, self.two_step = task, two_step
+        self.data = _links_distance(task) if two_step else task.data
+        self.p, self.n = len(task.bound), len(task.links)
+        free = task.model.rigid_indices if two_step else np.arange(self.p)
+        self.published = PenalisedLoss(task, self.data, free)
+        convex = task.constraints.convex
+        self.hard = [
+            c for c in convex if c.family not in (*self.soft_families, "trace")
+        ]
+        self.hard += self._moment_limits
+        self.demands = [c for c in convex if c.family in self.soft_families[1:]]
+        self.interior = interior_point(
+            task, ConstraintSet((*self.hard, *self.consistency, *self.demands))
+        )
+
+    @cached_property
+    def consistency(self) -> tuple[Constraint, ...]:
+        """P_i(theta) >= 0 of each link."""
+        return self.task.pseudo_inertias
+
+    @cached_property
+    def bound(self) -> Array:
+        """(p,) of theta, moments by a margin wider than the box implies."""
+        bound = self.task.bound.copy()
+        bound[self.task.links[:, 4:]] *= self.moment_margin
+        return bound
+
+    @property
+    def _moment_limits(self) -> list[Constraint]:
+        """Moments about the frame below their bounds: keeps the set from being open to
+        infinity where the data do not see them."""
+        moments = self.task.links[:, list(self.moments)]
+        return [
+            Constraint(
+                "moments", f"link {k}", "nonnegative", m, self.bound[m], -np.eye(3)
+            )
+            for k, m in enumerate(moments, start=1)
+        ]
+
+    @cached_property
+    def links_slack(self) -> Array:
+        """(p, n) what a unit of each link's slack takes from theta': 2 j."""
+        out = np.zeros((self.p, self.n))
+        for k, link in enumerate(self.task.links):
+            out[link[list(self.moments)], k] = 2.0
+        return out
+
+    @cached_property
+    def soft(self) -> tuple[Constraint, ...]:
+        """The demands on masses with their slacks behind the links'."""
+        out, at = list[Constraint](), self.p + self.n
+        for c in self.demands:
+            size = len(c.constant)
+            more = np.eye(size)[: 1 if c.cone == "soc" else size]
+            slacks = np.arange(at, at + len(more))
+            at += len(more)
+            coefficients = np.concatenate([c.coefficients, more])
+            indices = np.concatenate([c.indices, slacks])
+            out.append(replace(c, indices=indices, coefficients=coefficients))
+        return tuple(out)
+
+    @cached_property
+    def prices(self) -> Array:
+        """What a unit of each slack costs in units of xi."""
+        out = [np.ones(self.n)]
+        for c in self.demands:
+            if c.cone == "soc":
+                out.append(np.array([1.0 / self.task.bound[c.indices[0]]]))
+            else:
+                out.append(np.ones(len(c.constant)))
+        return np.concatenate(out)
+
+    def value(self, theta: Array, weight: float) -> float:
+        """The published objective at theta (p,), the box left out."""
+        return (
+            self.data.loss(theta) + weight * self.published.penalty(self._p(theta))[0]
+        )
+
+    def violations(self, theta: Array) -> dict[str, float]:
+        """Worst violation of each external demand."""
+        return self.published.violations(self._p(theta))
+
+    def triangle(self, theta: Array) -> Array:
+        """(n,) (lambda_max(I) - tr(I) / 2)+ of each link [kg m^2]."""
+        links = inertia.barycentric_from_standard(theta[self.task.links])[:, 4:]
+        moments = np.linalg.eigvalsh(inertia.inertia_matrix(links))
+        return np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
+
+    def _p(self, theta: Array) -> Array:
+        out = theta.copy()
+        out[self.task.links] = inertia.barycentric_from_standard(theta[self.task.links])
+        return out
+
+    def solve(self, weight: float) -> PenalisedOptimum:
+        """The relaxation at a weight xi >= 0, certified."""
+        limit = self.slack_limits(weight)
+        slack = self.slack_start * np.minimum(limit, 1.0)
+        start = np.append(self.interior + self.links_slack @ slack[: self.n], slack)
+        bound = np.append(self.bound + self.links_slack @ limit[: self.n], limit)
+        constraints = (*self.hard, *self.consistency, *self.soft, *self.between(limit))
+        linear = np.append(np.zeros(self.p), weight * self.prices)
+        fit = solve_certified(self.in_slacks, linear, constraints, start, bound)
+        return self.optimum(self.theta(fit.theta), weight, max(fit.lower, 0.0))
+
+    def solve_all(self, weights: Iterable[float]) -> list[PenalisedOptimum]:
+        """The relaxation at rising weights. The objective rises with the weight: a bound
+        at a smaller one still holds, and an answer that violates nothing stays the
+        optimum."""
+        out = list[PenalisedOptimum]()
+        for weight in weights:
+            if out:
+                before = out[-1]
+                same = self.optimum(before.theta, weight, before.lower)
+                if same.gap <= self.held_gap:
+                    out.append(same)
+                    continue
+            found = self.solve(weight)
+            if out:
+                found = replace(found, lower=max(found.lower, out[-1].lower))
+            out.append(found)
+        return out
+
+    @cached_property
+    def in_slacks(self) -> LeastSquares:
+        """f in (theta', slacks)."""
+        rest = np.zeros((len(self.data.R), len(self.prices) - self.n))
+        R = np.hstack([self.data.R, -self.data.R @ self.links_slack, rest])
+        return replace(self.data, R=R)
+
+    def theta(self, x: Array) -> Array:
+        """theta (p,) of (theta', slacks)."""
+        return x[: self.p] - self.links_slack @ x[self.p : self.p + self.n]
+
+    def between(self, limit: Array) -> list[Constraint]:
+        """0 <= slack <= limit."""
+        rows = np.array([[1.0, -1.0]])
+        return [
+            Constraint(
+                "slack", f"{k}", "nonnegative", np.array([k]), np.array([0.0, x]), rows
+            )
+            for k, x in enumerate(limit, start=self.p)
+        ]
+
+    def slack_limits(self, weight: float) -> Array:
+        """Above these no slack is at an optimum: what it costs alone would exceed the
+        interior point's objective, or it undoes all that the bounds allow."""
+        most = np.full(len(self.prices), float(self.bound.max()))
+        if weight == 0.0:
+            return most
+        limit = self.value(self.interior, weight) / (weight * self.prices)
+        return np.minimum(limit, most)
+
+    def optimum(self, theta: Array, weight: float, lower: float) -> PenalisedOptimum:
+        """What theta is at a weight, beside a lower bound."""
+        return PenalisedOptimum(
+            theta,
+            weight,
+            self.value(theta, weight),
+            lower,
+            self.data.loss(theta),
+            self.triangle(theta),
+            max(self.violations(theta).values()),
+            max(self.value(theta, weight), self.data.loss_scale(theta)),
+        )
+
+    @cached_property
+    def feasible(self) -> Fit:
+        """The optimum subject to the demands themselves (xi infinite), certified."""
+        constraints = (*self.hard, *self.consistency, *self.demands)
+        return solve_certified(
+            self.data, np.zeros(self.p), constraints, self.interior, self.bound
+        )
+
+    @property
+    def exact_weight_by_theory(self) -> float:
+        """The largest multiplier: from this weight on no demand is violated."""
+        fit, largest = self.feasible, 0.0
+        assert fit.multipliers is not None
+        each = fit.constraints.entries.each(fit.multipliers)
+        for c, multiplier in zip(fit.constraints.convex, each, strict=True):
+            if c.cone == "psd":
+                largest = max(largest, float(np.trace(multiplier[:3, :3])))
+            elif c.family == "total mass":
+                largest = max(largest, float(multiplier.max()))
+            elif c.family == "centre of mass cone":
+                price = self.task.bound[c.indices[0]]
+                largest = max(largest, float(multiplier[0]) * price)
+        return largest
+
+    def exact_weight_by_bisection(self, relative: float = 1e-3) -> float:
+        """The least weight whose optimum violates nothing beyond rounding; 0 where
+        none does. It does not look at the multipliers."""
+        if not self.solve(0.0).is_violated:
+            return 0.0
+        low = high = 1.0
+        while self.solve(high).is_violated:
+            low, high = high, 4.0 * high
+        while low == high or not self.solve(low).is_violated:
+            low, high = 0.25 * low, low
+        while high > low * (1.0 + relative):
+            middle = float(np.sqrt(low * high))
+            if self.solve(middle).is_violated:
+                low = middle
+            else:
+                high = middle
+        return high
+
+
+def _links_distance(task: Task) -> LeastSquares:
+    """|pi(theta) - pi_hat|^2 over the links' base parameters: friction stays as first
+    estimated."""
+    distance, links = task.base_distance, task.model.rigid_indices
+    rows = np.any(task.base[:, links] != 0.0, axis=1)
+    target = distance.rho[rows]
+    squares = float(target @ target)
+    return LeastSquares(distance.R[rows], target, 0.0, squares, len(target))
+
+
+def solve_certified(
+    data: LeastSquares,
+    linear: Array,
+    constraints: Iterable[Constraint],
+    start: Array,
+    bound: Array,
+    accuracy: float = 1e-10,
+) -> Fit:
+    """minimise |R x - rho|^2 + floor^2 + linear x subject to the constraints, by our own
+    interior-point method, with what its certificate needs."""
+    demands = ConstraintSet(tuple(constraints))
+    cones = SmallCones(None, demands, len(start))
+    cones.linear = linear
+    found = minimise(cones, data, [start], accuracy)
+    if found is None:
+        raise InputError(
+            "the penalised problem's interior point is not inside of its constraints",
+            "check the bounds of the problem",
+        )
+    multipliers, _ = cones.multipliers(found.multipliers)
+    theta = repair(demands, found.theta, start)
+    return Fit(
+        theta, Objective(data, linear=linear), demands, multipliers, None, start, bound
+    )
+
+
+def cvxpy_optima(
+    problem: PenalisedProblem, weights: Iterable[float]
+) -> dict[float, float]:
+    """The relaxation's optimum at each weight by CVXPY and Clarabel; {} without CVXPY.
+
+    The model is compiled once, the weight is its parameter. theta is scaled by the
+    torque that it makes, the loss by that of the feasible optimum.
+    """
+    try:
+        import cvxpy as cp
+    except ImportError:
+        return {}
+    data, norms = problem.data, problem.data.column_norms
+    unit = max(problem.feasible.upper, 1e-12 * data.tau_squared)
+    size = np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf)
+    scale = np.where(norms > 0.0, np.minimum(size, problem.bound), problem.bound)
+    x, y = cp.Variable(problem.p), cp.Variable(len(problem.prices), nonneg=True)
+    # The slacks in units of (loss at the optimum) / xi, so that they cost one.
+    size, price = cp.Parameter(nonneg=True), cp.Parameter(nonneg=True)
+    centre, slack = problem.feasible.theta, size * y
+    theta = cp.hstack([centre + cp.multiply(scale, x), slack])
+    demands = [_cvxpy(cp, c, theta) for c in (*problem.hard, *problem.soft)]
+    corner = np.diag([1.0, 1.0, 1.0, 0.0])
+    for k, c in enumerate(problem.consistency):
+        demands.append(_cvxpy_value(cp, c, theta) + slack[k] * corner >> 0)
+    rest = (data.R @ centre - data.rho) / np.sqrt(unit)
+    residual = (data.R * scale / np.sqrt(unit)) @ x + rest
+    cost = cp.sum_squares(residual) + price * (problem.prices @ y)
+    program = cp.Problem(cp.Minimize(cost), demands)
+    out = {}
+    for xi in weights:
+        size.value, price.value = (unit / xi, 1.0) if xi > 0.0 else (1.0, 0.0)
+        program.solve(solver="CLARABEL")
+        if program.status in ("optimal", "optimal_inaccurate"):
+            out[xi] = float(program.value) * unit + data.residual_norm**2
+    return out
+
+
+def _cvxpy_value(cp: Any, c: Constraint, theta: Any) -> Any:
+    """F(theta)."""
+    flat = c.coefficients.reshape(len(c.indices), -1).T @ theta[c.indices]
+    value = flat + c.constant.ravel()
+    return cp.reshape(value, c.constant.shape, order="C") if c.cone == "psd" else value
+
+
+def _cvxpy(cp: Any, c: Constraint, theta: Any) -> Any:
+    """F(theta) in its cone, a second-order cone or non-negative rows."""
+    value = _cvxpy_value(cp, c, theta)
+    return cp.norm(value[1:]) <= value[0] if c.cone == "soc" else value >= 0

@@ -1,0 +1,147 @@
+"""Table "routes": one problem, two routes: SDP and penalty on the same constraints."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sdp_vs_penalty.estimation.constants import ROUNDING
+from sdp_vs_penalty.estimation.identify import link_figures
+from sdp_vs_penalty.estimation.resampling import CrossValidation
+from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep
+from sdp_vs_penalty.research.tables.folds import (
+    Interval,
+    difference,
+    fold_errors,
+    interval_of,
+)
+from sdp_vs_penalty.research.tables.study import FOLDS, Data, Frozen, Result, Study
+from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
+
+#: The rows that solve one problem: torque loss, 20 mm, bodies, no prior on anything.
+SDP, PENALTY = "SDP", "penalty, one-step"
+
+
+@dataclass(frozen=True)
+class SameConstraints(LmiSdp):
+    """The SDP of exactly the demands that ``penalty`` is given by default."""
+
+    name = "lmi-sdp-same-constraints"
+    description = "torque SDP with bodies and minimum thickness, without any prior"
+    table_place: ClassVar[int | None] = None
+    body: bool = Penalty.body
+    thickness: float = Penalty.thickness
+    entropy: float = 0.0
+    joint_prior: float = Penalty.joint_prior
+
+
+def routes_of(study: Study) -> Mapping[str, str | Estimator]:
+    """What is compared, by the names of the rows."""
+    published = {
+        f"{column} (published links)": Frozen(links)
+        for column, links in study.published_links.items()
+    }
+    return {
+        SDP: SameConstraints(),
+        PENALTY: Penalty(),
+        "penalty, two-step": PenaltyTwoStep(),
+        "penalty as published, one-step": "penalty-paper",
+        "penalty as published, two-step": "penalty-paper-two-step",
+        "SDP, default (entropic prior)": "lmi-sdp",
+        "least squares": "ols",
+        **published,
+    }
+
+
+@register_table("routes", "panda", slow=True)
+def routes(study: Study) -> Table:
+    """One problem, two routes: SDP and penalty on the same constraints, and the paper's.
+
+    Without the real run the simulated one, whose motion is judged without folds.
+    """
+    data = study.repeated or study.simulated
+    names = routes_of(study)
+    study.estimate(names.values(), [data])
+    judged: dict[str, CrossValidation] = {}
+    if data is not study.simulated:
+        judged = {name: study.unseen(method) for name, method in names.items()}
+    rows = [_row(study, data, name, names, judged) for name in names]
+    return Table(
+        f"One problem, two routes: {study.problem.title}",
+        rows,
+        notes("routes", folds=FOLDS, budget=study.effort.evaluations),
+        _headline(rows, judged),
+        digits=3,
+    )
+
+
+def _row(
+    study: Study,
+    data: Data,
+    name: str,
+    names: Mapping[str, str | Estimator],
+    judged: Mapping[str, CrossValidation],
+) -> Row:
+    result = study.estimated(names[name], data)
+    optimum = study.result("lmi-sdp-plain", data).certificate.lower
+    assert optimum is not None
+    task = study.task(data)
+    worst = max(task.constraints.worst(result.theta).values())
+    links = link_figures(study.problem, result.theta[task.links])
+    searched = not name.endswith("(published links)")
+    return {
+        "method": name,
+        **_errors(study, data, name, result, judged),
+        "excess_loss_percent": 100.0 * (task.data.loss(result.theta) / optimum - 1.0),
+        "gap": result.certificate.gap,
+        "worst_violation": worst if worst >= ROUNDING else 0.0,
+        "positive_definite_percent": 100.0 * links["positive_mass_matrices"],
+        "seconds": result.seconds if searched else None,
+        "data": data.label if data is study.simulated else f"{data.label}, unseen",
+    }
+
+
+def _errors(
+    study: Study,
+    data: Data,
+    name: str,
+    result: Result,
+    judged: Mapping[str, CrossValidation],
+) -> Row:
+    """Error on unseen motion, its interval, and the difference from the SDP's."""
+    if name not in judged:
+        error = data.errors(result.theta)[1]
+        return {
+            "unseen_error_percent": error,
+            "interval_percent": None,
+            "less_sdp_points": None,
+            "less_sdp_interval": None,
+        }
+    own: Interval = interval_of(fold_errors(judged[name]))
+    less = None if name == SDP else difference(judged[name], judged[SDP])
+    return {
+        "unseen_error_percent": judged[name].relative_error_percent,
+        "interval_percent": own.in_words,
+        "less_sdp_points": None if less is None else less.mean,
+        "less_sdp_interval": None if less is None else less.in_words,
+    }
+
+
+def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
+    by_name = {row["method"]: row for row in rows}
+    sdp, penalty = by_name[SDP], by_name[PENALTY]
+    said = (
+        f"On one problem the SDP and the exact penalty tie: loss"
+        f" {sdp['excess_loss_percent']:.5f} and {penalty['excess_loss_percent']:.5f} %"
+        f" over the optimum, {sdp['seconds']:.2g} and {penalty['seconds']:.2g} s."
+    )
+    if not judged:
+        return said
+    default, squares = judged["SDP, default (entropic prior)"], judged["least squares"]
+    less = difference(default, squares)
+    verdict = "significant" if less.is_significant else "not significant"
+    return (
+        f"{said} The default SDP less least squares: {less.mean:+.2f} points,"
+        f" t = {less.t:.2f} on {len(default.folds)} folds, {verdict}."
+    )

@@ -1,0 +1,97 @@
+"""Joint states that come in parts: halves of an arm, a gripper, efforts of another
+topic, messages with empty fields; each joint's numbers go to that joint."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recorded import refusal
+from small_runs import write_joint_states
+
+from sdp_vs_penalty.data import read_run
+from sdp_vs_penalty.errors import Remark
+
+T = np.arange(60) * 0.01
+Q, DQ, TAU = np.random.default_rng(5).normal(size=(3, 60, 3))
+JOINTS = ("a", "b", "c")
+STATES, TORQUES = "/joint_states", "/joint_torques"
+
+
+def read_bag(path: Path, messages: Any, **how: Any) -> Any:
+    """What is read of a bag with these messages, in the order of their stamps."""
+    write_joint_states(path / "bag", sorted(messages, key=lambda m: m[1]))
+    return read_run(path / "bag", None, how.pop("names", JOINTS), **how)
+
+
+def part(
+    names: str, late: float = 0.0, topic: str = STATES, effort: bool = True
+) -> Any:
+    """The messages of some joints, ``late`` seconds after the others."""
+    at = [JOINTS.index(name[-1]) for name in names.split()]
+    for k, t in enumerate(T):
+        tau = TAU[k, at] if effort else []
+        yield topic, t + late, names.split(), Q[k, at], DQ[k, at], tau
+
+
+def efforts(late: float = 0.001) -> Any:
+    for k, t in enumerate(T):
+        yield TORQUES, t + late, JOINTS, [], [], TAU[k]
+
+
+def test_halves_of_an_arm_come_together(tmp_path):
+    run = read_bag(tmp_path, [*part("c a"), *part("b", 0.002)])
+    np.testing.assert_array_equal(run.q, Q)
+    np.testing.assert_array_equal(run.tau, TAU)
+
+
+def test_halves_on_two_topics_come_together(tmp_path):
+    run = read_bag(tmp_path, [*part("a b"), *part("c", 0.002, "/right/joint_states")])
+    np.testing.assert_array_equal(run.q, Q)
+
+
+def test_efforts_may_be_on_another_topic(tmp_path):
+    run = read_bag(tmp_path, [*part("c a b", effort=False), *efforts()])
+    np.testing.assert_array_equal(run.tau, TAU)
+
+
+def test_messages_with_empty_fields_are_counted(tmp_path):
+    messages = [*part("a b c")]
+    for k in range(7):
+        messages[k] = (*messages[k][:5], [])
+    with pytest.warns(Remark, match="7 messages with empty fields left out"):
+        run = read_bag(tmp_path, messages)
+    np.testing.assert_array_equal(run.q, Q[7:])
+
+
+def test_messages_without_a_partner_are_counted(tmp_path):
+    messages = [*part("a b"), *list(part("c", 0.001))[:50]]
+    with pytest.warns(Remark, match="10 messages without the other joints"):
+        run = read_bag(tmp_path, messages)
+    np.testing.assert_array_equal(run.q, Q[:50])
+
+
+def test_a_slow_joint_that_stands_still_costs_no_row(tmp_path):
+    slow = [(STATES, t, ["finger"], [0.0], [0.0], [0.0]) for t in T[::9] + 0.001]
+    run = read_bag(tmp_path, [*part("a b c"), *slow], names=(*JOINTS, "finger"))
+    np.testing.assert_array_equal(run.q, np.column_stack([Q, np.zeros(60)]))
+
+
+def test_prefixes_are_the_robot_s(tmp_path):
+    both = [*part("left_a left_b left_c"), *part("right_c right_b right_a", 0.001)]
+    names = ("right_a", "right_b", "right_c")
+    np.testing.assert_array_equal(read_bag(tmp_path, both, names=names).q, Q)
+
+
+def test_one_prefix_need_not_be_named(tmp_path):
+    run = read_bag(tmp_path, part("arm/c arm/b arm/a"))
+    np.testing.assert_array_equal(run.q, Q)
+
+
+def test_two_topics_that_hold_all_joints_are_asked_for(tmp_path):
+    both = [*part("a b c"), *part("a b c", 0.001, "/filtered")]
+    refusal(lambda: read_bag(tmp_path, both), "--topic", "/filtered, /joint_states")
+
+
+def test_without_any_effort_the_bag_is_refused(tmp_path):
+    refusal(lambda: read_bag(tmp_path, part("a b c", effort=False)), "has effort")

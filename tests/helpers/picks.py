@@ -1,0 +1,67 @@
+"""Streams in which a payload is picked up and put down."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sdp_vs_penalty import Estimate, Measurements, Problem, identify
+from sdp_vs_penalty.online import PayloadChange, PayloadEstimator
+from sdp_vs_penalty.simulation.hidden_runs import LEVELS, hidden_runs
+
+
+def thinned(run: Measurements, rate: float) -> Measurements:
+    """A run at a lower rate, its clock from zero."""
+    step = round(1.0 / (rate * float(np.median(np.diff(run.t)))))
+    return Measurements(
+        run.t[::step] - run.t[0], run.q[::step], run.tau[::step], names=run.names
+    )
+
+
+@dataclass
+class SimulatedPicks:
+    """An estimate of a simulated arm, a run for the noise, and one motion without and
+    with a payload of ``mass`` [kg]."""
+
+    estimate: Estimate
+    calibration: Measurements
+    bare: Measurements
+    loaded: Measurements
+    mass: float
+    com: np.ndarray
+
+    def stream(self, *changes: float) -> Measurements:
+        """The motion, its load changed at these instants [s], bare at first."""
+        t = self.bare.t
+        is_loaded = np.searchsorted(changes, t, side="right") % 2 == 1
+        tau = np.where(is_loaded[:, None], self.loaded.tau, self.bare.tau)
+        return replace(self.bare, tau=tau)
+
+
+def simulated_picks(
+    problem: Problem, mass: float, seed: int, rate: float = 200.0
+) -> SimulatedPicks:
+    """Of a problem's arm, with friction and noise of the simulator's own."""
+    clean = hidden_runs(problem, [], seed=seed)
+    small = hidden_runs(problem, [("payload", [])], "strong", seed, 1, clean.world)
+    level = LEVELS["strong"] * mass / small.truth["effects"][0]["size"]
+    heavy = hidden_runs(problem, [("payload", [])], level, seed, world=clean.world)
+    (truth,) = heavy.truth["effects"]
+    frame = problem.robot.tree[-1].link_frame  # the truth is in the joint's frame
+    com = np.linalg.solve(frame, [*truth["com"], 1.0])[:3]
+    return SimulatedPicks(
+        identify(problem, list(clean.runs[:2]), check=False),
+        thinned(clean.runs[2], rate),
+        thinned(clean.runs[3], rate),
+        thinned(heavy.runs[3], rate),
+        truth["size"],
+        com,
+    )
+
+
+def play(estimator: PayloadEstimator, run: Measurements) -> list[PayloadChange]:
+    """All changes that a run brings to light."""
+    changes = [
+        estimator.update(t, q, tau)
+        for t, q, tau in zip(run.t, run.q, run.tau, strict=True)
+    ]
+    return [change for change in changes if change is not None]

@@ -1,0 +1,77 @@
+"""The arm at one instant is the arm of the model; the filters have the stated delay."""
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import InputError, load_problem
+from sdp_vs_penalty.effects import Model, Motion, parse_effects
+from sdp_vs_penalty.online import ArmModel, SmoothingFilter
+
+EFFECTS = (
+    "rigid_body,viscous_friction,coulomb_friction,stribeck_friction,torque_offset,"
+    "rotor_inertia,joint_spring"
+)
+
+
+def arm(name: str, effects: str, gains: tuple[float, ...] | None = None) -> ArmModel:
+    robot = load_problem(name).robot
+    model = Model(robot, parse_effects(effects, robot), gains=gains)
+    theta = np.random.default_rng(0).normal(size=len(model.parameters))
+    return ArmModel(model, theta)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur10e", "two_link", "dvrk_psm"])
+def test_the_torque_is_the_models(name):
+    one = arm(name, EFFECTS)
+    rng = np.random.default_rng(1)
+    for scale in (1e-4, 1e-2, 1.0):
+        q, dq, ddq = rng.normal(size=(3, one.n)) * [[1.0], [scale], [1.0]]
+        one.update(q, dq, ddq)
+        motion = Motion(np.zeros(1), q[None], dq[None], ddq[None])
+        torque = one.model.torque(one.theta, motion)[0]
+        np.testing.assert_allclose(one.torque, torque, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur10e", "dvrk_psm"])
+def test_the_columns_are_the_payloads_effect(name):
+    one = arm(name, EFFECTS)
+    q, dq, ddq = np.random.default_rng(1).normal(size=(3, one.n))
+    one.update(q, dq, ddq)
+    (payload,) = parse_effects("payload", one.model.robot)
+    columns = payload.torques(Motion(np.zeros(1), q[None], dq[None], ddq[None]))[0]
+    np.testing.assert_allclose(one.columns, columns, atol=1e-9)
+
+
+def test_gains_scale_torque_and_columns():
+    plain, scaled = arm("two_link", EFFECTS), arm("two_link", EFFECTS, (0.9, 1.2))
+    q, dq, ddq = np.random.default_rng(1).normal(size=(3, 2))
+    plain.update(q, dq, ddq)
+    scaled.update(q, dq, ddq)
+    np.testing.assert_allclose(scaled.torque, [0.9, 1.2] * plain.torque)
+    np.testing.assert_allclose(scaled.columns, [[0.9], [1.2]] * plain.columns)
+
+
+@pytest.mark.parametrize(
+    "effect", ["presliding_hysteresis", "load_dependent_friction", "torque_ripple"]
+)
+def test_an_effect_that_needs_more_is_refused_by_name(effect):
+    with pytest.raises(InputError, match=effect):
+        arm("two_link", f"rigid_body,{effect}")
+
+
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_a_cubic_comes_out_exactly_and_late_by_the_delay(rate):
+    one = SmoothingFilter(1, 1.0 / rate, 0.05)
+    out = np.zeros((3, 1))
+    for t in np.arange(0.0, 0.5, 1.0 / rate):
+        is_full = one.push(np.array([1.0 + t - t**2 + t**3]), out)
+    then = t - one.delay
+    assert is_full
+    expected = [1.0 + then - then**2 + then**3, 1 - 2 * then + 3 * then**2]
+    np.testing.assert_allclose(out[:2, 0], expected)
+    np.testing.assert_allclose(out[2, 0], -2.0 + 6.0 * then, atol=1e-6)
+
+
+def test_a_delay_beyond_fifty_milliseconds_is_refused():
+    with pytest.raises(InputError, match=r"delay of 0\.06 s"):
+        SmoothingFilter(1, 1e-3, 0.06)

@@ -1,0 +1,278 @@
+"""Payloads from streams: picked up, weighed, put down, and no alarm without one."""
+
+from collections.abc import Callable
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from picks import SimulatedPicks, play, simulated_picks
+
+from sdp_vs_penalty import (
+    Estimate,
+    InputError,
+    Measurements,
+    PayloadEstimator,
+    export,
+    identify,
+    load_problem,
+)
+from sdp_vs_penalty.online import Payload, PayloadPrior, ResidualNoise
+from sdp_vs_penalty.problem import measured_runs
+from sdp_vs_penalty.robot import inertia, random_trajectory
+
+RATE = 200.0
+
+
+@pytest.fixture(scope="module", params=[("panda", 1.2), ("ur10e", 3.0)])
+def arm(request: pytest.FixtureRequest) -> SimulatedPicks:
+    name, mass = request.param
+    return simulated_picks(load_problem(name), mass, seed=5)
+
+
+@pytest.fixture(scope="module")
+def noise(arm: SimulatedPicks) -> ResidualNoise:
+    return PayloadEstimator.calibrated(arm.estimate, arm.calibration, RATE).noise
+
+
+@pytest.fixture
+def estimator(arm: SimulatedPicks, noise: ResidualNoise) -> PayloadEstimator:
+    return PayloadEstimator(arm.estimate, noise, RATE)
+
+
+def payload_at(
+    estimator: PayloadEstimator, run: Measurements, instant: float
+) -> Payload:
+    play(estimator, run.window(0.0, instant))
+    assert estimator.payload is not None
+    return estimator.payload
+
+
+@pytest.mark.parametrize("at", [4.0, 9.5, 13.2])
+def test_a_pick_is_dated_and_weighed(arm, estimator, at):
+    (change,) = play(estimator, arm.stream(at).window(0.0, at + 2.0))
+    assert change.kind == "picked up"
+    assert change.time == pytest.approx(at, abs=0.03)
+    lower, upper = change.time_interval
+    assert lower <= at + 0.02
+    assert upper >= at - 0.02
+    assert change.detected - at < 0.5
+
+
+@pytest.mark.parametrize("at", [4.0, 9.5, 13.2])
+def test_the_mass_is_within_its_interval_half_a_second_later(arm, estimator, at):
+    payload = payload_at(estimator, arm.stream(at), at + 0.5)
+    lower, upper = payload.mass_interval
+    assert lower <= arm.mass <= upper
+    assert upper - lower < 0.5 * arm.mass
+
+
+def test_mass_and_centre_of_a_payload_that_is_carried_for_a_while(arm, estimator):
+    payload = payload_at(estimator, arm.stream(4.0), 18.0)
+    assert payload.mass == pytest.approx(arm.mass, rel=0.03)
+    np.testing.assert_allclose(payload.com, arm.com, atol=0.02)
+
+
+def test_what_is_published_is_consistent_and_certified(arm, estimator):
+    payload = payload_at(estimator, arm.stream(4.0), 6.0)
+    assert inertia.consistency_margin(payload.theta) >= 0.0
+    assert payload.gap <= 1e-4
+
+
+def test_a_payload_is_put_down(arm, estimator):
+    changes = play(estimator, arm.stream(4.0, 9.0))
+    assert [x.kind for x in changes] == ["picked up", "put down"]
+    assert changes[1].time == pytest.approx(9.0, abs=0.05)
+    assert changes[1].mass == pytest.approx(arm.mass, rel=0.05)
+    assert estimator.payload is None
+
+
+def test_a_motion_without_a_pick_raises_no_alarm(arm, estimator):
+    assert play(estimator, arm.bare) == []
+    assert estimator.payload is None
+
+
+def drifting(arm: SimulatedPicks, run: Measurements) -> Measurements:
+    """Friction that falls by a tenth, and an offset of one noise, over the run."""
+    dq = np.gradient(run.q, run.t, axis=0)
+    share = (run.t / run.t[-1])[:, None]
+    size = np.std(run.tau, axis=0) * 0.002
+    tau = run.tau + share * (size - 0.1 * size * np.tanh(dq / 0.05))
+    return Measurements(run.t, run.q, tau)
+
+
+def test_slow_drift_is_no_payload(arm, estimator):
+    assert play(estimator, drifting(arm, arm.bare)) == []
+
+
+def test_late_and_missing_samples_change_little(arm, noise):
+    """A loop that loses every tenth sample, its clock off by a tenth of a period."""
+    run = arm.stream(4.0).window(0.0, 8.0)
+    rng = np.random.default_rng(0)
+    rows = np.flatnonzero(rng.random(len(run.t)) > 0.1)
+    late = run.t + 0.1 / RATE * rng.random(len(run.t))
+    q, tau = [
+        np.column_stack([np.interp(late, run.t, x) for x in signal.T])
+        for signal in (run.q, run.tau)
+    ]
+    loose = Measurements(late[rows], q[rows], tau[rows])
+    masses = []
+    for stream in (run, loose):
+        estimator = PayloadEstimator(arm.estimate, noise, RATE)
+        play(estimator, stream)
+        masses.append(estimator.payload.mass)
+    assert masses[1] == pytest.approx(masses[0], rel=0.02)
+
+
+def test_a_gap_starts_the_filters_anew(arm, estimator):
+    run = arm.stream(4.0)
+    lost = (run.t > 6.0) & (run.t < 7.0)
+    rest = Measurements(run.t[~lost], run.q[~lost], run.tau[~lost])
+    assert [x.kind for x in play(estimator, rest)] == ["picked up"]
+
+
+BAD = {
+    "not finite": lambda e, t, q, tau: e.update(t, q * np.nan, tau),
+    "runs back": lambda e, t, q, tau: e.update(t - 1.0, q, tau),
+    "joints": lambda e, t, q, tau: e.update(t + 0.1, q[:-1], tau),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_a_sample_that_cannot_be_used_is_refused(arm, estimator, what):
+    run = arm.bare
+    estimator.update(run.t[0], run.q[0], run.tau[0])
+    with pytest.raises(InputError, match=what):
+        BAD[what](estimator, run.t[0], run.q[0], run.tau[0])
+
+
+def test_a_calibration_that_is_too_short_is_refused(arm):
+    with pytest.raises(InputError, match="too short"):
+        PayloadEstimator.calibrated(arm.estimate, arm.bare.window(0.0, 0.5), RATE)
+
+
+def test_an_update_keeps_no_memory(arm, estimator):
+    """Two hundred updates of a carried payload leave nothing behind."""
+    import tracemalloc
+
+    run = arm.stream(4.0)
+    rows = list(zip(run.t.tolist(), run.q, run.tau, strict=True))
+    for row in rows[:1600]:
+        estimator.update(*row)
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    tracemalloc.reset_peak()
+    for row in rows[1600:1800]:
+        estimator.update(*row)
+    after, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert after - before < 4096
+    assert peak - before < 16384
+
+
+def with_ball(path, mass: float, com: np.ndarray, radius: float) -> None:
+    """Hang a ball on the last body of a MuJoCo file."""
+    tree = ElementTree.parse(path)
+    *_, last = tree.getroot().iter("body")
+    body = ElementTree.SubElement(last, "body", name="ball")
+    body.set("pos", " ".join(map(str, com)))
+    moment = 0.4 * mass * radius**2
+    ElementTree.SubElement(
+        body,
+        "inertial",
+        pos="0 0 0",
+        mass=str(mass),
+        diaginertia=f"{moment} {moment} {moment}",
+    )
+    tree.write(path)
+
+
+@pytest.fixture(scope="module")
+def exact() -> Estimate:
+    """Of the Panda's frictionless arm; MuJoCo's file has its links."""
+    problem = load_problem("panda")
+    run = simulated_picks(problem, 1.0, seed=2)
+    return run.estimate
+
+
+def mujoco_torque(
+    path, estimate: Estimate, states: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> np.ndarray:
+    from dynamics_files import by_mujoco
+
+    return by_mujoco(path, estimate.robot, *states)
+
+
+def test_torques_of_mujoco_are_weighed_as_well(exact: Estimate, tmp_path):
+    """The pick's torque is MuJoCo's own inverse dynamics of a body that hangs on the
+    last link: nothing of it is ours."""
+    pytest.importorskip("mujoco", minversion="3.0")
+    path = tmp_path / "arm.xml"
+    export(exact, path)
+    t = np.arange(0.0, 6.0, 1.0 / RATE)
+    states = random_trajectory(exact.robot, 11, 6.0).states(t)
+    bare = mujoco_torque(path, exact, states)
+    mass, com = 1.2, np.array([0.02, -0.03, 0.15])
+    with_ball(path, mass, com, 0.05)
+    added = mujoco_torque(path, exact, states) - bare
+    noise = ResidualNoise(
+        0.01 * np.abs(bare).max(axis=0), 0.1, 1.0, np.abs(states[2]).max(axis=0)
+    )
+    own = exact.predict(*states, t)
+    rng = np.random.default_rng(0)
+    tau = own + (t > 2.0)[:, None] * added + rng.normal(size=own.shape) * noise.std
+    estimator = PayloadEstimator(exact, noise, RATE, drift=0.0)
+    (change,) = play(estimator, Measurements(t, states[0], tau))
+    payload = estimator.payload
+    assert change.time == pytest.approx(2.0, abs=0.05)
+    assert payload.mass == pytest.approx(mass, abs=3.0 * payload.mass_std)
+    assert payload.mass == pytest.approx(mass, rel=0.03)
+    np.testing.assert_allclose(payload.com, com, atol=0.01)
+
+
+@pytest.fixture(scope="module")
+def ur10e_runs(data_folder) -> dict[str, Measurements]:
+    return {run.names[0][9:]: run for run in measured_runs("ur10e").values()}
+
+
+@pytest.fixture(scope="module")
+def ur10e(ur10e_runs) -> Callable[[], PayloadEstimator]:
+    """Estimators of the arm and gains of one trajectory, with the noise of another."""
+    loads = [(ur10e_runs["19_14harm50secLoad"], 2.805)]
+    run = ur10e_runs["19_14harm50sec"]
+    estimate = identify("ur10e", run, known_loads=loads, check=False)
+    noise = PayloadEstimator.calibrated(
+        estimate, ur10e_runs["12-50sec_12harm"], 100.0
+    ).noise
+    return lambda: PayloadEstimator(estimate, noise, 100.0)
+
+
+@pytest.mark.real_data
+def test_the_real_load_is_picked_up(ur10e, ur10e_runs):
+    """Ten picks in a trajectory that nothing was made from: each is dated, and 95 %
+    intervals half a second later hold the mass at least eight times."""
+    from pick_runs import splice
+
+    bare, loaded = ur10e_runs["19_15harm50sec"], ur10e_runs["19_15harm50secLoad"]
+    n_within = 0
+    for at in range(6, 46, 4):
+        estimator = ur10e()
+        run = splice(bare, loaded, at).window(at - 5.0, at + 0.5)
+        (change,) = play(estimator, run)
+        assert change.kind == "picked up"
+        assert change.time == pytest.approx(at, abs=0.05)
+        lower, upper = estimator.payload.mass_interval
+        n_within += lower <= 2.805 <= upper
+    assert n_within >= 8
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    "name", ["19_15harm50sec", "12-50sec_12harm", "22-joint_2", "17-ptp_10_points"]
+)
+def test_real_motion_without_a_load_raises_no_alarm(ur10e, ur10e_runs, name):
+    assert play(ur10e(), ur10e_runs[name]) == []
+
+
+def test_the_prior_says_how_heavy_a_payload_may_be():
+    prior = PayloadPrior(mass=10.0, reach=0.5)
+    assert prior.information[0, 0] == pytest.approx(0.01)

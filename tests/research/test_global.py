@@ -1,0 +1,130 @@
+"""The penalised objective's certified optimum: the slack is the penalty, bounds hold,
+and the figures of the real run."""
+
+import numpy as np
+import pytest
+from random_robots import posed_task
+
+from sdp_vs_penalty import Problem, load_problem
+from sdp_vs_penalty.estimators import Task
+from sdp_vs_penalty.research.penalised_box import BoxedProblem
+from sdp_vs_penalty.research.penalised_optimum import PenalisedProblem, cvxpy_optima
+from sdp_vs_penalty.research.tables import build_tables
+from sdp_vs_penalty.research.tables.global_optimum import search_runs
+from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.simulation import experiment
+
+#: Weights at which the simulated Panda's links are violated, and are not.
+WEIGHTS = (0.0, 10.0, 40.0, 1000.0)
+
+
+@pytest.fixture(scope="module")
+def task(panda: Problem) -> Task:
+    return posed_task(panda, experiment(panda).training_run(seed=0))
+
+
+@pytest.fixture(scope="module")
+def one_step(task: Task) -> PenalisedProblem:
+    return PenalisedProblem(task, two_step=False)
+
+
+def test_the_triangle_penalty_is_the_least_slack(panda):
+    """lambda_max(I) - tr(I) / 2 is the least s with P + s diag(1, 1, 1, 0) >= 0."""
+    rng = np.random.default_rng(0)
+    corner = np.diag([1.0, 1.0, 1.0, 0.0])
+    for _ in range(50):
+        link = rng.normal(size=10)
+        link[0] = abs(link[0]) + 0.1
+        about = inertia.barycentric_from_standard(link)[4:]
+        moments = np.linalg.eigvalsh(inertia.inertia_matrix(about))
+        slack = moments[2] - 0.5 * moments.sum()
+        matrix = inertia.pseudo_inertia(link) + slack * corner
+        assert np.linalg.eigvalsh(matrix)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_every_optimum_is_certified(one_step):
+    for found in one_step.solve_all(WEIGHTS):
+        assert found.lower <= found.value
+        assert found.gap <= 1e-6
+
+
+def test_the_objective_is_the_published_one(one_step, task):
+    """The value is the one that annealing minimises, where the box holds."""
+    loss = one_step.published
+    u = np.random.default_rng(1).uniform(size=len(loss.free))
+    theta = loss.box.theta(loss.p(u))
+    assert one_step.value(theta, 7.0) == pytest.approx(loss.value(u, 7.0), rel=1e-9)
+
+
+def test_a_larger_weight_violates_less_and_costs_more(one_step):
+    found = one_step.solve_all(WEIGHTS)
+    assert np.all(np.diff([x.value for x in found]) >= -1e-9)
+    assert np.all(np.diff([x.worst for x in found]) <= 1e-9)
+    assert found[1].n_links_violated > 0
+    assert found[-1].n_links_violated == 0
+
+
+def test_the_least_exact_weight_is_the_largest_multiplier(one_step):
+    by_bisection = one_step.exact_weight_by_bisection()
+    assert by_bisection == pytest.approx(one_step.exact_weight_by_theory, rel=0.01)
+
+
+def test_cvxpy_and_clarabel_find_the_same_optimum(one_step):
+    pytest.importorskip("cvxpy")
+    found = one_step.solve_all(WEIGHTS)
+    by_cvxpy = cvxpy_optima(one_step, WEIGHTS)
+    for optimum in found:
+        assert by_cvxpy[optimum.weight] == pytest.approx(optimum.value, rel=1e-6)
+
+
+def test_the_box_is_certified_and_no_search_ends_below(one_step):
+    boxed = BoxedProblem(one_step).branch_and_bound(40.0, 1e-3, 9)
+    assert boxed.gap <= 1e-3
+    assert boxed.best is not None
+    bounds = one_step.task.constraints.nonconvex
+    assert all(bound.margin(boxed.best.theta) >= -1e-9 for bound in bounds)
+    assert boxed.lower >= one_step.solve(40.0).lower - 1e-6
+    runs = search_runs(one_step, (40.0,), 100, 1, annealing=False)
+    assert runs.min(axis=0)[0, 0] >= boxed.lower
+
+
+def test_smaller_cells_have_higher_bounds(one_step):
+    boxed = BoxedProblem(one_step)
+    whole, found, _ = boxed.solve_cell(40.0, boxed.c_low, boxed.c_high)
+    middle = 0.5 * (boxed.c_low + boxed.c_high)
+    half, _, _ = boxed.solve_cell(40.0, middle, boxed.c_high)
+    assert half >= whole - 1e-6 * whole
+    assert np.isfinite(found.theta).all()
+
+
+@pytest.mark.real_data
+def test_the_published_weight_is_too_small_for_one_step(panda):
+    """At 40, the largest published weight, the optimum has four impossible links."""
+    study = Study(panda)
+    problem = PenalisedProblem(study.task(study.measured), two_step=False)
+    expected = {40.0: (-6.171, 4), 100.0: (-3.300, 3), 1000.0: (0.0, 0)}
+    for weight, (excess, links) in expected.items():
+        found = problem.solve(weight)
+        loss = 100.0 * (found.loss / problem.feasible.upper - 1.0)
+        assert loss == pytest.approx(excess, abs=0.01)
+        assert found.n_links_violated == links
+        assert found.gap <= 1e-6
+
+
+@pytest.mark.real_data
+def test_the_published_weights_suffice_for_two_steps(panda):
+    study = Study(panda)
+    problem = PenalisedProblem(study.task(study.measured), two_step=True)
+    for found in problem.solve_all((0.1, 40.0)):
+        assert found.value == pytest.approx(1.7721e-3, rel=1e-4)
+        assert found.n_links_violated == 0
+        assert found.gap <= 1e-6
+
+
+def test_the_table_has_its_columns():
+    (table,) = build_tables(["global"], Study(load_problem("two_link")))
+    columns = {"data", "problem", "xi", "optimum", "lower_bound", "gap"}
+    columns |= {"excess_loss_percent", "links_violated", "annealing_best"}
+    assert columns <= set(table.frame.columns)
+    assert np.all(table.frame["gap"].astype(float) <= 1e-6)
