@@ -98,7 +98,6 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
 def _error_left_out(problem: Problem, runs: Sequence[Measurements]) -> float | None:
     """Relative error [%] on the last part of each run of what is identified from the
     first; None where nothing is."""
-    from sdp_vs_penalty.api.identification import identify
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.estimation.build_problem import filter_runs, load_and_check
     from sdp_vs_penalty.estimation.identify import estimate_parameters

@@ -344,9 +344,9 @@ def test_identify_goes_on_where_an_explanation_is_given(tmp_path, two_link, caps
     assert run_cli("identify", "two_link", "--data", bad, *to) == 0
     assert model.exists()
     said = " ".join(capsys.readouterr().err.split())
-    assert said.count("bad.csv") == 1
+    assert said.count("warning:") == 1
     assert "the torque of joint 2 has the wrong sign" in said
-    assert "`check`" in said
+    assert "--apply sign:tau2" in said
 
 
 def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys):
