@@ -8,8 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from drawn import given, st
 from numpy.typing import NDArray
 from recorded import refusal
 

@@ -123,6 +123,21 @@ def words(data: Sequence[Path], window: str | None) -> list[str]:
     return [*map(str, data), *([] if window is None else ["--window", window])]
 
 
+def judging_runs(
+    estimate: Estimate, data: list[Path] | None, window: str | None
+) -> Runs | None:
+    """The runs behind --data, else those that the model was judged on last, where they
+    are still there; None where they are not."""
+    if data is None:
+        kept = list(estimate.provenance.get("judged_data", ()))
+        if "--window" in kept:
+            *kept, _, window = kept
+        data = [Path(word) for word in kept]
+        if not data or not all(path.exists() for path in data):
+            return None
+    return runs_for(estimate, data, window)
+
+
 def next_diagnosis(
     model: Path | str, estimate: Estimate, data: list[Path], window: str | None
 ) -> None:
