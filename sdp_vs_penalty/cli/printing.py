@@ -11,6 +11,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli.console import details, out, paragraph, say, table
 from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
@@ -385,7 +386,9 @@ def _issue(issue: Issue) -> None:
     colours = {"error": "red", "warning": "yellow", "note": "dim"}
     word = f"[{colours[issue.severity]}]{issue.severity}[/]"
     nature = "" if issue.nature == "fact" else " [dim]explanation[/]"
-    out.print(f"  {word}{nature} {escape(issue.kind)} ({escape(issue.where)})")
+    out.print(
+        f"  {word}{nature} {escape(printable(issue.kind))} ({escape(printable(issue.where))})"
+    )
     tries = " (--fix does it)" if issue.mends else ""
     if issue.apply:
         tries = f" (--fix with --apply {issue.apply} tries it)"
