@@ -309,7 +309,7 @@ def load_problem(
         )
     elif os.path.isfile(path):
         robot, links = load_urdf(path, held=held)
-        box = open_box(robot.links, c.DEFAULT_LINK_MASS[0])
+        box = open_box(robot.links, lowest_masses(links[:, 0]))
         box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * links[:, 0])
         bodies = link_bodies(robot, box[:, 1:4], links, link_geometry(path, held))
         nominal, sources = plausible_links(robot, links, bodies)
@@ -324,6 +324,13 @@ def load_problem(
         )
         raise InputError(f"problem {str(source)!r} does not exist", remedy)
     return problem if gravity is None else problem.with_gravity(gravity)
+
+
+def lowest_masses(nominal: Array) -> Array:
+    """(links,) lower bounds of the masses [kg]: a third of the nominal ones, 10 g at
+    most and where none is known."""
+    least = c.DEFAULT_LINK_MASS[0]
+    return np.where(nominal > 0.0, np.minimum(least, nominal / c.FAR_MASS), least)
 
 
 def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
