@@ -9,6 +9,7 @@ from sdp_vs_penalty.version import __version__
 if TYPE_CHECKING:
     from sdp_vs_penalty import effects as effects
     from sdp_vs_penalty.api.diagnosis import diagnose as diagnose
+    from sdp_vs_penalty.api.exporting import export as export
     from sdp_vs_penalty.api.identification import identify as identify
     from sdp_vs_penalty.api.identification import (
         identify_black_box as identify_black_box,
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.estimation.estimate import load_estimate as load_estimate
     from sdp_vs_penalty.estimation.excitation import excite as excite
     from sdp_vs_penalty.estimation.resampling import cross_validate as cross_validate
-    from sdp_vs_penalty.exporters.export import export as export
     from sdp_vs_penalty.online.payload import PayloadEstimator as PayloadEstimator
     from sdp_vs_penalty.problem.load import convert as convert
     from sdp_vs_penalty.problem.load import load_problem as load_problem
@@ -49,7 +49,7 @@ _NAMES = {
     "estimation.estimate": "Estimate load_estimate",
     "estimation.excitation": "excite",
     "estimation.resampling": "cross_validate",
-    "exporters.export": "export",
+    "api.exporting": "export",
     "online.payload": "PayloadEstimator",
     "problem.load": "convert load_problem",
     "problem.problem": "Problem",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 from collections.abc import Iterator
@@ -13,7 +14,6 @@ from typing import TYPE_CHECKING
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
-from hypothesis import settings
 
 from sdp_vs_penalty import Measurements, Problem, load_measurements, load_problem
 
@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.simulation import HiddenRuns
 
 
-# Drawn cases are the same each time, however long one takes.
-settings.register_profile("same", max_examples=40, deadline=None, derandomize=True)
-settings.load_profile("same")
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Without pytest-xdist its options in pyproject.toml mean nothing."""
+    if importlib.util.find_spec("xdist") is None:
+        parser.addoption("--numprocesses")
+        parser.addoption("--dist")
 
 
 def real_data_folder() -> Path | None:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.checks.gate import raise_on_errors
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare_filtered
@@ -232,6 +231,8 @@ def identify_and_judge(
     if check and isinstance(data, Measurements):
         progress("checking the measurements")
         determines_gains = bool(known_loads)
+        from sdp_vs_penalty.checks.gate import raise_on_errors
+
         issues = raise_on_errors(
             problem, data, "identify", without_check, determines_gains, warn
         )

@@ -1,7 +1,6 @@
 """The runs that a model is fitted to and tested on."""
 
 import math
-import shlex
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -11,7 +10,7 @@ from sdp_vs_penalty.data.files import load_measurements, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
-from sdp_vs_penalty.errors import InputError, MissingJoints
+from sdp_vs_penalty.errors import InputError, MissingJoints, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
@@ -69,7 +68,7 @@ def read_and_hold(
     words = ",".join(f"{name}={value:.6g}" for name, value in found.items())
     console.warn(
         f"{' and '.join(found)} {why}: held, its link belongs to its parent; the same by"
-        f" `--hold {shlex.quote(words)}`"
+        f" `--hold {command_line([words])}`"
     )
     hold = f"{hold},{words}" if hold else words
     problem = make(hold)
@@ -121,6 +120,21 @@ def parsed_known(text: str | None) -> dict[str, float]:
 def words(data: Sequence[Path], window: str | None) -> list[str]:
     """The runs as they stand behind --data."""
     return [*map(str, data), *([] if window is None else ["--window", window])]
+
+
+def judging_runs(
+    estimate: Estimate, data: list[Path] | None, window: str | None
+) -> Runs | None:
+    """The runs behind --data, else those that the model was judged on last, where they
+    are still there; None where they are not."""
+    if data is None:
+        kept = list(estimate.provenance.get("judged_data", ()))
+        if "--window" in kept:
+            *kept, _, window = kept
+        data = [Path(word) for word in kept]
+        if not data or not all(path.exists() for path in data):
+            return None
+    return runs_for(estimate, data, window)
 
 
 def next_diagnosis(

@@ -130,7 +130,7 @@ _RISES: Mapping[str, Callable[[Array], Array]] = {
 #: How much wider than the sign itself turns round a rise has to be: the difference of
 #: two that are alike is nothing, and its size eight times that of the friction (off by
 #: 22 deviations; by 1 with 2 or 4).
-_WIDER = 2.0
+WIDER_THAN_SIGN = 2.0
 
 
 class SigmoidFriction(JointEffect):
@@ -166,7 +166,9 @@ class SigmoidFriction(JointEffect):
             self.shape["v0"],
         )
         rise = rises(motion.dq[:, joint] / v0) - motion.sign(joint)
-        return rise if v0 >= _WIDER * motion.width(joint) else np.zeros_like(rise)
+        return (
+            rise if v0 >= WIDER_THAN_SIGN * motion.width(joint) else np.zeros_like(rise)
+        )
 
 
 class StribeckFriction(JointEffect):

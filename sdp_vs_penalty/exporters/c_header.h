@@ -2,7 +2,7 @@
 
    void @_torque(q, dq, ddq, tau): joints in order $joints, in rad or m, N m or N.
    tau = M(q) ddq + C(q, dq) dq + g(q) + armature ddq + damping dq + friction tanh(dq / width) + offset
-   by recursive Newton-Euler (Luh, Walker, Paul 1980). C99, no library but libm.
+   and the formulas at its end, by recursive Newton-Euler (Luh, Walker, Paul 1980). C99, no library but libm.
    Not in this file: $left. */
 #ifndef @_H
 #define @_H
@@ -40,6 +40,7 @@ static inline void @_torque(const double q[], const double dq[], const double dd
   /* angular velocity and acceleration, acceleration less gravity, force, moment; [N]: the base */
   double w[@_N + 1][3] = {{0}}, u[@_N + 1][3] = {{0}}, a[@_N + 1][3] = {{0}};
   double f[@_N + 1][3] = {{0}}, m[@_N + 1][3] = {{0}}, R[@_N][3][3] = {{{0}}}, r[@_N][3];
+  double load[@_N] = {0}; /* the links' torque on each joint */
   const double up[3] = $up;
   for (int k = 0; k < 3; k++) a[@_N][k] = up[k];
   for (int i = 0; i < @_N; i++) {
@@ -82,11 +83,13 @@ static inline void @_torque(const double q[], const double dq[], const double dd
     double handed[3] = {0};
     tau[i] = armature[i] * ddq[i] + damping[i] * dq[i] + offset[i];
     tau[i] += friction[i] * tanh(dq[i] * per_width[i]);
-    for (int k = 0; k < 3; k++) tau[i] += axis[i][k] * (slides[i] ? f[i] : m[i])[k];
+    for (int k = 0; k < 3; k++) load[i] += axis[i][k] * (slides[i] ? f[i] : m[i])[k];
+    tau[i] += load[i];
     @_times(R[i], 0, f[i], handed);
     for (int k = 0; k < 3; k++) f[parent[i]][k] += handed[k];
     @_times(R[i], 0, m[i], m[parent[i]]);
     @_cross(1.0, r[i], handed, m[parent[i]]);
   }
+$formulas
 }
 #endif

@@ -10,19 +10,14 @@ import numpy as np
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.content import Content, Options
+from sdp_vs_penalty.exporters.c_formulas import FORMULAS, formulas
+from sdp_vs_penalty.exporters.content import HELD, Content, Options
 from sdp_vs_penalty.robot.arrays import Array
 
 ENDING, FILE, ABOUT = ".h", "model.h", "a C header without dependencies"
 
-#: Effects that the header holds beside the links.
-_HELD = (
-    "rigid_body",
-    "viscous_friction",
-    "coulomb_friction",
-    "rotor_inertia",
-    "torque_offset",
-)
+#: Effects that the header holds as arrays, and those that it holds as formulas.
+HOLDS = HELD | {"rotor_inertia", "torque_offset", *FORMULAS}
 
 #: @ stands for the robot's name, $word for an entry of :func:`write`.
 _TEMPLATE = Path(__file__).parent / "c_header.h"
@@ -44,12 +39,8 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     )  # refuses what no simulator or controller should be given
     links, left = (
         content.links,
-        tuple(e.brief for e in model.effects if e.name not in _HELD),
+        tuple(e.brief for e in model.effects if e.name not in HOLDS),
     )
-    offset = np.zeros(robot.n)
-    for parameter, value in zip(model.parameters, estimate.theta, strict=True):
-        if parameter.effect == "torque_offset":
-            offset[parameter.joint - 1] += value
     name = re.sub(r"\W", "_", robot.name) or "robot"
     name = name if name.isascii() and not name[0].isdigit() else "robot"
     joints = robot.joints
@@ -74,7 +65,8 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         damping=_braces(content.damping),
         friction=_braces(content.friction),
         armature=_braces(content.armature),
-        offset=_braces(offset),
+        offset=_braces(content.offset),
+        formulas="\n".join(f"  {line}" for line in formulas(estimate)),
     )
     return text.encode(), left
 

@@ -1,8 +1,8 @@
 """What of a model a simulator's file can hold: links, damping, dry friction, armature."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any, Self
@@ -18,13 +18,18 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
-#: Effects with a place in a URDF, and in MJCF; MJCF alone has one for the rotor's
-#: inertia.
+#: Effects with a place in some simulator's file, and what they are there.
 _PLACES = {
     "viscous_friction": "damping",
     "coulomb_friction": "friction",
     "rotor_inertia": "armature",
+    "joint_spring": "stiffness",
+    "torque_offset": "offset",
 }
+#: Of these the ones that may be negative.
+_SIGNLESS = ("stiffness", "offset")
+#: What every simulator's file holds.
+HELD = frozenset({"rigid_body", "payload", "viscous_friction", "coulomb_friction"})
 
 #: Smallest eigenvalue of a pseudo-inertia, relative to its trace, that still counts as
 #: consistent: what rounding leaves of an exact zero (a rod, a point mass) after a
@@ -44,14 +49,19 @@ class Options:
 @dataclass(frozen=True)
 class Content:
     """links : (links, 10) standard parameters about each *joint* frame; damping [N m
-    s/rad, N s/m], friction [N m, N], armature [kg m^2, kg]: (n,), zero where the model
-    has none. others : names of the effects that have no place in such a file.
+    s/rad, N s/m], friction [N m, N], armature [kg m^2, kg], stiffness [N m/rad, N/m]
+    and offset [N m, N] of the torque k q + c: (n,), zero where the model has none; a
+    payload is part of the last link. others : names of the effects that have no place in
+    any such file, springs : of those that some have a place for.
     """
 
     links: Array
     damping: Array
     friction: Array
     armature: Array
+    stiffness: Array
+    offset: Array
+    springs: tuple[str, ...]
     others: tuple[str, ...]
     #: Of the torque channels, measured over true; () where the model has none.
     gains: tuple[float, ...] = ()
@@ -88,19 +98,21 @@ class Content:
                 " there are no inertias to export",
                 "write .json instead",
             )
-        links = about_joints(robot, estimate.links)
+        links = about_joints(robot, _with_payload(estimate))
         values = {name: np.zeros(robot.n) for name in _PLACES.values()}
         for p, value in zip(model.parameters, estimate.theta, strict=True):
             if (place := _PLACES.get(p.effect)) is None:
                 continue
-            if value < 0.0:
+            if value < 0.0 and place not in _SIGNLESS:
                 raise InputError(
                     f"joint {p.joint}: {p.effect} is {value:.4g} {p.unit}, and a"
                     f" negative {place} would feed energy into a simulation",
                     "identify with a method that keeps signs (lmi-sdp, penalty)",
                 )
             values[place][p.joint - 1] += value
-        held = (*_PLACES, "rigid_body", "servo_position")
+        held = (*_PLACES, *HELD, "servo_position")
+        of_springs = ("joint_spring", "torque_offset")
+        springs = tuple(e.brief for e in model.effects if e.name in of_springs)
         others = tuple(e.brief for e in model.effects if e.name not in held)
         given = {
             p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)
@@ -115,14 +127,57 @@ class Content:
             # kp (q_cmd(t - T) - q) is kp (q_cmd - q) - kp T dq where the joint follows.
             servo[1] += late * servo[0]
             others += (f"the command's delay of {1e3 * late:.2g} ms (kv is kd + kp T)",)
-        return cls(links, others=others, gains=model.gains or (), servo=servo, **values)
+        gains = model.gains or ()
+        return cls(
+            links, others=others, springs=springs, gains=gains, servo=servo, **values
+        )
 
-    def left_out(self, *, armature: bool) -> tuple[str, ...]:
-        """Effects that are lost in a file with, or without, a place for armature."""
+    def left_out(self, *, armature: bool, springs: bool = False) -> tuple[str, ...]:
+        """Effects that are lost in a file with, or without, a place for armature, and
+        for springs and offsets."""
         lost = (
             ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
         )
-        return (*lost, *self.others)
+        return (*lost, *(() if springs else self.springs), *self.others)
+
+
+def _with_payload(estimate: Estimate) -> Array:
+    """(links, 10) standard parameters, a payload as part of the last link."""
+    links = np.array(estimate.links)
+    load = np.array([p.effect == "payload" for p in estimate.model.parameters])
+    if load.any():
+        links[-1] += estimate.theta[load].reshape(-1, links.shape[1]).sum(axis=0)
+    return links
+
+
+def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
+    """A copy of a model without the effects that are not held, and without a verdict.
+
+    Nothing is identified again: this is the model that a file holds which has a place for
+    these effects only. The servo loops of a model without torques stay.
+    """
+    model, known = estimate.model, estimate.uncertainty
+    keep = [e.name in held or e.forward == "drive" for e in model.effects]
+    kept = [
+        indices for stays, (_, indices) in zip(keep, model.parts, strict=True) if stays
+    ]
+    index = np.sort(np.concatenate(kept))
+    reference = None if model.reference is None else model.reference[index]
+    effects = tuple(e for stays, e in zip(keep, model.effects, strict=True) if stays)
+    known = replace(
+        known,
+        standard=tuple(known.standard[k] for k in index),
+        base=(),
+        spread=known.spread[index],
+        gain_response=known.gain_response[index],
+    )
+    return replace(
+        estimate,
+        model=replace(model, effects=effects, reference=reference),
+        theta=estimate.theta[index],
+        uncertainty=known,
+        provenance={k: x for k, x in estimate.provenance.items() if k != "verdict"},
+    )
 
 
 def verdict_line(estimate: Estimate) -> str:

@@ -10,4 +10,5 @@ ENDING, FILE, ABOUT = (
     "for Drake, with rotor inertias",
 )
 EDITS = True
+HOLDS = urdf.HOLDS | {"rotor_inertia"}
 write = partial(urdf.write, drake=True)

@@ -1,13 +1,16 @@
 """Take a model elsewhere: simulators, controllers, tables."""
 
+import re
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 
 from sdp_vs_penalty import exporters
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.exporters.content import Options, verdict_line
+from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.exporters.content import Options, verdict_line, with_effects
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.plugins import by_word, modules
 
@@ -37,6 +40,7 @@ def export(
     *,
     force: bool = False,
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    judged: Verdict | None = None,
 ) -> tuple[str, ...]:
     """Write a model in the format that the file's name chooses; `sdp-vs-penalty list
     exports` names all.
@@ -46,7 +50,8 @@ def export(
         other byte is kept; for ``out`` with the suffix .urdf only.
     flange : where the flange lies in the last joint's frame [m], for a payload.
     force : a link whose mass lies farther out than its body reaches is exported all the same.
-    Files with comments begin with the model's verdict, .json has it as a field.
+    judged : the verdict on :func:`as_exported`, where a file loses effects.
+    Files with comments begin with the verdict on what they hold, .json has it as a field.
     Returns the effects that the format has no place for (they are in the .json).
     Raises InputError for another suffix, an inconsistent or implausible inertial, or a URDF of another
     robot.
@@ -62,19 +67,38 @@ def export(
         estimate, Options(urdf, force, flange)
     )
     made, left_out = written
-    # Of the user's own file every other byte is kept.
-    write_bytes(
-        out, _with_verdict(made, out.suffix.lower(), estimate) if urdf is None else made
-    )
+    if urdf is None:  # of the user's own file every other byte is kept
+        said = verdict_line(estimate)
+        if left_out and hasattr(home, "HOLDS"):
+            said = exported_verdict(left_out, judged)
+        made = _with_verdict(made, out.suffix.lower(), said)
+    write_bytes(out, made)
     return left_out
 
 
-def _with_verdict(made: bytes, suffix: str, estimate: Estimate) -> bytes:
+def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
+    """The model that a file of this name holds: a copy without the effects that it has no
+    place for. None for formats that hold no model of the torque (tables, payloads)."""
+    held = getattr(format_of(out), "HOLDS", None)
+    return None if held is None else with_effects(estimate, held)
+
+
+def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
+    """What is said of a file that lacks effects, in printable ASCII."""
+    lacks = f"without {', '.join(left_out)}"
+    if judged is None:
+        said = f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."
+    else:
+        said = f"As exported, {lacks}. {judged.brief()}"
+    return re.sub(r"[^\x20-\x7e]", "?", said)
+
+
+def _with_verdict(made: bytes, suffix: str, said: str) -> bytes:
     """A file with the verdict as a comment at its head, where its format has comments
     (.json holds it as a field; tables of numbers stay as they are)."""
-    said = verdict_line(estimate)
+    said = printable(said)
     if suffix in (".urdf", ".xml", ".sdf"):
-        comment = f"<!-- {said.replace('--', '- -')} -->\n".encode()
+        comment = f"<!-- {re.sub('-(?=-)', '- ', said)} -->\n".encode()
         declared = made.find(b"?>\n") + 3 if made.startswith(b"<?xml") else 0
         return made[:declared] + comment + made[declared:]
     head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(

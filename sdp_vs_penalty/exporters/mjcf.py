@@ -8,21 +8,31 @@ from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.exporters.content import Content, Options, element, parts, xml_text
+from sdp_vs_penalty.exporters.content import (
+    HELD,
+    Content,
+    Options,
+    element,
+    parts,
+    xml_text,
+)
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 ENDING, FILE, ABOUT = (
     ".xml",
     "robot.xml",
-    "MuJoCo's MJCF: links, armature, damping, dry friction, gears",
+    "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets, gears",
 )
+HOLDS = HELD | {"rotor_inertia", "joint_spring", "torque_offset"}
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """Links, damping, dry friction and armature."""
+    """Links, damping, dry friction, armature, springs and offsets."""
     content = Content.plausible(estimate, options)
-    return make_mjcf(estimate.robot, content), content.left_out(armature=True)
+    return make_mjcf(estimate.robot, content), content.left_out(
+        armature=True, springs=True
+    )
 
 
 def make_mjcf(robot: Robot, content: Content) -> bytes:
@@ -66,11 +76,12 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
         kind = "hinge" if joint.kind == "revolute" else "slide"
-        own = {"name": joint.name, "type": kind, "axis": joint.axis}
+        own: dict[str, Any] = {"name": joint.name, "type": kind, "axis": joint.axis}
         if np.isfinite(joint.lower) and np.isfinite(joint.upper):
             own["range"] = (joint.lower, joint.upper)
         if (k := part.place) is not None:
             own |= {"damping": content.damping[k], "frictionloss": content.friction[k]}
+            own |= _spring(content.stiffness[k], content.offset[k])
             element(body, "joint", **own, armature=content.armature[k])
             _actuator(actuators, joint, content, k)
         else:
@@ -99,6 +110,23 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         root.append(equality)
     root.append(actuators)
     return xml_text(root, declaration=False)
+
+
+#: Of a spring that stands for an offset alone: its torque changes by this share of the
+#: offset in a radian or metre.
+_SOFT = 1e-10
+
+
+def _spring(stiffness: float, offset: float) -> dict[str, float]:
+    """The joint's attributes for a torque k q + c of the drive: MuJoCo's spring pulls
+    with -stiffness (q - springref).
+
+    An offset without a spring is one so soft and so far away that its torque stays.
+    """
+    if not offset:
+        return {"stiffness": stiffness, "springref": 0.0} if stiffness else {}
+    stiffness = stiffness or _SOFT * abs(offset)
+    return {"stiffness": stiffness, "springref": -offset / stiffness}
 
 
 def _actuator(actuators: Any, joint: Joint, content: Content, k: int) -> None:

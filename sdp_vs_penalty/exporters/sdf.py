@@ -8,6 +8,7 @@ from lxml import etree
 
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
+    HELD,
     Content,
     Options,
     element,
@@ -18,6 +19,7 @@ from sdp_vs_penalty.exporters.content import (
 from sdp_vs_penalty.exporters.urdf import rpy_of
 
 ENDING, FILE, ABOUT = ".sdf", "robot.sdf", "SDFormat, for Gazebo"
+HOLDS = HELD
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:

@@ -20,6 +20,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
+    HELD,
     Content,
     Inertial,
     Options,
@@ -147,6 +148,7 @@ _DRAKE = "http://drake.mit.edu"
 
 ENDING, FILE, ABOUT = ".urdf", "robot.urdf", "for ROS and simulators"
 EDITS = True
+HOLDS = HELD
 
 
 def write(

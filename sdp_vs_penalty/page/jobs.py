@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
@@ -39,6 +40,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, link_rows, load_estimat
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimation.shapes import asked_effects
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters.export import export
@@ -461,6 +463,7 @@ def take(asked: JobRequest) -> Answer:
     model in the format of the name's suffix; says which effects have no place in it."""
     name, found = asked["name"], asked.get("findings")
     out, lost = asked.folder / name, tuple[str, ...]()
+    judged: tuple[Verdict, str] | None = None
     asked.progress(f"writing {name}")
     if name.startswith("run-"):
         save(
@@ -495,9 +498,18 @@ def take(asked: JobRequest) -> Answer:
     else:
         given = asked.get("urdf") if name == "robot.urdf" else None
         x, y, z = numbers("flange", asked.get("flange") or "0,0,0", 3)
-        lost = export(asked.model, out, given, flange=(x, y, z))
-    said = f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
-    return {"notice": [said] if lost else []}
+        model = asked.model
+        if asked.get("runs"):
+            there = asked.runs
+            judged = judge_as_exported(model, out, there.judge, there.judged_recordings)
+        verdict = None if judged is None else judged[0]
+        lost = export(model, out, given, flange=(x, y, z), judged=verdict)
+    said = []
+    if lost:
+        said = [f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."]
+        if judged is not None:
+            said += [f"As exported: {judged[0].headline}", judged[1]]
+    return {"notice": [text for text in said if text]}
 
 
 def forward(asked: JobRequest) -> Answer:

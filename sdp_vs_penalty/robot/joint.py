@@ -52,6 +52,8 @@ class Joint(JsonRecordSkippingNone):
             ("link_frame", (4, 4)),
         ):
             check_finite(f"{who}: {name}", getattr(self, name), shape)
+        for name in ("placement", "link_frame"):
+            check_pose(f"{who}: {name}", getattr(self, name))
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(
                 f"{who}: the axis is no unit vector", "divide it by its length"
@@ -63,6 +65,24 @@ class Joint(JsonRecordSkippingNone):
         if not self.lower <= self.upper:
             what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
             raise InputError(f"{who}: {what}", "swap them")
+
+
+def check_pose(where: str, pose: Array) -> None:
+    """InputError where a (4, 4) matrix is no pose: a rotation and a shift in lengths of
+    a robot [m]."""
+    turn, tolerance, far = pose[:3, :3], 1e-6, 1e9
+    if np.any(np.abs(pose[:3]) > far):
+        raise InputError(f"{where} holds numbers beyond {far:g}", "write it in metres")
+    is_rotation = (
+        np.allclose(turn @ turn.T, np.eye(3), atol=tolerance)
+        and np.linalg.det(turn) > 0.0
+        and np.allclose(pose[3], [0.0, 0.0, 0.0, 1.0], atol=tolerance)
+    )
+    if not is_rotation:
+        raise InputError(
+            f"{where} is no rotation with a shift",
+            "make its columns a right-hand frame",
+        )
 
 
 @dataclass(frozen=True)

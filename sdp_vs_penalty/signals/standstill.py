@@ -7,6 +7,7 @@ positions (Dahl, AIAA Journal 1976).
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,6 @@ def is_still(q: Array) -> NDArray[np.bool_]:
     """(N, n) whether positions (N, n), sampled uniformly, stand still: for longer than
     a smooth motion at the same place would stay within the resolution of the positions.
     """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     out = np.zeros(q.shape[::-1], bool)
     if len(q) < 16:
         return out.T
@@ -55,10 +54,9 @@ def is_still(q: Array) -> NDArray[np.bool_]:
     joints, own = np.arange(q.shape[1]), np.ascontiguousarray(q.T)
     while half < 0.1 * len(q) and len(joints):
         width = 2 * half + 1
-        quiet = (
-            maximum_filter1d(own, width) - minimum_filter1d(own, width)
-            <= 2.0 * alike[joints, None]
-        )
+        near = np.pad(own, ((0, 0), (half, half)), mode="symmetric")
+        spread = sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
+        quiet = spread <= 2.0 * alike[joints, None]
         some = quiet.any(axis=1)  # the others are not quiet for longer either
         joints, own, quiet = joints[some], own[some], quiet[some]
         ends = np.pad(own, ((0, 0), (3 * half, 3 * half)), mode="edge")
@@ -68,9 +66,20 @@ def is_still(q: Array) -> NDArray[np.bool_]:
         # In three times the time a moving joint comes 9 times as far where it turns
         # round, and 27 times where its velocity passes through zero. Farther: it stood.
         stood = (quiet & (aside > 3**3 * alike[joints, None])).astype(np.uint8)
-        out[joints] |= maximum_filter1d(stood, width, mode="constant") > 0
+        near = np.pad(stood, ((0, 0), (half, half)))
+        out[joints] |= sliding(np.maximum, near, width) > 0
         half = max(half + 1, 3 * half // 2)
     return out.T
+
+
+def sliding(extreme: np.ufunc, x: NDArray[Any], width: int) -> NDArray[Any]:
+    """(n, N - width + 1) the largest or smallest of each ``width`` neighbours in a row
+    of x (n, N), from those of 1, 2, 4, ...; without the import of SciPy's images."""
+    size = 1
+    while 2 * size <= width:
+        x = extreme(x[:, :-size], x[:, size:])
+        size *= 2
+    return x if size == width else extreme(x[:, : size - width], x[:, width - size :])
 
 
 def resolution(q: Array) -> Array:

@@ -360,7 +360,10 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     data, z = made(size=1.0)
     data.X[1, :, 4], key = 0.0, ("own", 0)
     data.own = {key: (form().effect, 4)}
-    score, own = EvidenceScorer(data, 10), replace(form(), key=key, own=True)
+    score, own = (
+        EvidenceScorer(data, 10),
+        replace(form(), key=key, replaces_own_constant=True),
+    )
     fit = score.fit(())
     np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
     data.y[0] -= (

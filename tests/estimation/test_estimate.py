@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from arms import SCARA_FRICTION, SCARA_NOISE, run_of
-from hypothesis import given, settings
+from drawn import given, seeds, settings
 from random_robots import (
     link_parameters,
     open_problem,
     posed_task,
     repeating_run,
-    seeds,
     sines,
     tree,
 )

@@ -9,13 +9,12 @@ import pytest
 import random_robots
 from arms import random_arm, random_run
 from cvxpy_model import cvxpy_optimum
-from hypothesis import given, settings
+from drawn import given, seeds, settings
 from random_robots import (
     bare,
     link_parameters,
     open_problem,
     posed_task,
-    seeds,
     simulated,
     sines,
     tree,

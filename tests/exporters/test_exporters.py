@@ -12,55 +12,23 @@ import numpy as np
 import pytest
 import random_robots
 from commands import run_cli
-from dynamics_files import READERS
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
+from drawn import HealthCheck, example, given, settings, st
+from dynamics_files import FULL, READERS, estimate_of, estimate_with_everything
 from lxml import etree
 from recorded import changed, refusal, said
 
 from sdp_vs_penalty import Estimate, load_problem
-from sdp_vs_penalty.effects import Model, Motion, parse_effects
-from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
+from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.exporters.export import export, formats
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
-from sdp_vs_penalty.signals import Preprocessing
 
 PARITY = 1e-9  # N m
 
 #: A tree with fixed joints, odd spacing and line ends, and unknown attributes.
 TREE_FILE = Path(__file__).with_name("tree.urdf")
 TREE = TREE_FILE.read_bytes().decode()
-
-
-def estimate_of(
-    robot: Robot, effects: str, seed: int, links: np.ndarray | None = None
-) -> Estimate:
-    """An estimate with random consistent links and random positive other parameters."""
-    rng = np.random.default_rng(seed)
-    model = Model(robot, parse_effects(effects, robot))
-    theta = rng.uniform(0.05, 2.0, len(model.parameters))
-    if links is None:
-        links = np.array(
-            [random_robots.link_parameters(rng, 0.4) for _ in range(robot.n)]
-        )
-    theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
-    if model.needs_reference:
-        model = Model(robot, model.effects, theta)
-    p, n, pairs = (
-        len(theta),
-        robot.n,
-        zip(model.parameters, theta.tolist(), strict=True),
-    )
-    intervals = tuple(Interval(q.name, q.unit, x) for q, x in pairs)
-    nothing = np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0))
-    unknown, made = Uncertainty(intervals, (), *nothing), Certificate({}, 0.0)
-    settings = (Preprocessing(), {}, {}, {})
-    return Estimate(
-        random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings
-    )
 
 
 @cache
@@ -70,9 +38,6 @@ def robots() -> dict[str, Robot]:
         "tree": load_urdf(TREE_FILE)[0],
         "random": random_robots.tree(np.random.default_rng(5), 6, link_frames=True),
     }
-
-
-FULL = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia"
 
 
 def check_parity(path: Path, estimate: Estimate, ending: str = ".urdf") -> None:
@@ -369,17 +334,6 @@ def test_any_tree_survives_being_written_and_edited(
     export(other, edited, urdf=made)
     check_parity(edited, other)
     assert all(check.consistent for check in check_urdf(edited))
-
-
-def estimate_with_everything() -> Estimate:
-    """Of two joints, with friction that remembers, and a payload."""
-    effects = f"{FULL},torque_offset,presliding_hysteresis,payload"
-    estimate = estimate_of(load_problem("two_link").robot, effects, 3)
-    theta = estimate.theta.copy()
-    theta[-10:] = inertia.standard_from_barycentric(
-        [1.3, 0.01, 0.02, 0.1, 4e-3, 0, 5e-3, 0, 0, 3e-3]
-    )
-    return replace(estimate, theta=theta)
 
 
 @pytest.mark.parametrize("ending", formats())

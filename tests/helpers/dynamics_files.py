@@ -5,14 +5,21 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import random_robots
 from arms import urdfdom_torque
 from lxml import etree
 
-from sdp_vs_penalty.robot import Robot, load_urdf
+from sdp_vs_penalty import Estimate, load_problem
+from sdp_vs_penalty.effects import Model, parse_effects
+from sdp_vs_penalty.estimation import Certificate
+from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
+from sdp_vs_penalty.robot import Robot, inertia, load_urdf
+from sdp_vs_penalty.signals import Preprocessing
 
 Rows = np.ndarray
 Torques = Callable[[Path, Robot, Rows, Rows, Rows], Rows]
@@ -90,6 +97,48 @@ def by_c(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
 READERS: dict[str, tuple[tuple[Torques, ...], tuple[str, ...]]] = {
     ".urdf": ((by_urdfdom, by_our_reader), ("rotor_inertia", "torque_offset")),
     ".drake.urdf": ((by_urdfdom, by_our_reader), ("torque_offset",)),
-    ".xml": ((by_mujoco,), ("torque_offset",)),
+    ".xml": ((by_mujoco,), ()),
     ".h": ((by_c,), ()),
 }
+
+
+FULL = "rigid_body,viscous_friction,coulomb_friction,rotor_inertia"
+
+
+def estimate_of(
+    robot: Robot, effects: str, seed: int, links: np.ndarray | None = None
+) -> Estimate:
+    """An estimate with random consistent links and random positive other parameters."""
+    rng = np.random.default_rng(seed)
+    model = Model(robot, parse_effects(effects, robot))
+    theta = rng.uniform(0.05, 2.0, len(model.parameters))
+    if links is None:
+        links = np.array(
+            [random_robots.link_parameters(rng, 0.4) for _ in range(robot.n)]
+        )
+    theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
+    if model.needs_reference:
+        model = Model(robot, model.effects, theta)
+    p, n, pairs = (
+        len(theta),
+        robot.n,
+        zip(model.parameters, theta.tolist(), strict=True),
+    )
+    intervals = tuple(Interval(q.name, q.unit, x) for q, x in pairs)
+    nothing = np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0))
+    unknown, made = Uncertainty(intervals, (), *nothing), Certificate({}, 0.0)
+    settings = (Preprocessing(), {}, {}, {})
+    return Estimate(
+        random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings
+    )
+
+
+def estimate_with_everything() -> Estimate:
+    """Of two joints, with friction that remembers, and a payload."""
+    effects = f"{FULL},torque_offset,presliding_hysteresis,payload"
+    estimate = estimate_of(load_problem("two_link").robot, effects, 3)
+    theta = estimate.theta.copy()
+    theta[-10:] = inertia.standard_from_barycentric(
+        [1.3, 0.01, 0.02, 0.1, 4e-3, 0, 5e-3, 0, 0, 3e-3]
+    )
+    return replace(estimate, theta=theta)

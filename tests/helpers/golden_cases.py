@@ -291,7 +291,8 @@ def noise(inputs: Inputs) -> Quantities:
     run = repeating_run(problem, inputs["seed"], noise=inputs["noise"], seconds=40.0)
     estimate = sdp.identify(problem, run, "ols", check=False)
     whole = sdp.compare(estimate, run)[0]
-    short = sdp.compare(estimate, run.window(0.0, 8.0))[0]
+    window = run.window(0.0, 8.0)
+    short = sdp.compare(sdp.identify(problem, window, "ols", check=False), window)[0]
     return {
         "floor from repetition": (whole.noise_floor, TORQUE),
         "source": (whole.noise_source, ""),

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import Measurements, Problem
@@ -15,7 +14,6 @@ from sdp_vs_penalty.robot import Joint, Robot, inertia
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 Array = NDArray[np.float64]
-seeds = st.integers(0, 2**32 - 1)
 
 
 def rotation(rng: np.random.Generator) -> Array:

@@ -14,6 +14,9 @@ import numpy as np
 import pytest
 from page_sessions import Here, do, finish, numbers, opened, saved
 from recorded import refusal
+
+pytest.importorskip("nicegui", reason="the page needs the extra [page]")
+
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import random_arm
-from hypothesis import given
-from random_robots import link_parameters, seeds, tree
+from drawn import given, seeds
+from random_robots import link_parameters, tree
 
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.problem import published_links

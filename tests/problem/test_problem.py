@@ -6,16 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from random_robots import (
-    bare,
-    link_parameters,
-    open_problem,
-    seeds,
-    task_of,
-    tree,
-    with_box,
-)
+from drawn import given, seeds
+from random_robots import bare, link_parameters, open_problem, task_of, tree, with_box
 from recorded import refusal
 
 from sdp_vs_penalty import Problem

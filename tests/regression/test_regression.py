@@ -6,9 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 from arms import scara
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_robots import driven, seeds, tree
+from drawn import given, seeds, settings, st
+from random_robots import driven, tree
 from recorded import refusal
 
 from sdp_vs_penalty import Problem, identify, load_problem

@@ -348,9 +348,11 @@ def test_summary_of_known_runs(tmp_path):
     assert len(curves["liar"][0]) == 0
     left_out = {"mosek": "no licence"}, [("a", "x", "no cone")]
     paths = summary.write_summary(tmp_path, rows, 10.0, *left_out)
-    assert [path.name for path in paths] == ["summary.md", "summary.csv", "profile.svg"]
+    assert [path.name for path in paths[:2]] == ["summary.md", "summary.csv"]
     assert "silently wrong" in paths[0].read_text()
-    assert paths[2].read_text().startswith("<?xml")
+    for drawn in paths[2:]:  # with matplotlib
+        assert drawn.name == "profile.svg"
+        assert drawn.read_text().startswith("<?xml")
 
 
 def setup(out: Path, **changes: object) -> runner.Shootout:

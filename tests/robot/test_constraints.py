@@ -3,9 +3,8 @@ geometry."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from random_robots import link_parameters, pose, seeds
+from drawn import given, seeds, st
+from random_robots import link_parameters, pose
 
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.robot import Body, ConstraintSet, cone_margin, inertia, project

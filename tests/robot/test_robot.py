@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
-from random_robots import link_parameters, seeds, tree
+from drawn import example, given, seeds, settings, st
+from random_robots import link_parameters, tree
 from recorded import refusal
 
 from sdp_vs_penalty import load_problem

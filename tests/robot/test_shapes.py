@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from random_robots import link_parameters, seeds
+from drawn import given, seeds, st
+from random_robots import link_parameters
 from recorded import refusal
 
 from sdp_vs_penalty import load_problem

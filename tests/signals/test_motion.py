@@ -5,9 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from random_robots import seeds
+from drawn import given, seeds, st
 from small_runs import SETTINGS, periodic, run_of
 
 from sdp_vs_penalty.data import concatenate
@@ -17,7 +15,11 @@ from sdp_vs_penalty.signals import motion, phases, repeat_period
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
 from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
-from sdp_vs_penalty.signals.standstill import is_still, unexplained_standstill_torque
+from sdp_vs_penalty.signals.standstill import (
+    is_still,
+    sliding,
+    unexplained_standstill_torque,
+)
 
 
 def share(train: Measurements, judged: Measurements) -> float:
@@ -285,3 +287,17 @@ def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_on
         assert std / np.sqrt(rests.sum()) == pytest.approx(0.6, abs=0.25)
     else:
         assert std < 0.02
+
+
+@pytest.mark.parametrize("width", [3, 5, 7, 33, 1001])
+def test_extremes_of_neighbours_are_scipys(width):
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    x, half = np.random.default_rng(0).normal(size=(3, 4000)), width // 2
+    near = np.pad(x, ((0, 0), (half, half)), mode="symmetric")
+    largest, smallest = (
+        sliding(np.maximum, near, width),
+        sliding(np.minimum, near, width),
+    )
+    np.testing.assert_array_equal(largest, maximum_filter1d(x, width))
+    np.testing.assert_array_equal(smallest, minimum_filter1d(x, width))

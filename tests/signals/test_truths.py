@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from random_robots import seeds
+from drawn import given, seeds
 from scipy import signal
 
 from sdp_vs_penalty import Measurements, signals

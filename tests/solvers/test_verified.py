@@ -7,8 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from drawn import given, settings, st
 
 from sdp_vs_penalty.estimators import Fit
 from sdp_vs_penalty.regression import LeastSquares

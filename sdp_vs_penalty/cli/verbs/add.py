@@ -54,6 +54,8 @@ def verb(
         bigger.provenance.update(
             {"data": words(data, window), "checked": checked, "verdict": judged}
         )
+        judge = words(data, window) if test is None else words([test], test_window)
+        bigger.provenance["judged_data"] = judge
         bigger.save(out)
     what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
@@ -70,7 +72,6 @@ def verb(
             console.say(f"not added: {f.text} ({why})")
     printing.certificate(bigger)
     console.written(out)
-    judge = words(data, window) if test is None else words([test], test_window)
     console.next_step(["report", model, out, "--data", *judge, "--out", "report.html"])
 
 

@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, printable
 
 
 def verb(
@@ -58,7 +58,9 @@ def verb(
         console.say(report.verdict, style="bold")
         for f in report.issues:
             word = f"[{colours[f.severity]}]{f.severity}[/]"
-            console.out.print(f"  {word} {escape(f.kind)} ({escape(f.where)})")
+            console.out.print(
+                f"  {word} {escape(printable(f.kind))} ({escape(printable(f.where))})"
+            )
             fixed = " (--fix does it)" if f.mends else ""
             for text in (
                 f.what,

@@ -1,10 +1,13 @@
 from pathlib import Path
+from typing import Any
 
 
 def verb(
     model: Path,
     out: Path,
     urdf: Path | None = None,
+    data: list[Path] | None = None,
+    window: str | None = None,
     flange: str | None = None,
     force: bool = False,
 ) -> None:
@@ -14,21 +17,37 @@ def verb(
 
     --out out.urdf|.xml|.sdf|.json|.h|.csv|.script: File to write; its name chooses the format: see `list
         exports`.
+    --data RUN.csv ...: Runs to judge what the file holds of the model; default: those that the
+        model was judged on.
     --urdf robot.urdf: Your own URDF, of which only inertials, damping and friction are replaced.
     --flange x,y,z: Flange in the last joint's frame [m], for a payload; default: 0,0,0.
     --force: Links whose mass lies outside of their bodies, too.
     """
+    from sdp_vs_penalty.api.exporting import judge_as_exported
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
-    from sdp_vs_penalty.exporters.export import export
+    from sdp_vs_penalty.exporters.export import as_exported, export, exported_verdict
 
     estimate = load_estimate(model)
-    said = estimate.verdict
-    console.say(NOT_JUDGED if said is None else f"Verdict: {said.headline}")
     x, y, z = numbers("--flange", flange, 3) if flange is not None else (0.0, 0.0, 0.0)
-    left_out = export(estimate, out, urdf, force=force, flange=(x, y, z))
+    held = as_exported(estimate, out)
+    loses = held is not None and len(held.theta) < len(estimate.theta)
+    judged = None
+    if loses and (runs := judging_runs(estimate, data, window)) is not None:
+        judged = judge_as_exported(estimate, out, runs.judge, runs.judged_recordings)
+    verdict = None if judged is None else judged[0]
+    options: dict[str, Any] = {"force": force, "flange": (x, y, z), "judged": verdict}
+    left_out = export(estimate, out, urdf, **options)
+    said = estimate.verdict
+    if not loses:
+        console.say(NOT_JUDGED if said is None else f"Verdict: {said.headline}")
+    else:
+        console.say(exported_verdict(left_out, verdict))
+        if judged is not None and judged[1]:
+            console.say(f"Without what it cannot hold: {judged[1]}")
     console.written(out)
     if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf"):
         own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"

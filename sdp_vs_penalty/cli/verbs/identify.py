@@ -77,7 +77,8 @@ def verb(
                 )
             raise
         seconds = time.perf_counter() - begin
-        estimate.provenance.update(data=runs.words(data, window))
+        given_words = runs.words(data, window)
+        estimate.provenance.update(data=given_words, judged_data=given_words)
         estimate.save(out)
     printing.estimate(estimate, fit, seconds)
     for path in filter(None, (out, proof)):

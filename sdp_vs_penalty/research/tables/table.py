@@ -13,6 +13,7 @@ from typing import Any
 
 import pandas
 
+from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.formatting import markdown_table
@@ -121,7 +122,8 @@ class Table:
         ]
 
     def markdown(self) -> str:
-        cells = self.cells().replace({r"\|": r"\\|", "\n": " "}, regex=True)
+        marks = {r"\|": r"\\|", r"<(?=[A-Za-z/!?])": r"\\<", "\n": " "}
+        cells = self.cells().replace(marks, regex=True)
         sides = ["---:" if _numeric(cells[name]) else ":---" for name in cells]
         notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
         table = markdown_table(list(cells.columns), cells.to_numpy().tolist(), sides)
@@ -178,7 +180,7 @@ def text(cell: Cell, digits: int = 4) -> str:
     """A cell as written: printed text untouched, numbers to ``digits`` significant
     digits."""
     if isinstance(cell, str | int):
-        return str(cell)
+        return printable(cell)
     if cell is None or math.isnan(cell):
         return ""
     if math.isinf(cell):
@@ -201,7 +203,9 @@ def _latex_header(name: str) -> str:
 
 
 def escape_latex(plain: str) -> str:
-    return plain.translate(_LATEX)
+    """Text that LaTeX sets as it is written, control characters as Python writes
+    them."""
+    return printable(plain).translate(_LATEX)
 
 
 def _numeric(column: pandas.Series[str]) -> bool:

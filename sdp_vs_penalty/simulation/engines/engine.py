@@ -106,4 +106,4 @@ class Engine(ABC):
     def content(self) -> Content:
         """The links as the exporters take them."""
         zero = np.zeros(self.robot.n)
-        return Content(self.links, zero, zero, zero, ())
+        return Content(self.links, zero, zero, zero, zero, zero, (), ())

@@ -1,0 +1,163 @@
+"""What is exported is what is judged: files hold what they can, the verdict is theirs."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import run_cli
+from dynamics_files import (
+    FULL,
+    by_c,
+    by_mujoco,
+    by_our_reader,
+    estimate_of,
+    estimate_with_everything,
+)
+from random_robots import states
+from small_runs import write_run
+
+from sdp_vs_penalty import Estimate, export, load_problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.effects import Motion, effect_types
+from sdp_vs_penalty.exporters.c_formulas import FORMULAS
+from sdp_vs_penalty.exporters.export import as_exported, formats
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+
+#: Who reads a file again.
+READERS = {".xml": by_mujoco, ".h": by_c, ".urdf": by_our_reader}
+#: Effects whose columns follow from q, dq and ddq alone, each on joint 2 of two.
+OF_MOTION = {
+    "sigmoid_friction": ("law=1@v0=0.2", "law=2@v0=0.2", "law=3@v0=0.2"),
+    "stribeck_friction": ("law=1@vs=0.2", "law=2@vs=0.1"),
+    "power_law_friction": ("alpha=0.7",),
+    "torque_ripple": ("k=3",),
+    "position_dependent_friction": ("k=2@waves=2",),
+    "joint_coupling": ("form=1", "form=2", "form=3", "form=4"),
+}
+WRITTEN = [
+    f"{name}:2@{shape}" if shape else f"{name}:2"
+    for name in FORMULAS
+    for shape in OF_MOTION.get(name, ("",))
+]
+
+
+def torque(
+    estimate: Estimate, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+) -> np.ndarray:
+    return estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
+
+
+@pytest.mark.parametrize("written", WRITTEN)
+def test_the_header_makes_each_effects_torque(written, tmp_path):
+    robot = load_problem("two_link").robot
+    estimate = estimate_of(robot, f"{FULL},torque_offset,{written}", 4)
+    assert export(estimate, tmp_path / "model.h") == ()
+    rows = states(robot, 50, 2)
+    made = by_c(tmp_path / "model.h", robot, *rows)
+    np.testing.assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("effects", ["joint_spring", "joint_spring,torque_offset"])
+@pytest.mark.parametrize("name", ["panda", "two_link", "emps"])
+def test_mujoco_makes_the_torque_of_springs_and_offsets(name, effects, tmp_path):
+    robot = load_problem(name).robot
+    estimate = estimate_of(robot, f"{FULL},{effects}", 3)
+    assert export(estimate, tmp_path / "robot.xml") == ()
+    rows = states(robot, 30, 1)
+    made = by_mujoco(tmp_path / "robot.xml", robot, *rows)
+    np.testing.assert_allclose(made, torque(estimate, *rows), rtol=0.0, atol=1e-9)
+
+
+def exportable(ending: str) -> bool:
+    return hasattr(formats()[ending], "HOLDS")
+
+
+def everything(name: str) -> str:
+    """An effect of the library beside the usual ones."""
+    return f"{FULL},{name}" if name not in FULL.split(",") else FULL
+
+
+@pytest.mark.parametrize("ending", [k for k in READERS if k in formats()])
+@pytest.mark.parametrize(
+    "name", sorted(k for k, kind in effect_types().items() if kind.forward != "drive")
+)
+def test_each_file_makes_the_torque_of_the_model_that_is_judged(name, ending, tmp_path):
+    """Whatever the effect: the file and the copy that gets the verdict are one model."""
+    robot = load_problem("two_link").robot
+    try:
+        estimate = estimate_of(robot, everything(name), 5)
+    except Exception as error:  # a curve or an axis needs constants of its own
+        pytest.skip(str(error))
+    if name == "payload":
+        estimate = estimate_with_everything()
+    out = tmp_path / f"out{ending}"
+    export(estimate, out)
+    held = as_exported(estimate, out)
+    rows = states(robot, 20, 1)
+    made = READERS[ending](out, robot, *rows)
+    np.testing.assert_allclose(made, torque(held, *rows), rtol=0.0, atol=1e-8)
+
+
+@pytest.fixture(scope="module")
+def sprung(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a model that has what its runs hide: a spring."""
+    folder = tmp_path_factory.mktemp("sprung")
+    problem = load_problem("two_link")
+    runs = hidden_runs(problem, [("joint_spring", [1])], "strong", 24, 3).runs
+    files = [folder / f"{name}.csv" for name in ("a", "b", "test")]
+    for run, file in zip(runs, files, strict=True):
+        save(run, file)
+    data = ["--data", files[0], files[1]]
+    model, better = folder / "model.json", folder / "better.json"
+    assert run_cli("identify", "two_link", *data, "--out", model) == 0
+    add = ["add", model, "joint_spring:2", *data, "--test", files[2]]
+    assert run_cli(*add, "--out", better) == 0
+    return folder
+
+
+def head(path: Path) -> str:
+    """What a file says of itself."""
+    return path.read_text()[:600]
+
+
+def test_a_urdf_without_the_spring_is_judged_without_it(sprung, capsys):
+    out = sprung / "robot.urdf"
+    assert run_cli("export", sprung / "better.json", "--out", out) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    verdict = re.search(
+        r"As exported, without torque_offset, joint_spring.*?Verdict on test", head(out)
+    )
+    assert verdict, head(out)
+    assert "As exported, without torque_offset, joint_spring" in said
+    assert re.search(r"joint 2 worse: [\d.]+ -> [\d.]+", said)
+
+
+def test_a_mujoco_file_with_the_spring_keeps_the_models_verdict(sprung, capsys):
+    out = sprung / "robot.xml"
+    assert run_cli("export", sprung / "better.json", "--out", out) == 0
+    assert "Verdict: Good" in capsys.readouterr().out
+    assert "As exported" not in head(out)
+
+
+def test_without_the_runs_a_file_says_that_it_is_not_judged(sprung, tmp_path, capsys):
+    from sdp_vs_penalty import load_estimate
+
+    estimate = load_estimate(sprung / "better.json")
+    export(estimate, tmp_path / "robot.urdf")
+    assert "Not judged as exported, without torque_offset, joint_spring" in head(
+        tmp_path / "robot.urdf"
+    )
+
+
+def test_python_judges_on_the_runs_it_is_given(sprung, tmp_path):
+    out = tmp_path / "robot.sdf"
+    export(sprung / "better.json", out, measurements=sprung / "test.csv")
+    assert "As exported, without torque_offset, joint_spring" in head(out)
+
+
+def test_a_run_of_another_robot_is_refused(sprung, tmp_path, capsys):
+    run = write_run(tmp_path / "panda.csv", load_problem("panda"))
+    words = ["export", sprung / "better.json", "--out", tmp_path / "robot.urdf"]
+    assert run_cli(*words, "--data", run) == 2
+    assert capsys.readouterr().err.count("\n") == 1
