@@ -44,6 +44,13 @@ class Signals:
     modelled: Array
 
     @property
+    def seconds(self) -> float | None:
+        """How long the motion of all rows lasts [s]; None of a single row."""
+        if len(self.t) < 2:
+            return None
+        return float(len(self.t) * np.median(np.diff(self.t)))
+
+    @property
     def residual(self) -> Array:
         """(M, n) measured minus modelled torque [N m or N]."""
         return self.measured - self.modelled
@@ -103,6 +110,7 @@ class Comparison(Shown):
             missing=missing,
             forward=forward,
             remark=self.judged_on or "",
+            seconds=self.signals.seconds,
         )
 
     def plot(

@@ -136,6 +136,7 @@ def judge(
     missing: str = "",
     forward: str = "",
     remark: str = "",
+    seconds: float | None = None,
 ) -> Verdict:
     """The verdict on one model.
 
@@ -144,7 +145,7 @@ def judge(
     recorded; outside : largest share of rows outside of a measured curve. masses,
     nominal (links,) [kg] : of its links, identified and before; missing : what a
     diagnosis says, "" where there was none; forward : what a forward simulation says;
-    remark : of long recordings.
+    remark : of long recordings; seconds : of filtered motion that errors are of.
     """
     beyond, over = (
         relative,
@@ -172,7 +173,7 @@ def judge(
         f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
     )
     end = f"{said if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
-    lines = [fit, _prediction(beyond, relative, new_share, far, end), last]
+    lines = [fit, _prediction(beyond, relative, new_share, far, end, seconds), last]
     weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
     ratios, source = (
         (None, "") if over is None else (tuple(map(float, over)), noise_source)
@@ -217,7 +218,12 @@ def _fit(
 
 
 def _prediction(
-    beyond: float, relative: float, share: float | None, far: bool, end: str
+    beyond: float,
+    relative: float,
+    share: float | None,
+    far: bool,
+    end: str,
+    seconds: float | None,
 ) -> Line:
     """far : rows lie outside of a measured curve, or the noise is not known; end : of
     the sentence."""
@@ -236,9 +242,10 @@ def _prediction(
             )
     else:
         grade = "good" if beyond <= 100.0 * CHANGES and not far else grade
+        length = "" if seconds is None else f" {seconds:.3g} s of"
         said = (
-            f"{relative:.3g} % relative error on motion of which {percent} is new to"
-            " the model"
+            f"{relative:.3g} % relative error on{length} motion of which {percent} is"
+            " new to the model"
         )
     return Line(PREDICTION, grade, said + end)
 
