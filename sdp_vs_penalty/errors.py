@@ -3,12 +3,57 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 #: Characters of a sentence about an error.
 _LONGEST = 1500
+
+
+def printable(text: object) -> str:
+    r"""A text as one line without control characters: these, line ends, and bytes of a
+    file name that are no text are written as Python writes them.
+
+    >>> printable("a\x1b[2J\nb\udcff")
+    'a\\x1b[2J\\nb\\xff'
+    """
+    plain = str(text)
+    if plain.isprintable():
+        return plain
+    return "".join(c if c.isprintable() else _escaped(c) for c in plain)
+
+
+def _escaped(character: str) -> str:
+    number = ord(character)
+    if 0xDC80 <= number <= 0xDCFF:  # how Python keeps a byte of a name (PEP 383)
+        return f"\\x{number - 0xDC00:02x}"
+    return character.encode("unicode_escape").decode()
+
+
+def command_line(words: Iterable[object]) -> str:
+    r"""Words as a shell reads them, in one printable line that can be pasted.
+
+    >>> command_line(["check", "my run.csv", "$(reboot)", "a\nb"])
+    "check 'my run.csv' '$(reboot)' $'a\\x0ab'"
+    """
+    return " ".join(map(_shell_word, words))
+
+
+def _shell_word(word: object) -> str:
+    import shlex
+
+    text = str(word)
+    if text.isprintable():
+        return shlex.quote(text)
+    # Bash, zsh and POSIX.1-2024 read escapes in $'...', other bytes one by one.
+    content = text.encode("utf-8", "surrogateescape")
+    return f"$'{''.join(map(_shell_byte, content))}'"
+
+
+def _shell_byte(byte: int) -> str:
+    if 0x20 <= byte < 0x7F and byte not in b"\\'":
+        return chr(byte)
+    return f"\\x{byte:02x}"
 
 
 class InputError(ValueError):
@@ -26,9 +71,7 @@ class InputError(ValueError):
         self.what, self.remedy, self.where = what, remedy, where
         place = "" if where is None else f"{where}: "
         text = f"{place}{what}" + (f": {remedy}." if remedy else "")
-        # Names out of a broken file may hold anything; a sentence is one line that can
-        # be printed.
-        text = "".join(c if c.isprintable() else "?" for c in text)
+        text = printable(text)  # names out of a broken file may hold anything
         super().__init__(text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...")
 
     def within(self, where: Any) -> InputError:
@@ -67,7 +110,7 @@ class MissingJoints(InputError):  # noqa: N818 (what is missing)
         self.joints = tuple(joints)
         is_or_are = "is" if len(joints) == 1 else "are"
         held = ",".join(f"{name}=0" for name in joints)
-        remedy = f"where nothing moves there, pass --hold {shlex.quote(held)}"
+        remedy = f"where nothing moves there, pass --hold {command_line([held])}"
         what = f"{', '.join(joints)} {is_or_are} in no column"
         super().__init__(what, remedy, where)
 
@@ -123,7 +166,7 @@ def other_robot(
     idle = [name for name in names if re.search(tools, name, re.IGNORECASE)]
     missing = expected - joints
     if 0 < missing == len(idle):
-        held = shlex.quote(",".join(f"{name}=0" for name in idle))
+        held = command_line([",".join(f"{name}=0" for name in idle)])
         remedy = (
             f"where {' and '.join(idle)} did not move, pass --hold {held}, or {remedy}"
         )

@@ -163,6 +163,16 @@ def limited_memory(room: int) -> Iterator[None]:
             resource.setrlimit(kind, limits_before)
 
 
+def path_or_file(path: Path) -> Path | BinaryIO:
+    """What a library opens that takes UTF-8 names alone: the path, or, where its name
+    is none, the file."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return path.open("rb")
+    return path
+
+
 def read_bytes(
     path: str | Path, largest: int = LARGEST_TEXT, own: bool = False
 ) -> bytes:
@@ -228,8 +238,23 @@ def read_json(
         return build(data)
 
     return _built(
-        Path(path), read_text(path), json.loads, checked, "write the file anew"
+        Path(path), read_text(path), _parse_json, checked, "write the file anew"
     )
+
+
+def _parse_json(text: str) -> Any:
+    return json.loads(text, object_pairs_hook=unique_fields)
+
+
+def unique_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The fields of a JSON object; ValueError where one comes twice, of which others
+    may read the first."""
+    fields_ = dict(pairs)
+    if len(fields_) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the field {twice!r} comes twice")
+    return fields_
 
 
 def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
@@ -250,7 +275,7 @@ def _built(
         data = parse(text)
     except (ValueError, RecursionError) as error:
         what = "nested too deeply" if isinstance(error, RecursionError) else error
-        kind = "JSON" if parse is json.loads else "TOML"
+        kind = "JSON" if parse is _parse_json else "TOML"
         raise InputError(
             f"not a {kind} file ({what})", "correct it, or name another", path
         ) from error
@@ -412,7 +437,9 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 
 def write_text(path: str | Path, content: str) -> None:
-    write_bytes(path, content.encode())
+    """Write a text as UTF-8, whole or not at all; bytes of a file name that are no text
+    (PEP 383) as escapes. Errors as of :func:`writing`."""
+    write_bytes(path, content.encode("utf-8", "backslashreplace"))
 
 
 def problems_folder() -> Path:

@@ -2,13 +2,12 @@
 matplotlib if asked."""
 
 import math
-import shlex
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.errors import missing_extra
+from sdp_vs_penalty.errors import command_line, missing_extra
 
 #: A title, and names with their texts.
 Summary = tuple[str, Sequence[tuple[str, str]]]
@@ -129,7 +128,7 @@ def command(*words: object) -> str:
     >>> command("convert", "my run.csv", "--rate", 200)
     "sdp-vs-penalty convert 'my run.csv' --rate 200"
     """
-    return shlex.join(["sdp-vs-penalty", *map(str, words)])
+    return command_line(["sdp-vs-penalty", *words])
 
 
 def convert_command(path: object, *words: object) -> str:

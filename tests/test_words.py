@@ -145,8 +145,8 @@ def test_plain_data_of_another_kind_are_refused():
 
 def test_an_error_is_one_line_that_can_be_printed():
     inner = InputError("a\nb\x1bc", "mend it", "row 3")
-    assert str(inner) == "row 3: a?b?c: mend it."
-    assert str(inner.within("run.csv")) == "run.csv: row 3: a?b?c: mend it."
+    assert str(inner) == "row 3: a\\nb\\x1bc: mend it."
+    assert str(inner.within("run.csv")) == "run.csv: row 3: a\\nb\\x1bc: mend it."
     assert str(InputError("a").within("run.csv")) == "run.csv: a"
     assert len(str(InputError("x" * 1500))) == 1500
     assert str(InputError("x" * 1501)) == "x" * 1500 + " ..."

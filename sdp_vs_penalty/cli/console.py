@@ -6,7 +6,6 @@ line is what to do next. Three significant digits, units in the headings.
 """
 
 import json
-import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,10 +16,17 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sdp_vs_penalty.errors import command_line, printable
 from sdp_vs_penalty.files import write_text
 
+#: All that is printed passes these two and :func:`printable`.
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
+
+
+def _shown(text: str) -> str:
+    """A text within what rich lays out: no markup, no control character."""
+    return escape(printable(text))
 
 
 @contextmanager
@@ -30,23 +36,23 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
     if not err.is_terminal:
         yield lambda _: None
         return
-    with err.status(escape(start)) as status:
-        yield lambda text: status.update(escape(text))
+    with err.status(_shown(start)) as status:
+        yield lambda text: status.update(_shown(text))
 
 
 def say(text: str, style: str | None = None) -> None:
     """A line on stdout, to be copied or searched: not broken, no markup."""
-    out.print(text, style=style, markup=False, soft_wrap=True)
+    out.print(printable(text), style=style, markup=False, soft_wrap=True)
 
 
 def paragraph(text: str) -> None:
     """Sentences on stdout, broken between words at the terminal's width."""
-    out.print(text, markup=False)
+    out.print(printable(text), markup=False)
 
 
 def warn(text: str) -> None:
     """A sentence on stderr, as it is."""
-    err.print(text, markup=False, soft_wrap=True)
+    err.print(printable(text), markup=False, soft_wrap=True)
 
 
 def written(path: str | Path, note: str = "") -> None:
@@ -63,7 +69,7 @@ def save_json(path: Path | None, content: object) -> None:
 
 def next_step(words: Sequence[object]) -> None:
     """The command to run next, ready to be copied."""
-    say(f"Next: {shlex.join(['sdp-vs-penalty', *map(str, words)])}")
+    say(f"Next: {command_line(['sdp-vs-penalty', *words])}")
 
 
 def table(
@@ -77,10 +83,10 @@ def table(
     for k, heading in enumerate(headings):
         side: Any = "left" if k < words else "right"
         made.add_column(
-            escape(heading), justify=side, no_wrap=not 0 < k < words, overflow="fold"
+            _shown(heading), justify=side, no_wrap=not 0 < k < words, overflow="fold"
         )
     for row in rows:
-        made.add_row(*map(escape, row))
+        made.add_row(*map(_shown, row))
     out.print(made)
 
 
@@ -90,5 +96,5 @@ def details(headings: Sequence[str], row: Sequence[str]) -> None:
     grid.add_column(no_wrap=True)
     for heading, cell in zip(headings, row, strict=True):
         if cell:
-            grid.add_row(heading, escape(cell))
+            grid.add_row(_shown(heading), _shown(cell))
     out.print(grid)

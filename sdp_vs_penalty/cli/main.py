@@ -7,18 +7,21 @@ The files that a verb is given are protected before it runs.
 import atexit
 import errno
 import gc
+import io
 import os
+import stat
 import sys
 import textwrap
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.cli.options import Parser
-from sdp_vs_penalty.errors import InputError, Remark, require_known
+from sdp_vs_penalty.errors import InputError, Remark, printable, require_known
 from sdp_vs_penalty.files import opened, protecting
 from sdp_vs_penalty.version import __version__
 
@@ -118,11 +121,36 @@ def _run(words: Sequence[str]) -> None:
         )
     verb = named(first)
     given = Parser(first, verb).given(words[1:])
+    _require_different({name: x for name, x in given.items() if name in OUTPUTS})
     for name, value in given.items():
         if name not in OUTPUTS:
             for path in _paths(value):
                 opened(path)
     verb(**given)
+
+
+def _require_different(outputs: Mapping[str, Any]) -> None:
+    """InputError where two outputs of a command are one file: the second would replace
+    the first."""
+    seen: dict[object, str] = {}
+    for name, value in outputs.items():
+        for path in _paths(value):
+            option, keys = f"--{name.strip('_')}", [os.path.realpath(path)]
+            with suppress(OSError):  # it is not there yet
+                state = path.stat()
+                if stat.S_ISREG(state.st_mode):
+                    keys.append(f"inode {state.st_dev} {state.st_ino}")
+            for key in keys:
+                if seen.setdefault(key, option) != option:
+                    raise InputError(
+                        f"{seen[key]} and {option} name the same file",
+                        "name another one; nothing was written",
+                        path,
+                    )
+
+
+def _complain(message: object) -> None:
+    print(f"sdp-vs-penalty: {printable(message)}", file=sys.stderr)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -138,13 +166,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     atexit.register(
         gc.freeze
     )  # nor is what lives to the end: looking through it took a tenth of all
-    shown = warnings.showwarning
+    for stream in (sys.stdout, sys.stderr):  # what the locale cannot write is escaped
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
     def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:
         if category is Remark:  # to the user, without the place in our code
-            print(f"sdp-vs-penalty: {message}", file=sys.stderr)
+            _complain(message)
         else:
-            shown(message, category, *place, **more)
+            _complain(f"{category.__name__}: {message}")
 
     warnings.showwarning = remark
     code = 0
@@ -158,9 +188,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = 1
     except (Exception, KeyboardInterrupt) as error:
         if len(given) < len(asked):
-            traceback.print_exc()
+            for line in traceback.format_exc().splitlines():
+                print(printable(line), file=sys.stderr)
         message, code = explain(error)
-        print(f"sdp-vs-penalty: {message}", file=sys.stderr)
+        _complain(message)
     sys.exit(code)
 
 

@@ -1,7 +1,6 @@
 """The runs that a model is fitted to and tested on."""
 
 import math
-import shlex
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -11,7 +10,7 @@ from sdp_vs_penalty.data.files import load_measurements, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
-from sdp_vs_penalty.errors import InputError, MissingJoints
+from sdp_vs_penalty.errors import InputError, MissingJoints, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
@@ -69,7 +68,7 @@ def read_and_hold(
     words = ",".join(f"{name}={value:.6g}" for name, value in found.items())
     console.warn(
         f"{' and '.join(found)} {why}: held, its link belongs to its parent; the same by"
-        f" `--hold {shlex.quote(words)}`"
+        f" `--hold {command_line([words])}`"
     )
     hold = f"{hold},{words}" if hold else words
     problem = make(hold)

@@ -142,7 +142,7 @@ def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
     out = {}
     for key in names:
         # A column of texts or time stamps is left out: the header says what is missing.
-        with suppress(TypeError, ValueError):
+        with suppress(TypeError, ValueError), np.errstate(over="ignore"):
             out[str(key)] = np.asarray(part[key], float)
     return out
 
@@ -225,6 +225,9 @@ def read_run(
         part: Measurements = home.read(path, Choice(names, topic, rename, rate))
     if rate is not None:
         part = replace(part, t=np.arange(len(part.t)) / rate)
+    if len(part.t) == 0:
+        what = "there are no rows, only names"
+        raise InputError(what, "record the run, or name another file", path)
     part = without_held(part, names)
     missing = len(names or ()) - len(part.joint_names)
     if names is not None and part.joint_names and 0 < missing == len(names) - part.n:

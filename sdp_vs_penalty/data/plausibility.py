@@ -105,14 +105,22 @@ def _place(run: Measurements, k: int) -> str:
 
 
 def check_torque(run: Measurements) -> None:
-    """InputError where no channel holds anything: zeros, or numbers whose squares are."""
-    # No sensor resolves this [N m, N].
-    if run.torque_logged and not any(
-        np.any(np.abs(part) > 1e-12) for _, part in iter_chunks(run.tau)
-    ):
+    """InputError where no channel holds anything: zeros, or less than an arm needs."""
+    if not run.torque_logged:
+        return
+    # No sensor resolves the first, and no arm of a gram and a centimetre needs as little
+    # as the second [N m, N].
+    zero, least = 1e-12, 1e-6
+    most = max(
+        (float(np.abs(part).max()) for _, part in iter_chunks(run.tau)), default=0.0
+    )
+    if not most > zero:
         raise InputError(
             "every torque is zero", "log the torque, or the current", run.names[0]
         )
+    if most < least:
+        what = f"no torque exceeds {most:.2g} N m, less than any arm needs"
+        raise InputError(what, "write torques in N m", run.names[0])
 
 
 def _check_side(robot: Robot, run: Measurements) -> None:

@@ -8,6 +8,7 @@ disk where /tmp may not be. What has been read of a mapped array stays in memory
 something else needs the memory.
 """
 
+import errno
 import hashlib
 import mmap
 import os
@@ -139,6 +140,8 @@ def _room() -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        if error.errno == errno.EFBIG:  # the limit while a file is unpacked
+            raise
         what = f"no temporary file for the samples ({error.strerror})"
         raise InputError(
             what, "set TMPDIR to a folder with room for 8 bytes a number"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -16,7 +15,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.remaining import Event
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE
@@ -148,7 +147,7 @@ class Finding(Rated):
             "--out",
             f"tell{number}.csv",
         ]
-        return shlex.join(["sdp-vs-penalty", *words])
+        return command_line(["sdp-vs-penalty", *words])
 
     @property
     def cooled(self) -> str:

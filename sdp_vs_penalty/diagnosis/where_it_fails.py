@@ -279,7 +279,9 @@ def _orders(
 
     spectrum, count = np.zeros(bins, complex), 0
     for q, error, _ in full:
-        smooth = np.convolve(error, np.ones(101) / 101.0, mode="same")
+        # A window of 101 samples, or of a short segment all.
+        width = min(101, len(error))
+        smooth = np.convolve(error, np.ones(width) / width, mode="same")
         turned = (
             np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * bins).astype(np.intp) % bins
         )

@@ -355,6 +355,8 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         new = f"a newer version (format {{}}, this one reads up to {FORMAT})"
         remedy = "identify again" if older else "upgrade sdp-vs-penalty"
         raise InputError(f"written by {(what if older else new).format(found)}", remedy)
+    if not isinstance(data["method"], str):
+        raise TypeError(f"method: {given(data['method'])} is no text")
     robot = Robot.from_dict(data["robot"])
     problem, reference = (
         problem_from_dict(data["problem"], robot),

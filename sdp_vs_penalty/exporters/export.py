@@ -7,7 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 from sdp_vs_penalty import exporters
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.content import Options, verdict_line, with_effects
@@ -96,8 +96,9 @@ def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
 def _with_verdict(made: bytes, suffix: str, said: str) -> bytes:
     """A file with the verdict as a comment at its head, where its format has comments
     (.json holds it as a field; tables of numbers stay as they are)."""
+    said = printable(said)
     if suffix in (".urdf", ".xml", ".sdf"):
-        comment = f"<!-- {said.replace('--', '- -')} -->\n".encode()
+        comment = f"<!-- {re.sub('-(?=-)', '- ', said)} -->\n".encode()
         declared = made.find(b"?>\n") + 3 if made.startswith(b"<?xml") else 0
         return made[:declared] + comment + made[declared:]
     head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(

@@ -13,6 +13,8 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.websockets import WebSocketClose
 
+from sdp_vs_penalty.errors import printable
+
 Scope = MutableMapping[str, Any]
 App = Callable[[Scope, Any, Any], Awaitable[None]]
 
@@ -99,9 +101,11 @@ class AuthMiddleware:
             Exception
         ) as error:  # a tab that asks for what has ended, too; 500 is answered already
             what = (str(error).splitlines() or [""])[0][:200]
-            print(
-                f"sdp-vs-penalty: page: {type(error).__name__}: {what}", file=sys.stderr
-            )
+            if what != "No response returned.":  # the tab has gone
+                kind = type(error).__name__
+                print(
+                    f"sdp-vs-penalty: page: {kind}: {printable(what)}", file=sys.stderr
+                )
 
     def _same(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(), self.key.encode())

@@ -2,7 +2,6 @@
 jobs are done."""
 
 import asyncio
-import shlex
 import time
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
@@ -225,7 +224,7 @@ class Session:
                 *["--frozen"] * model.frozen,
             ]
             out.append(["add", *what, "--out", name := f"model{k}.json"])
-        return [shlex.join(["sdp-vs-penalty", *words]) for words in out]
+        return [command_line(["sdp-vs-penalty", *words]) for words in out]
 
     def left(self, watcher: Any) -> None:
         """A tab was closed: what it was doing ends with the last one that shows it."""

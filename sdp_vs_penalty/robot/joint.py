@@ -8,7 +8,7 @@ wrist, a differential, a parallelogram.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +52,8 @@ class Joint(JsonRecordSkippingNone):
             ("link_frame", (4, 4)),
         ):
             check_finite(f"{who}: {name}", getattr(self, name), shape)
+        for name in ("placement", "link_frame"):
+            check_pose(f"{who}: {name}", getattr(self, name))
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(
                 f"{who}: the axis is no unit vector", "divide it by its length"
@@ -63,6 +65,24 @@ class Joint(JsonRecordSkippingNone):
         if not self.lower <= self.upper:
             what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
             raise InputError(f"{who}: {what}", "swap them")
+
+
+def check_pose(where: str, pose: Array) -> None:
+    """InputError where a (4, 4) matrix is no pose: a rotation and a shift in lengths of
+    a robot [m]."""
+    turn, tolerance, far = pose[:3, :3], 1e-6, 1e9
+    if np.any(np.abs(pose[:3]) > far):
+        raise InputError(f"{where} holds numbers beyond {far:g}", "write it in metres")
+    is_rotation = (
+        np.allclose(turn @ turn.T, np.eye(3), atol=tolerance)
+        and np.linalg.det(turn) > 0.0
+        and np.allclose(pose[3], [0.0, 0.0, 0.0, 1.0], atol=tolerance)
+    )
+    if not is_rotation:
+        raise InputError(
+            f"{where} is no rotation with a shift",
+            "make its columns a right-hand frame",
+        )
 
 
 @dataclass(frozen=True)
@@ -157,6 +177,18 @@ def resolve_mimic_joints(
     return tuple(tree[k] for k in free), Mechanism(
         tuple(tree), matrix, offset, tuple(massless)
     )
+
+
+def hold_followers(
+    held: Mapping[str, float], followers: Mapping[str, Follower]
+) -> dict[str, float]:
+    """Where held joints, and all that follow them, stand [rad, m]."""
+    still = dict(held)
+    for _ in followers:  # a follower may follow a follower
+        for name, (leader, ratio, offset) in followers.items():
+            if leader in still:
+                still[name] = ratio * still[leader] + offset
+    return still
 
 
 def parse_held(text: str | Sequence[str]) -> dict[str, float]:

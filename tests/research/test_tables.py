@@ -36,7 +36,7 @@ from sdp_vs_penalty.research.tables.table import Table
 from sdp_vs_penalty.research.tables.table_i import exact_rows, fit_sigmoid, residual_rms
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import engine_types, experiment
-from sdp_vs_penalty.solvers.extremes import Slice
+from sdp_vs_penalty.solvers import Slice
 
 #: Tables of a small study of each problem, and what it compares: whose optimum is one
 #: point.
@@ -259,6 +259,7 @@ def test_files_of_the_names_asked_for_are_written(tmp_path, without_data, studie
         "table_VIII.csv",
         "table_VIII.md",
         "table_VIII.tex",
+        "table_VIII_all.csv",
     ]
     assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in paths)
 

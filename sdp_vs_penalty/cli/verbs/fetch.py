@@ -1,6 +1,6 @@
-import shlex
-import sys
 from pathlib import Path
+
+from sdp_vs_penalty.errors import command_line
 
 
 def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
@@ -19,7 +19,7 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
         with console.progress(f"fetching {name}"):
             paths = fetch_dataset(name, folder)
         for path in paths:
-            print(path)
+            console.say(str(path))
         words = [
             "sdp-vs-penalty",
             "check",
@@ -27,9 +27,7 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
             "--problem",
             dataset(name).problem,
         ]
-        print(f"Next: {shlex.join(words)}", file=sys.stderr)
+        console.warn(f"Next: {command_line(words)}")
     kept = folder or cache_folder()
-    print(
-        f"sdp-vs-penalty: for the tables, set SDP_VS_PENALTY_DATA={kept}",
-        file=sys.stderr,
-    )
+    variable = command_line([f"SDP_VS_PENALTY_DATA={kept}"])
+    console.warn(f"sdp-vs-penalty: for the tables, set {variable}")

@@ -21,4 +21,4 @@ def verb(
     with console.progress("figures") as progress:
         written = make_figures(numbers or (), out, budget.value, progress=progress)
     for path in written:
-        print(path)
+        console.say(str(path))

@@ -1,7 +1,8 @@
-import shlex
 import sys
 from pathlib import Path
 from typing import Any
+
+from sdp_vs_penalty.errors import command_line
 
 
 def verb(
@@ -33,7 +34,7 @@ def verb(
         path.name if short else str(path): load_estimate(path) for path in models
     }
     how: dict[str, Any] = {"findings": findings, "forward": forward}
-    how["commands"] = [shlex.join(["sdp-vs-penalty", *sys.argv[1:]])]
+    how["commands"] = [command_line(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
         given = runs_for(next(iter(estimates.values())), data, window)
         said = report(

@@ -280,6 +280,9 @@ class Header:
         if len(parts) == 1 and block.ndim == 2:
             across = len(block) == count or block.shape[1] != count
             parts = list(block.T if across else block)
+        if not parts:
+            what = f"{group} has no columns, so there are no joints"
+            raise InputError(what, "give q, dq and tau a column a joint", self.what)
         for part in parts:
             if part.size != count:
                 what = f"{group} has {part.size} rows, t has {count}"

@@ -25,7 +25,7 @@ from sdp_vs_penalty.data.formats.text_table import (
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.merging import merge_columns
 from sdp_vs_penalty.errors import InputError, Remark
-from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.files import path_or_file, writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".csv",)
@@ -163,7 +163,7 @@ def _read_columns(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Arra
         decimal_point=table.decimal,
     )
     try:
-        with arrow.open_csv(table.path, rows, cells, kinds) as file:
+        with arrow.open_csv(path_or_file(table.path), rows, cells, kinds) as file:
             for batch in file:
                 yield [
                     _values(table, k, column)

@@ -54,4 +54,5 @@ def _real_numbers(path: str | Path, name: str, array: Any) -> Array:
     if array.dtype.kind not in "fiu":
         what = f"array {name} holds {array.dtype}, not real numbers"
         raise InputError(what, "save it as floating-point numbers", path)
-    return np.atleast_1d(np.asarray(array, float))
+    with np.errstate(over="ignore"):  # a longer number becomes infinite: refused later
+        return np.atleast_1d(np.asarray(array, float))

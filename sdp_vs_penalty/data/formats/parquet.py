@@ -12,7 +12,7 @@ from sdp_vs_penalty.data.formats.recognition import Table
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.files import path_or_file, writing
 from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".parquet", ".pq")
@@ -25,7 +25,7 @@ def read(path: Path, choice: Choice) -> Measurements:
     # Buffered ahead, all of a row group would be in memory.
     with (
         understood(path, "Parquet file", "write it anew, or convert it to CSV"),
-        parquet.ParquetFile(path, pre_buffer=False) as file,
+        parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
     ):
         header = _header(path, choice, file)
         return header.gather(_pieces(path, header, file))
