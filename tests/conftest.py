@@ -18,8 +18,7 @@ import pytest
 from sdp_vs_penalty import Measurements, Problem, load_measurements, load_problem
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.page.sessions import Sessions
-    from sdp_vs_penalty.page.worker import WorkerPool
+    from sdp_vs_penalty.page import Sessions, WorkerPool
     from sdp_vs_penalty.simulation import HiddenRuns
 
 
@@ -116,7 +115,7 @@ def hidden(two_link: Problem) -> HiddenRuns:
 
 @pytest.fixture(scope="module")
 def pool() -> Iterator[WorkerPool]:
-    from sdp_vs_penalty.page.worker import WorkerPool
+    from sdp_vs_penalty.page import WorkerPool
 
     made = WorkerPool()
     yield made
@@ -125,7 +124,7 @@ def pool() -> Iterator[WorkerPool]:
 
 @pytest.fixture
 def sessions(pool: WorkerPool) -> Iterator[Sessions]:
-    from sdp_vs_penalty.page.sessions import Sessions
+    from sdp_vs_penalty.page import Sessions
 
     made = Sessions(pool)
     yield made

@@ -13,10 +13,10 @@ from small_runs import write_run
 from unchecked import identify
 
 from sdp_vs_penalty import InputError, Measurements, Problem, cross_validate
-from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data import load_measurements
 from sdp_vs_penalty.parallel import ALONE, Workers, spread
 from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.signals.filtered import FilteredRuns
+from sdp_vs_penalty.signals import FilteredRuns
 
 
 @pytest.fixture(scope="module")

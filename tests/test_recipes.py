@@ -19,8 +19,13 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.research.shootout.contestants import contestants
 from sdp_vs_penalty.simulation import MAKERS, experiment
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint, log_uniform
-from sdp_vs_penalty.simulation.worlds.world import TrueMotion, World
+from sdp_vs_penalty.simulation.worlds import (
+    Hidden,
+    TrueMotion,
+    World,
+    at_joint,
+    log_uniform,
+)
 from sdp_vs_penalty.solvers import solver_types
 
 ESTIMATOR = '''"""Least squares with a pull of every parameter to the nominal one."""

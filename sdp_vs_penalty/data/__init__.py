@@ -4,9 +4,12 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    datasets="DATASETS",
+    datasets="DATASETS fetch to_joints",
     plausibility="check_plausible",
-    measurements="concatenate",
-    files="read_run save",
-    **{"formats.columns": "columns_of"},
+    measurements="concatenate Measurements Runs",
+    files="as_measurements load_measurements read_run save",
+    **{
+        "formats.columns": "columns_of",
+        "formats.recognition": "recognise recognised",
+    },
 )

@@ -5,7 +5,19 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    findings="Diagnosis load_diagnosis",
-    whitening="diagnosis_rows",
-    **{"curves.curve": "Curve"},
+    findings="Diagnosis Finding Invisible load_diagnosis Retune",
+    whitening="diagnosis_rows whiten_rows",
+    candidates="Batch Candidate Library list_candidates",
+    comparison="compare predicted",
+    conclude="reasons_for_doubt size_of",
+    held_out="HeldOut",
+    nuisances="Nuisance",
+    remaining="least_squares_refit remainder spectral_lines",
+    score="EvidenceScorer Fit ScoredEffect",
+    search="Search",
+    **{
+        "curves.curve": "Curve",
+        "curves.bases": "Columns",
+        "curves.measure": "measured_curves",
+    },
 )

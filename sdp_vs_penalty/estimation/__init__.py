@@ -5,8 +5,16 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     certificate="Certificate",
-    excitation="Limits",
+    excitation="Limits Regressor",
     resampling="bootstrap",
-    sensitivity="free_constants prior_deviation",
-    identify="verify_proof_file",
+    sensitivity="free_constants prior_deviation settled ShapeSensitivity",
+    identify=(
+        "certify consistent is_data_determined on_bounds positive_mass_matrices "
+        "verify_proof_file"
+    ),
+    build_problem="PoseOptions",
+    drive_torque="driven",
+    shapes="ShapeEstimate",
+    uncertainty="counts Interval of_regression Sandwich Uncertainty",
+    verdict="changes judge Verdict",
 )

@@ -46,7 +46,9 @@ def with_solver(method: str, solver_name: str | None) -> Estimator | str:
 
 __getattr__ = lazy_exports(
     __name__,
-    estimator="Fit Task make_task",
-    lmi_sdp="LmiSdp PosedSdp interior_point",
-    penalty_paper="PenaltyPaper",
+    estimator="Fit joint_weights make_task Task",
+    lmi_sdp="essential interior_point LmiSdp LmiSdpThickness LmiSdpTwoStep PosedSdp",
+    penalty_paper="PenalisedLoss PenaltyPaper",
+    ols="condition_number",
+    penalty="Penalty PenaltyTwoStep ShiftedPenalty",
 )

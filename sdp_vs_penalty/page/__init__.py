@@ -7,3 +7,17 @@ identified; its runs and models are files in a private folder.
 :mod:`~sdp_vs_penalty.page.jobs` does the work with the same functions as the command
 line; :mod:`~sdp_vs_penalty.page.view` shows it.
 """
+
+from sdp_vs_penalty.plugins import lazy_exports
+
+__getattr__ = lazy_exports(
+    __name__,
+    auth_middleware="guarded",
+    charts="data_chart",
+    jobs="JobRequest summary",
+    session="Session",
+    sessions="Sessions",
+    view="View",
+    workbench="Workbench",
+    worker="JobProcess WorkerPool",
+)

@@ -4,6 +4,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    black_box="BlackBox load_answers",
-    regression="LeastSquares Regression compress triangular",
+    black_box="BlackBox compress_black_box load_answers",
+    regression="compress Factor LeastSquares Regression triangular",
+    base_parameters="base_rows",
 )

@@ -5,10 +5,16 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    body="Body",
-    constraint="Constraint ConstraintSet cone_margin project",
-    trajectory="FourierTrajectory random_trajectory",
-    joint="Joint parse_transmission",
-    robot="Robot joint_limits",
+    body="around Body directions",
+    constraint=(
+        "cone_depths cone_margin Constraint ConstraintSet project projected_rows "
+        "safe_depth smallest_eigenvalue"
+    ),
+    trajectory="FourierTrajectory joint_trajectory random_trajectory",
+    joint="Joint parse_transmission Transmission",
+    robot="joint_limits Robot",
     urdf="load_urdf",
+    geometry="Geometry link_geometry self_collision",
+    isolated="parse_isolated ParserEndedError",
+    mesh="read_mesh",
 )

@@ -5,10 +5,13 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    kernels="Kernel",
+    kernels="Decimator Kernel",
     preprocessing="Preprocessing",
-    filtered="FilteredRuns",
-    noise="noise_of",
+    filtered="FilteredRun FilteredRuns",
+    noise="noise_of spectral_floor",
     repetition="repeat_period",
-    segments="segmented",
+    segments="segmented SegmentedRuns subsample_sentence window_subsample",
+    encoder="read_again",
+    motion="MotionRecord record_motion",
+    standstill="is_still sliding unexplained_standstill_torque",
 )

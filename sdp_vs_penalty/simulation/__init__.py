@@ -4,7 +4,8 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    experiments="Experiment experiment Sensor sigmoid_friction",
-    hidden_runs="HiddenRuns MAKERS",
+    experiments="Experiment experiment innovation_share Sensor sigmoid_friction",
+    hidden_runs="HiddenRuns MAKERS true_world",
     engines="engine_types",
+    **{"engines.engine": "Engine"},
 )

@@ -30,6 +30,12 @@ __getattr__ = lazy_exports(
     __name__,
     conic="Cone ConicProblem Solution",
     objective="Entropy Objective",
-    identification="least_squares_sdp",
+    identification="conic_problem least_squares_sdp scaled SdpProblem",
     fit="repair",
+    clarabel="Clarabel",
+    extremes="Slice",
+    proof="optimum_proof",
+    rewrite="reorder",
+    rigorous_bounds="certainly_feasible",
+    through_cvxpy="ThroughCvxpy",
 )

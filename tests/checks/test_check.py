@@ -16,8 +16,7 @@ from sdp_vs_penalty.checks.gate import consented
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.residual import two_arms
-from sdp_vs_penalty.data import save
-from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data import load_measurements, save
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.simulation import experiment
 

@@ -10,7 +10,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import Measurements, Problem, check
 from sdp_vs_penalty.data import concatenate, save
-from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page import Sessions
 
 #: Samples above which windows stand for a run.
 LONG = 8 * 2**15

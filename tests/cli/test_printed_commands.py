@@ -18,8 +18,7 @@ from small_runs import small_run, write_run
 
 from sdp_vs_penalty import Problem, diagnose, load_estimate, load_problem
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.findings import Finding, Invisible
+from sdp_vs_penalty.diagnosis import Diagnosis, Finding, Invisible
 from sdp_vs_penalty.estimation import separation
 from sdp_vs_penalty.robot import ConstraintSet
 from sdp_vs_penalty.simulation import hidden_runs

@@ -21,8 +21,7 @@ from scipy.io import savemat
 from small_runs import small_run, write_bag
 
 import sdp_vs_penalty as sdp
-from sdp_vs_penalty.data import check_plausible, read_run, save
-from sdp_vs_penalty.data.files import as_measurements
+from sdp_vs_penalty.data import as_measurements, check_plausible, read_run, save
 from sdp_vs_penalty.errors import Remark
 from sdp_vs_penalty.regression import load_answers
 

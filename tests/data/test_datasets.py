@@ -15,8 +15,7 @@ from commands import run_cli
 from recorded import refusal
 
 from sdp_vs_penalty import compare, identify, load_measurements, load_problem
-from sdp_vs_penalty.data import DATASETS, datasets
-from sdp_vs_penalty.data.datasets import fetch
+from sdp_vs_penalty.data import DATASETS, datasets, fetch
 from sdp_vs_penalty.errors import Remark
 
 

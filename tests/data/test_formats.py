@@ -15,9 +15,8 @@ from scipy.io import savemat
 from small_runs import small_run, write_bag
 
 from sdp_vs_penalty import Measurements, convert, load_estimate, load_measurements
-from sdp_vs_penalty.data import concatenate, read_run, save
+from sdp_vs_penalty.data import concatenate, read_run, recognised, save
 from sdp_vs_penalty.data.formats import suffixes
-from sdp_vs_penalty.data.formats.recognition import recognised
 from sdp_vs_penalty.exporters.sdp import write_posed
 
 SUFFIXES = suffixes("write")

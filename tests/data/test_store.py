@@ -11,8 +11,7 @@ from recorded import refusal
 from small_runs import small_run, write_bag, write_run
 
 from sdp_vs_penalty import Measurements, load_problem
-from sdp_vs_penalty.data import save, store
-from sdp_vs_penalty.data.files import load_measurements
+from sdp_vs_penalty.data import load_measurements, save, store
 
 
 def mapped(array: np.ndarray | None) -> bool:

@@ -10,11 +10,9 @@ from random_robots import repeating_run as run_of
 from recorded import refusal
 
 from sdp_vs_penalty import Estimate, Problem, identify, load_estimate, where_it_fails
-from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import compare, predicted
-from sdp_vs_penalty.signals import Preprocessing
-from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
+from sdp_vs_penalty.data import Measurements, concatenate
+from sdp_vs_penalty.diagnosis import compare, predicted
+from sdp_vs_penalty.signals import FilteredRun, FilteredRuns, Preprocessing
 
 
 @pytest.fixture(scope="module")

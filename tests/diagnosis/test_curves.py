@@ -14,19 +14,21 @@ from challenge.worlds.conditions import Conditions
 from challenge.worlds.runs import draw_motion, draw_world, log_run, urdf_of
 
 from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_problem
-from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.candidates import Library
+from sdp_vs_penalty.data import Measurements, concatenate
+from sdp_vs_penalty.diagnosis import (
+    Diagnosis,
+    Library,
+    Search,
+    diagnosis_rows,
+    measured_curves,
+    whiten_rows,
+)
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
-from sdp_vs_penalty.diagnosis.curves.measure import _instead, measured_curves
-from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
+from sdp_vs_penalty.diagnosis.curves.measure import _instead
 from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.simulation.worlds.hidden import at_joint
-from sdp_vs_penalty.simulation.worlds.world import TrueMotion
+from sdp_vs_penalty.simulation.worlds import TrueMotion, at_joint
 
 JOINT, SIZE = 1, 0.4
 

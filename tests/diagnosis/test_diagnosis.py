@@ -20,14 +20,16 @@ from sdp_vs_penalty import (
     load_problem,
 )
 from sdp_vs_penalty.cli import printing
-from sdp_vs_penalty.data import concatenate, save
-from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis import Diagnosis
-from sdp_vs_penalty.diagnosis.candidates import list_candidates
+from sdp_vs_penalty.data import Measurements, concatenate, save
+from sdp_vs_penalty.diagnosis import (
+    Diagnosis,
+    Search,
+    diagnosis_rows,
+    least_squares_refit,
+    list_candidates,
+    whiten_rows,
+)
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
-from sdp_vs_penalty.diagnosis.remaining import least_squares_refit
-from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.simulation import HiddenRuns
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs

@@ -9,18 +9,25 @@ import pytest
 from small_runs import small_run
 
 from sdp_vs_penalty import Problem, identify
-from sdp_vs_penalty.diagnosis.candidates import Batch, Candidate, list_candidates
+from sdp_vs_penalty.diagnosis import (
+    Batch,
+    Candidate,
+    Columns,
+    EvidenceScorer,
+    Fit,
+    Nuisance,
+    ScoredEffect,
+    Search,
+    diagnosis_rows,
+    list_candidates,
+    spectral_lines,
+    whiten_rows,
+)
 from sdp_vs_penalty.diagnosis.constants import (
     COARSENING_ROWS,
     EVIDENCE_TO_DISTINGUISH,
     LAW_TOLERANCE,
 )
-from sdp_vs_penalty.diagnosis.curves.bases import Columns
-from sdp_vs_penalty.diagnosis.nuisances import Nuisance
-from sdp_vs_penalty.diagnosis.remaining import spectral_lines
-from sdp_vs_penalty.diagnosis.score import EvidenceScorer, Fit, ScoredEffect
-from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
 from sdp_vs_penalty.signals import coloured_noise
 
 n, M, p = 2, 300, 5

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis.conclude import _standstill, reasons_for_doubt
-from sdp_vs_penalty.diagnosis.held_out import HeldOut
-from sdp_vs_penalty.diagnosis.remaining import remainder
+from sdp_vs_penalty.diagnosis import HeldOut, reasons_for_doubt, remainder
+from sdp_vs_penalty.diagnosis.conclude import _standstill
 from sdp_vs_penalty.signals.noise import REPETITION
 
 FLOOR = np.array([0.2, 3.0])

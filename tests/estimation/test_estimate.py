@@ -22,8 +22,8 @@ from unchecked import identify
 
 from sdp_vs_penalty import Estimate, InputError, add, compare, export, load_estimate
 from sdp_vs_penalty.effects import Motion, effect_types
-from sdp_vs_penalty.estimation.identify import is_data_determined
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
+from sdp_vs_penalty.estimation import is_data_determined
+from sdp_vs_penalty.estimators import LmiSdp
 from sdp_vs_penalty.regression import LeastSquares
 
 noisy_run = partial(repeating_run, noise=0.2, base=0.15, motion_seed=3, seconds=8.0)

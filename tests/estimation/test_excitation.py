@@ -13,9 +13,7 @@ from unchecked import identify
 from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
 from sdp_vs_penalty.estimation import Limits, excitation, separation
 from sdp_vs_penalty.estimation.constants import LEVEL
-from sdp_vs_penalty.robot import Robot
-from sdp_vs_penalty.robot.geometry import self_collision
-from sdp_vs_penalty.robot.trajectory import joint_trajectory
+from sdp_vs_penalty.robot import Robot, joint_trajectory, self_collision
 from sdp_vs_penalty.simulation import experiment
 
 positive = st.floats(0.05, 3.0)

@@ -12,11 +12,14 @@ import pytest
 from sdp_readers import outside_optimum
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_measurements
-from sdp_vs_penalty.estimation.build_problem import PoseOptions
+from sdp_vs_penalty.estimation import PoseOptions
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
-from sdp_vs_penalty.problem import with_bounds
-from sdp_vs_penalty.problem.load import load_problem, with_filters
-from sdp_vs_penalty.problem.published import measured_runs
+from sdp_vs_penalty.problem import (
+    load_problem,
+    measured_runs,
+    with_bounds,
+    with_filters,
+)
 from sdp_vs_penalty.simulation import experiment
 
 _FRICTION = ["rigid_body", "viscous_friction", "coulomb_friction"]

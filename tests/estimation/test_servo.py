@@ -13,11 +13,9 @@ from servo_log import COULOMB, EFFECTS, KD, KP, MASS, OFFSET, VISCOUS, log, writ
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.cli import printing
-from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.data.measurements import Runs
-from sdp_vs_penalty.estimation import verify_proof_file
-from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.page.jobs import JobRequest, summary
+from sdp_vs_penalty.data import Runs, concatenate
+from sdp_vs_penalty.estimation import driven, verify_proof_file
+from sdp_vs_penalty.page import JobRequest, summary
 from sdp_vs_penalty.signals import Preprocessing
 
 

@@ -10,10 +10,14 @@ from unchecked import identify
 
 from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.estimation import free_constants, prior_deviation
-from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, settled
+from sdp_vs_penalty.estimation import (
+    ShapeSensitivity,
+    free_constants,
+    prior_deviation,
+    settled,
+)
 from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.signals.filtered import FilteredRuns
+from sdp_vs_penalty.signals import FilteredRuns
 
 
 def test_every_joint_gets_its_own_width_with_an_honest_spread(scara_arm):

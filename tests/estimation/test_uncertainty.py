@@ -7,24 +7,23 @@ import pytest
 
 from sdp_vs_penalty import InputError, Measurements, Problem
 from sdp_vs_penalty.effects import Model
-from sdp_vs_penalty.estimation import bootstrap
-from sdp_vs_penalty.estimation.build_problem import build_problem
-from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.estimation.uncertainty import (
-    NOT_SEEN,
+from sdp_vs_penalty.estimation import (
     Sandwich,
     Uncertainty,
+    bootstrap,
     counts,
     of_regression,
 )
+from sdp_vs_penalty.estimation.build_problem import build_problem
+from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
-from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.regression.base_parameters import base_rows
+from sdp_vs_penalty.regression import base_rows, compress
 from sdp_vs_penalty.robot import inertia, random_trajectory
-from sdp_vs_penalty.signals.filtered import FilteredRuns
+from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.simulation import Sensor
 from sdp_vs_penalty.simulation.experiments import simulate
-from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers import Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, Verdict, judge
+from sdp_vs_penalty.estimation import Certificate, Verdict, judge
+from sdp_vs_penalty.estimation.verdict import GRADES, MISSING
 
 RMSE, R2 = np.array([0.1, 0.2]), np.array([0.99, 0.98])
 MASSES = np.array([3.0, 1.0])

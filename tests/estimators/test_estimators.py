@@ -12,17 +12,16 @@ from unchecked import identify
 
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.effects.effect import Parameter
-from sdp_vs_penalty.estimation.identify import certify
+from sdp_vs_penalty.estimation import certify
 from sdp_vs_penalty.estimators import (
     Estimator,
     Fit,
     Task,
     estimator_types,
+    joint_weights,
     make_estimator,
 )
-from sdp_vs_penalty.estimators.estimator import joint_weights
-from sdp_vs_penalty.regression import Regression
-from sdp_vs_penalty.regression.regression import Factor
+from sdp_vs_penalty.regression import Factor, Regression
 from sdp_vs_penalty.robot import inertia
 
 NAMES = list(estimator_types())

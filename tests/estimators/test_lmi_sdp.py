@@ -22,21 +22,22 @@ from random_robots import (
 
 from sdp_vs_penalty import Measurements, Problem, identify, load_problem
 from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimation import certify
 from sdp_vs_penalty.estimation.build_problem import build_problem
-from sdp_vs_penalty.estimation.identify import certify
 from sdp_vs_penalty.estimators import (
     LmiSdp,
+    LmiSdpThickness,
+    LmiSdpTwoStep,
     PosedSdp,
     Task,
+    essential,
     interior_point,
     make_estimator,
 )
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, LmiSdpTwoStep, essential
 from sdp_vs_penalty.problem import published_links
-from sdp_vs_penalty.research.shootout.instances import Instance, in_units
+from sdp_vs_penalty.research.shootout import Instance, in_units
 from sdp_vs_penalty.robot import ConstraintSet, inertia
-from sdp_vs_penalty.solvers import ConicProblem, Objective, Solution
-from sdp_vs_penalty.solvers.clarabel import Clarabel
+from sdp_vs_penalty.solvers import Clarabel, ConicProblem, Objective, Solution
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
 

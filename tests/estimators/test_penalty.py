@@ -9,11 +9,18 @@ from numpy.typing import NDArray
 from random_robots import link_parameters, open_problem, posed_task, sines, tree
 
 from sdp_vs_penalty import Measurements, Problem
-from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import LmiSdp, Task, interior_point, make_estimator
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
-from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep, ShiftedPenalty
-from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
+from sdp_vs_penalty.estimation import certify
+from sdp_vs_penalty.estimators import (
+    LmiSdp,
+    LmiSdpThickness,
+    PenalisedLoss,
+    Penalty,
+    PenaltyTwoStep,
+    ShiftedPenalty,
+    Task,
+    interior_point,
+    make_estimator,
+)
 from sdp_vs_penalty.robot import inertia
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from random_robots import link_parameters, sines, tree
 from scipy.signal import butter, sosfiltfilt
 
 from sdp_vs_penalty import Problem, load_problem
-from sdp_vs_penalty.diagnosis.conclude import size_of
+from sdp_vs_penalty.diagnosis import size_of
 from sdp_vs_penalty.effects import (
     CurrentModel,
     Effect,
@@ -29,10 +29,15 @@ from sdp_vs_penalty.effects import (
 )
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.robot import FourierTrajectory, Joint, Robot, random_trajectory
-from sdp_vs_penalty.simulation import MAKERS, experiment
-from sdp_vs_penalty.simulation.hidden_runs import true_world
-from sdp_vs_penalty.simulation.worlds.hidden import Hidden, at_joint, shifted
-from sdp_vs_penalty.simulation.worlds.world import DryFriction, TrueMotion, World
+from sdp_vs_penalty.simulation import MAKERS, experiment, true_world
+from sdp_vs_penalty.simulation.worlds import (
+    DryFriction,
+    Hidden,
+    TrueMotion,
+    World,
+    at_joint,
+    shifted,
+)
 
 Array = NDArray[np.float64]
 

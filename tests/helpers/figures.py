@@ -25,8 +25,7 @@ from small_runs import small_run
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.diagnosis.candidates import list_candidates
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, whiten_rows
+from sdp_vs_penalty.diagnosis import diagnosis_rows, list_candidates, whiten_rows
 from sdp_vs_penalty.effects import JointCoverage, effect_types
 from sdp_vs_penalty.estimation import bootstrap, excitation, separation
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs

@@ -30,14 +30,12 @@ import sdp_vs_penalty as sdp
 from sdp_vs_penalty.checks import check
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.estimation.excitation import Regressor
-from sdp_vs_penalty.estimation.identify import certify
-from sdp_vs_penalty.estimators import PenaltyPaper, make_estimator
-from sdp_vs_penalty.estimators.ols import condition_number
+from sdp_vs_penalty.estimation import Regressor, certify
+from sdp_vs_penalty.estimators import PenaltyPaper, condition_number, make_estimator
 from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.research.shootout.catalogue import instance
+from sdp_vs_penalty.research.shootout import instance, reference
 from sdp_vs_penalty.research.shootout.contestants import contestants
-from sdp_vs_penalty.research.shootout.judge import judge, reference
+from sdp_vs_penalty.research.shootout.judge import judge
 from sdp_vs_penalty.research.tables import build_tables
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.signals import FilteredRuns

@@ -17,9 +17,7 @@ from recorded import said
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.cli.verbs import page as verb
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.page import jobs, worker
-from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page import Session, Sessions, jobs, worker
 
 
 def numbers(packed: Any) -> np.ndarray:
@@ -119,8 +117,7 @@ class Screen:
         from nicegui import Client, core
         from nicegui.page import page
 
-        from sdp_vs_penalty.page.view import View
-        from sdp_vs_penalty.page.workbench import Workbench
+        from sdp_vs_penalty.page import View, Workbench
 
         self.session, self.scripts = session, list[str]()
         self.loop = asyncio.new_event_loop()

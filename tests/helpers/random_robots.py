@@ -11,7 +11,7 @@ from sdp_vs_penalty.estimators import Task, make_task
 from sdp_vs_penalty.problem import open_box, plausible_links
 from sdp_vs_penalty.regression import LeastSquares, compress
 from sdp_vs_penalty.robot import Joint, Robot, inertia
-from sdp_vs_penalty.signals.filtered import FilteredRuns
+from sdp_vs_penalty.signals import FilteredRuns
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from picks import simulated_picks
 
-from sdp_vs_penalty.data.files import save
+from sdp_vs_penalty.data import save
 
 PAGE = Path(__file__).parents[2] / "docs" / "online.md"
 

@@ -22,10 +22,10 @@ pytest.importorskip("plotly", reason="the report needs the extra [report]")
 
 from sdp_vs_penalty import Problem, compare, load_estimate, load_measurements
 from sdp_vs_penalty.data import save
-from sdp_vs_penalty.diagnosis.findings import load_diagnosis
-from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.diagnosis import load_diagnosis
+from sdp_vs_penalty.estimation import changes
 from sdp_vs_penalty.formatting import number
-from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 NAMES = ("a.csv", "b.csv", "test.csv")

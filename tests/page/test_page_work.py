@@ -20,13 +20,16 @@ pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 from starlette.requests import ClientDisconnect
 
 from sdp_vs_penalty import InputError
+from sdp_vs_penalty.page import (
+    JobProcess,
+    Session,
+    Sessions,
+    WorkerPool,
+    data_chart,
+    guarded,
+    worker,
+)
 from sdp_vs_penalty.page import sessions as tabs
-from sdp_vs_penalty.page import worker
-from sdp_vs_penalty.page.auth_middleware import guarded
-from sdp_vs_penalty.page.charts import data_chart
-from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.sessions import Sessions
-from sdp_vs_penalty.page.worker import JobProcess, WorkerPool
 
 #: Headers, and whether they may ask (null: a page may, a socket may not).
 REQUESTS = Path(__file__).parents[1] / "data" / "page_requests.json"

@@ -18,15 +18,14 @@ from recorded import brief, changed
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
 from sdp_vs_penalty import compare, load_estimate, load_measurements
-from sdp_vs_penalty.diagnosis import Curve
-from sdp_vs_penalty.diagnosis.findings import Retune
+from sdp_vs_penalty.diagnosis import Curve, Retune
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate
+from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.formatting import number
-from sdp_vs_penalty.page.sessions import Sessions
+from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.reports.demo import RUNS
 
 NAMES = ("a.csv", "b.csv", "test.csv")

@@ -10,13 +10,14 @@ from drawn import given, seeds
 from random_robots import link_parameters, tree
 
 from sdp_vs_penalty import Problem, load_problem
-from sdp_vs_penalty.problem import published_links
-from sdp_vs_penalty.problem.bodies import link_bodies
-from sdp_vs_penalty.problem.problem import problem_from_dict, problem_to_dict
-from sdp_vs_penalty.robot import Body, Joint, Robot, inertia
+from sdp_vs_penalty.problem import (
+    link_bodies,
+    problem_from_dict,
+    problem_to_dict,
+    published_links,
+)
+from sdp_vs_penalty.robot import Body, Geometry, Joint, Robot, around, inertia
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.body import around
-from sdp_vs_penalty.robot.geometry import Geometry
 
 
 def fits(problem: Problem, links: np.ndarray) -> np.ndarray:

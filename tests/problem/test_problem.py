@@ -13,14 +13,17 @@ from recorded import refusal
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.estimators import interior_point
 from sdp_vs_penalty.problem import (
+    CentreOfMassCone,
+    check_fields,
+    load_problem,
     open_box,
     plausible_links,
+    published_cell,
     published_links,
+    published_values,
     with_bounds,
 )
-from sdp_vs_penalty.problem.load import EXAMPLE, check_fields, load_problem
-from sdp_vs_penalty.problem.problem import CentreOfMassCone
-from sdp_vs_penalty.problem.published import published_cell, published_values
+from sdp_vs_penalty.problem.load import EXAMPLE
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research.tables.errata import pi_p_hat
 from sdp_vs_penalty.robot import Joint, Robot, inertia

@@ -13,12 +13,18 @@ from recorded import refusal
 from sdp_vs_penalty import Problem, identify, load_problem
 from sdp_vs_penalty.effects import Model, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.regression import BlackBox, LeastSquares, compress, load_answers
-from sdp_vs_penalty.regression.base_parameters import base_parameters, base_rows
-from sdp_vs_penalty.regression.black_box import compress_black_box
-from sdp_vs_penalty.regression.regression import Factor, Regression
-from sdp_vs_penalty.signals import Preprocessing
-from sdp_vs_penalty.signals.filtered import FilteredRun, FilteredRuns
+from sdp_vs_penalty.regression import (
+    BlackBox,
+    Factor,
+    LeastSquares,
+    Regression,
+    base_rows,
+    compress,
+    compress_black_box,
+    load_answers,
+)
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.signals import FilteredRun, FilteredRuns, Preprocessing
 from sdp_vs_penalty.simulation import experiment
 
 FILTERS = Preprocessing(5.0, 8.0)

@@ -10,8 +10,7 @@ import pytest
 from commands import run_cli
 from sdp_readers import read_cbf
 
-from sdp_vs_penalty.solvers import verify_proof
-from sdp_vs_penalty.solvers.rewrite import reorder
+from sdp_vs_penalty.solvers import reorder, verify_proof
 
 #: One of each kind: formulations, cones, units, an optimum of zero, none at all.
 NAMES = (

@@ -18,20 +18,22 @@ import pytest
 from committed import as_kept
 from recorded import refusal
 
-from sdp_vs_penalty.research.shootout import runner, summary
-from sdp_vs_penalty.research.shootout.augmented_lagrangian import Chart
-from sdp_vs_penalty.research.shootout.catalogue import catalogue, everything, instance
-from sdp_vs_penalty.research.shootout.contestants import contestants
-from sdp_vs_penalty.research.shootout.instances import Instance
-from sdp_vs_penalty.research.shootout.judge import (
-    CLASSES,
+from sdp_vs_penalty.research.shootout import (
     Answer,
+    Chart,
+    Instance,
     Reference,
     classified,
-    judge,
+    everything,
+    instance,
     reference,
     relative_violation,
+    runner,
+    summary,
 )
+from sdp_vs_penalty.research.shootout.catalogue import catalogue
+from sdp_vs_penalty.research.shootout.contestants import contestants
+from sdp_vs_penalty.research.shootout.judge import CLASSES, judge
 from sdp_vs_penalty.robot import Constraint
 from sdp_vs_penalty.solvers import solver
 

@@ -36,7 +36,7 @@ from sdp_vs_penalty.research.tables.table import Table
 from sdp_vs_penalty.research.tables.table_i import exact_rows, fit_sigmoid, residual_rms
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import engine_types, experiment
-from sdp_vs_penalty.solvers.extremes import Slice
+from sdp_vs_penalty.solvers import Slice
 
 #: Tables of a small study of each problem, and what it compares: whose optimum is one
 #: point.

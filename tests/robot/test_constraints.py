@@ -7,9 +7,16 @@ from drawn import given, seeds, st
 from random_robots import link_parameters, pose
 
 from sdp_vs_penalty import Problem
-from sdp_vs_penalty.robot import Body, ConstraintSet, cone_margin, inertia, project
+from sdp_vs_penalty.robot import (
+    Body,
+    ConstraintSet,
+    cone_margin,
+    inertia,
+    project,
+    projected_rows,
+    smallest_eigenvalue,
+)
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.constraint import projected_rows, smallest_eigenvalue
 
 CONES = ("psd", "soc", "nonnegative")
 
@@ -188,8 +195,7 @@ def extreme_point(
     demands: ConstraintSet, rng: np.random.Generator, p: int
 ) -> np.ndarray:
     """The feasible point farthest in a random direction among the parameters' axes."""
-    from sdp_vs_penalty.solvers import solver
-    from sdp_vs_penalty.solvers.identification import conic_problem, scaled
+    from sdp_vs_penalty.solvers import conic_problem, scaled, solver
 
     inside = np.tile([0.05, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3], p // 10)
     groups, _ = scaled(demands.convex, np.zeros(p), np.ones(p), inside)

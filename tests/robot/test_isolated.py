@@ -13,10 +13,13 @@ import pytest
 from sdp_vs_penalty import InputError, load_measurements
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Remark
-from sdp_vs_penalty.robot import isolated
-from sdp_vs_penalty.robot.geometry import link_geometry
-from sdp_vs_penalty.robot.isolated import ParserEndedError, parse_isolated
-from sdp_vs_penalty.robot.mesh import read_mesh
+from sdp_vs_penalty.robot import (
+    ParserEndedError,
+    isolated,
+    link_geometry,
+    parse_isolated,
+    read_mesh,
+)
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="children are forked")
 CUBE = "".join(

@@ -12,14 +12,19 @@ from random_robots import link_parameters, states
 from recorded import refusal, refusals, same_refusal
 
 from sdp_vs_penalty import Measurements, convert, identify, load_problem
-from sdp_vs_penalty.data import check_plausible
-from sdp_vs_penalty.data.datasets import to_joints
+from sdp_vs_penalty.data import check_plausible, to_joints
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
-from sdp_vs_penalty.robot import Robot, load_urdf, parse_transmission, random_trajectory
-from sdp_vs_penalty.robot.joint import SIDES, Transmission
+from sdp_vs_penalty.robot import (
+    Robot,
+    Transmission,
+    load_urdf,
+    parse_transmission,
+    random_trajectory,
+)
+from sdp_vs_penalty.robot.joint import SIDES
 
 #: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics
 #: the first: one follower is a follower's, one slides where its leader turns, one link

@@ -13,12 +13,12 @@ from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.robot import (
     cone_margin,
     constraint,
+    directions,
     geometry,
     joint,
     load_urdf,
     trajectory,
 )
-from sdp_vs_penalty.robot.body import directions
 
 ARM = """<robot name="r"><link name="base"/><link name="a">{shapes}</link>
 <joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>

@@ -8,17 +8,20 @@ import pytest
 from drawn import given, seeds, st
 from small_runs import SETTINGS, periodic, run_of
 
-from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data import Measurements, concatenate
 from sdp_vs_penalty.effects.bristles import dahl
-from sdp_vs_penalty.signals import motion, phases, repeat_period
-from sdp_vs_penalty.signals.filtered import FilteredRuns
-from sdp_vs_penalty.signals.motion import MotionRecord, record_motion
-from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
-from sdp_vs_penalty.signals.standstill import (
+from sdp_vs_penalty.signals import (
+    FilteredRuns,
+    MotionRecord,
     is_still,
+    motion,
+    phases,
+    record_motion,
+    repeat_period,
     sliding,
+    subsample_sentence,
     unexplained_standstill_torque,
+    window_subsample,
 )
 
 

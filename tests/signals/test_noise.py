@@ -11,9 +11,15 @@ from small_runs import periodic
 from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.signals import Kernel, Preprocessing, noise_of, segmented
-from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM, spectral_floor
-from sdp_vs_penalty.signals.segments import SegmentedRuns
+from sdp_vs_penalty.signals import (
+    Kernel,
+    Preprocessing,
+    SegmentedRuns,
+    noise_of,
+    segmented,
+    spectral_floor,
+)
+from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM
 
 DT, CUTOFF, JOINTS = 4e-3, 8.0, 6
 SETTINGS = Preprocessing(5.0, CUTOFF)

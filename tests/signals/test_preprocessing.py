@@ -11,9 +11,14 @@ from recorded import refusal
 
 from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.effects import Model, parse_effects
-from sdp_vs_penalty.signals import Kernel, Preprocessing, filtered, preprocessing
-from sdp_vs_penalty.signals.filtered import FilteredRun
-from sdp_vs_penalty.signals.kernels import Decimator
+from sdp_vs_penalty.signals import (
+    Decimator,
+    FilteredRun,
+    Kernel,
+    Preprocessing,
+    filtered,
+    preprocessing,
+)
 
 CASES = [(5.0, 1e-3), (8.0, 2e-3), (10.0, 0.01), (0.7, 0.02)]
 

@@ -8,13 +8,13 @@ from scipy import signal
 from sdp_vs_penalty import Measurements, signals
 from sdp_vs_penalty.signals import (
     noise,
+    read_again,
     repetition,
     runs,
     segmented,
     spectrum,
     standstill,
 )
-from sdp_vs_penalty.signals.encoder import read_again
 
 
 def log(

@@ -16,7 +16,7 @@ from committed import RESULTS
 from recorded import differences
 
 from sdp_vs_penalty.simulation import worlds
-from sdp_vs_penalty.simulation.worlds.world import bristles
+from sdp_vs_penalty.simulation.worlds import bristles
 
 
 @pytest.mark.slow
@@ -130,6 +130,7 @@ FOLDERS = [Path(home.__file__).parent for home in (worlds, challenged)]
 #: errors are said.
 ALLOWED = {
     "sdp_vs_penalty.data.measurements",
+    "sdp_vs_penalty.plugins",
     "sdp_vs_penalty.errors",
     "sdp_vs_penalty.robot._pinocchio",
 }

@@ -17,8 +17,7 @@ from sdp_vs_penalty.research.tables.table_v import (
     sinusoids,
 )
 from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
-from sdp_vs_penalty.simulation import engine_types
-from sdp_vs_penalty.simulation.engines.engine import Engine
+from sdp_vs_penalty.simulation import Engine, engine_types
 
 #: Torque error over a motion relative to the largest torque: what a first-order step of
 #: 1 ms and, in Bullet, 50 rounds of sequential impulses leave.

@@ -19,11 +19,16 @@ from sdp_vs_penalty import (
 )
 from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.robot._pinocchio import pin
-from sdp_vs_penalty.simulation import Sensor, experiment, sigmoid_friction
-from sdp_vs_penalty.simulation.experiments import innovation_share, simulate
-from sdp_vs_penalty.simulation.hidden_runs import hidden_runs, true_world
-from sdp_vs_penalty.simulation.worlds.hidden import torques
-from sdp_vs_penalty.simulation.worlds.world import TrueMotion, misplaced
+from sdp_vs_penalty.simulation import (
+    Sensor,
+    experiment,
+    innovation_share,
+    sigmoid_friction,
+    true_world,
+)
+from sdp_vs_penalty.simulation.experiments import simulate
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+from sdp_vs_penalty.simulation.worlds import TrueMotion, misplaced, torques
 
 
 def test_an_ideal_sensor_shows_the_truth(panda):

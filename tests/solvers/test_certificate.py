@@ -9,15 +9,14 @@ from random_robots import posed_task, repeating_run, task_of, with_box
 from recorded import refusal
 
 from sdp_vs_penalty import Problem
-from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.identify import (
+from sdp_vs_penalty.estimation import (
+    Certificate,
     certify,
     consistent,
     on_bounds,
     positive_mass_matrices,
 )
-from sdp_vs_penalty.estimators import Fit, LmiSdp, Task, interior_point
-from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness
+from sdp_vs_penalty.estimators import Fit, LmiSdp, LmiSdpThickness, Task, interior_point
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.solvers import ConicProblem, Solution, solver
 

@@ -23,8 +23,7 @@ from unchecked import identify
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Infeasible, InputError
-from sdp_vs_penalty.estimation import verify_proof_file
-from sdp_vs_penalty.estimation.identify import certify
+from sdp_vs_penalty.estimation import certify, verify_proof_file
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.regression import LeastSquares
 from sdp_vs_penalty.robot import constraint as build

@@ -13,14 +13,18 @@ from sdp_vs_penalty import solvers
 from sdp_vs_penalty.estimators import Fit, PosedSdp, Task, make_estimator
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.research.shootout.instances import chain_task, shape_cones
+from sdp_vs_penalty.research.shootout import chain_task, shape_cones
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.solvers import repair, rewrite, solver
-from sdp_vs_penalty.solvers.identification import SdpProblem
-from sdp_vs_penalty.solvers.rigorous_bounds import certainly_feasible
-from sdp_vs_penalty.solvers.solver import Solver
-from sdp_vs_penalty.solvers.through_cvxpy import ThroughCvxpy
+from sdp_vs_penalty.solvers import (
+    SdpProblem,
+    Solver,
+    ThroughCvxpy,
+    certainly_feasible,
+    repair,
+    rewrite,
+    solver,
+)
 
 
 class WithoutLicence(ThroughCvxpy):

@@ -11,11 +11,22 @@ from drawn import given, settings, st
 
 from sdp_vs_penalty.estimators import Fit
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.robot import Constraint, ConstraintSet, cone_margin, inertia
+from sdp_vs_penalty.robot import (
+    Constraint,
+    ConstraintSet,
+    cone_depths,
+    cone_margin,
+    inertia,
+    safe_depth,
+)
 from sdp_vs_penalty.robot import constraint as build
-from sdp_vs_penalty.robot.constraint import cone_depths, safe_depth
-from sdp_vs_penalty.solvers import Objective, repair, rigorous_bounds, verify_proof
-from sdp_vs_penalty.solvers.proof import optimum_proof
+from sdp_vs_penalty.solvers import (
+    Objective,
+    optimum_proof,
+    repair,
+    rigorous_bounds,
+    verify_proof,
+)
 
 
 def semidefinite(matrix: np.ndarray) -> bool:
