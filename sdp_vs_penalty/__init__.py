@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sdp_vs_penalty.api.identification import (
         identify_black_box as identify_black_box,
     )
-    from sdp_vs_penalty.checks import check as check
+    from sdp_vs_penalty.checks.check import check as check
     from sdp_vs_penalty.data.datasets import fetch as fetch
     from sdp_vs_penalty.data.files import load_measurements as load_measurements
     from sdp_vs_penalty.data.measurements import Measurements as Measurements

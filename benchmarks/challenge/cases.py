@@ -144,11 +144,22 @@ _KEPT = (
 )
 
 
-def run_case(case: Case) -> tuple[str, Record]:
-    """The case's key and its record, which is plain JSON: its world and runs, the last
-    of which is the test run, what the diagnosis says of them, in how many seconds of
-    the processor, and the truth."""
-    # A stream of its own, whatever other cases there are.
+@dataclass(frozen=True)
+class BuiltCase:
+    """The world of a case, its motions and what was logged of them, the last for the
+    test; what is hidden; rng : the case's stream behind all of this."""
+
+    names: list[str]
+    conditions: Conditions
+    world: Site
+    motions: list[TrueMotion]
+    hidden: list[Hidden]
+    logged: list[Logged]
+    rng: np.random.Generator
+
+
+def build_case(case: Case) -> BuiltCase:
+    """A case's world and logs, in a random stream of its own."""
     rng = np.random.default_rng([case.seed, case.index, zlib.crc32(case.key.encode())])
     kind = CLASSES[case.kind]
     conditions = kind.conditions(draw_conditions(case.nuisance, rng))
@@ -159,6 +170,16 @@ def run_case(case: Case) -> tuple[str, Record]:
     motions = [draw_motion(world, k, rng) for k in range(conditions.runs + 1)]
     hidden = kind.hidden(names, world, motions[:-1], rng)
     logged = [log_run(world, m, rng, torques(world, m, hidden)) for m in motions]
+    return BuiltCase(names, conditions, world, motions, hidden, logged, rng)
+
+
+def run_case(case: Case) -> tuple[str, Record]:
+    """The case's key and its record, which is plain JSON: its world and runs, the last
+    of which is the test run, what the diagnosis says of them, in how many seconds of
+    the processor, and the truth."""
+    kind, built = CLASSES[case.kind], build_case(case)
+    names, conditions, world = built.names, built.conditions, built.world
+    motions, hidden, logged, rng = built.motions, built.hidden, built.logged, built.rng
     learnt: Sequence[Logged] = logged[:-1]
     if kind.frozen:  # the model was identified in another sitting, without the load
         others = [draw_motion(world, k, rng) for k in range(conditions.runs)]

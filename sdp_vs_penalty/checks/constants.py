@@ -23,9 +23,10 @@ FLOOR = 1e-5
 ROUNDS = 3
 #: Parts of the log that are left out in turn.
 PARTS = 8
-#: Physics may speak with so much (natural logarithm) on each joint: estimates of
-#: friction are rough. What is likelier than that by itself is certain.
-LOUDEST = 60.0
+#: Physics may speak with so much (natural logarithm) on each joint's friction and on
+#: the weight; on inertia, which is differentiated twice, with less: it must not decide
+#: alone.
+LOUDEST, LOUDEST_INERTIA = 60.0, 12.0
 
 # -- the search ----------------------------------------------------------------------------------------
 #: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
@@ -35,6 +36,19 @@ ODDS = 6.0
 #: to fall (half of them where a number tells as well), and that a number has to lie
 #: beyond what is usual (Student's t of PARTS, 99.5 %).
 SIGMAS = 4.0
+#: A fault is claimed only where it divides the energy that is left over of some joint on
+#: parts left out by so much, beside all laws of friction and position that may explain
+#: the same: one of a few (a sign, an axis, an order), or one with a number, which adapts
+#: to whatever the model lacks. No joint's may rise by more than the last.
+ONE_OF_FEW, WITH_A_NUMBER, WORSE = 1.5, 2.0, 1.2
+#: The same of a motion of few directions, in which much explains much, and of what
+#: friction with memory resembles.
+MUCH = 4.0
+#: One arm for all runs has to explain them so many times worse than one for each.
+TIMES_BETTER = 1.5
+#: Widest 95 % interval of a number that is claimed, to either side: of a factor (natural
+#: logarithm), of an angle [rad].
+WIDEST = 0.35
 #: At most so many things are wrong at once; so many proposals are looked at closely.
 MOST = 6
 
@@ -57,6 +71,10 @@ TYPICAL = {"link": 0.05, "unknown": 0.05, "motor": 0.1}
 #: it; and up to this share of the base parameters, rotors included, an ordinary motion
 #: of a good arm leaves unseen.
 UNRELATED = 0.25
+#: Torques are a model's where the weight alone leaves less of their energy, in any
+#: joint: friction is a hundred times that. Torques resemble those of an arm where their
+#: squared correlation with a nominal one's is above the second.
+MODEL_OF_WEIGHT, RESEMBLES = 1e-4, 0.3
 #: A joint contradicts its neighbours where one arm leaves so many times the energy that
 #: the joint's own model leaves of it, and at least this share of the torque's energy.
 CONTRADICTS = (2.0, 1e-4)
@@ -76,6 +94,10 @@ RUN = 50
 SPIKE = (40.0, 0.25)
 #: Identification goes on with a log of which a smaller share is no measurement.
 MOST_LOST = 0.1
+#: From so many rows that repeat a time on, the clock is coarse: no row is a copy.
+MOST_REPEATED = 0.05
+#: Joints whose positions correlate so much move in proportion.
+LOCKSTEP = 0.995
 #: The filters need so many samples a period of the fastest motion.
 SAMPLES_A_PERIOD = 30.0
 

@@ -4,12 +4,12 @@ everything else is a remark."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import check as check_data
-from sdp_vs_penalty.checks.issue import EXPLANATION, FACT
+from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -54,19 +54,32 @@ def raise_on_errors(
     for run, f in found:
         if f.nature == FACT:
             warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
-    for name in dict.fromkeys(run for run, _ in found):
-        words = [f.what for run, f in found if run == name and f.nature == EXPLANATION]
-        if words:
-            more = f" (and {len(words) - 1} more)" if len(words) > 1 else ""
-            warn(
-                f"warning: {name}: it looks as if {words[0].rstrip('.')}{more}; the log"
-                " is taken as it is. `check` says how sure that is and what to do"
-            )
+    said = explanations_in_a_line(problem.name, found)
+    if said:
+        warn(f"warning: {said}")
     hashes = [run.data_hash for run in measurements.runs()]
     whole = reports if len(hashes) == len(reports) else []
     return {
         h: [f.to_dict() for f in r.issues] for h, r in zip(hashes, whole, strict=False)
     }
+
+
+def explanations_in_a_line(problem: str, found: Sequence[tuple[str, Issue]]) -> str:
+    """What a model makes of the log, in one line: what it looks like, that it is taken
+    as it is, and the command that tries the repair; empty where nothing is said."""
+    told = [(run, f) for run, f in found if f.nature == EXPLANATION]
+    if not told:
+        return ""
+    run = told[0][0]
+    kinds = list(dict.fromkeys(f.what.rstrip(".") for _, f in told))
+    more = f" (and {formatting.count(len(kinds) - 1, 'more such thing')})"
+    words = " ".join(dict.fromkeys(f.apply for _, f in told if f.apply))
+    tries = f" --fix fixed.csv --apply {words}" * bool(words)
+    how = "tries the repair, and shows both errors" if words else "says more"
+    return (
+        f"{run}: it looks as if {kinds[0]}{more * (len(kinds) > 1)}. The log is taken as"
+        f" it is; `check {run} --problem {problem}{tries}` {how}"
+    )
 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:

@@ -1,6 +1,6 @@
 """What the data check says: one issue a problem."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 FACT, EXPLANATION = "fact", "explanation"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Issue:
     """kind : what is wrong, in two or three words; where : joints, channels, rows or
     instants.
@@ -35,6 +35,8 @@ class Issue:
     figures: Mapping[str, Any] = field(default_factory=dict)
     gravity: tuple[float, ...] | None = None
     nature: str = FACT
+    apply: str = ""
+    equivalents: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.nature == EXPLANATION and self.severity == "error":
@@ -43,32 +45,34 @@ class Issue:
     @classmethod
     def of(
         cls,
+        *,
         kind: str,
         severity: str,
         joints: Any,
         what: str,
         certainty: str,
         remedy: str,
-        repair: Callable[[Measurements], Measurements] | None = None,
         where: str = "",
+        repair: Callable[[Measurements], Measurements] | None = None,
         nature: str = FACT,
+        apply: str = "",
         **figures: Any,
     ) -> "Issue":
         """About some joints (from 0), whose names ``{where}`` is in ``what`` if it is
         not said."""
         where = where or joints_text(joints)
         numbers = {"joints": [int(j) + 1 for j in joints]} if len(joints) else {}
-        told = what.replace("{where}", where)
         return cls(
-            kind,
-            severity,
-            where,
-            told,
-            certainty,
-            remedy,
-            repair,
-            {**numbers, **figures},
+            kind=kind,
+            severity=severity,
+            where=where,
+            what=what.replace("{where}", where),
+            certainty=certainty,
+            remedy=remedy,
+            repair=repair,
+            figures={**numbers, **figures},
             nature=nature,
+            apply=apply,
         )
 
     @property
@@ -81,7 +85,14 @@ class Issue:
         """Plain JSON; joints count from 1."""
         names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")
         plain = {name: getattr(self, name) for name in names}
-        return {**plain, "can_fix": self.mends, "figures": dict(self.figures)}
+        return {
+            **plain,
+            "can_fix": self.mends,
+            "apply": self.apply,
+            "equivalents": [*self.equivalents],
+            "figures": dict(self.figures),
+            "gravity": self.gravity,
+        }
 
 
 def joints_text(joints: Any) -> str:
@@ -94,3 +105,9 @@ def rows_text(rows: Any) -> str:
     first = next((k for k, row in enumerate(rows) if row != rows[0] + k), len(rows))
     text = f"row {rows[0]}" if first == 1 else f"rows {rows[0]} to {rows[first - 1]}"
     return text + (f" and {len(rows) - first} more" if len(rows) > first else "")
+
+
+def gravest_first(issues: Sequence[Issue]) -> tuple[Issue, ...]:
+    """In the order of their severity, otherwise as they came."""
+    grave = ("error", "warning", "note").index
+    return tuple(sorted(issues, key=lambda issue: grave(issue.severity)))

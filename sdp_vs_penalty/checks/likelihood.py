@@ -28,7 +28,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import FLOOR, LOUDEST, PARTS, RIDGE, ROUNDS
+from sdp_vs_penalty.checks.constants import (
+    FLOOR,
+    LOUDEST,
+    LOUDEST_INERTIA,
+    PARTS,
+    RIDGE,
+    ROUNDS,
+)
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import Event, LogTransform, Numbers, Order
 from sdp_vs_penalty.effects.effect import Motion
@@ -132,6 +139,19 @@ class Likelihood:
             lru_cache(20)(self._made_basis),
             lru_cache(40)(self._shifted),
         )
+
+    @classmethod
+    def together(cls, logs: Sequence[Likelihood]) -> Likelihood:
+        """Of the rows of several logs of one problem, as one log; a single one itself."""
+        if len(logs) == 1:
+            return logs[0]
+        return cls(logs[0].problem, RegressionData.together([x.data for x in logs]))
+
+    @cached_property
+    def beside_physics(self) -> Likelihood:
+        """With all laws of a joint's own motion that an arm may have as own columns:
+        what these explain is no fault of the log."""
+        return Likelihood(self.problem, self.data.with_laws(self.nominal(self.none)))
 
     @cached_property
     def screen(self) -> Likelihood:
@@ -521,7 +541,9 @@ class ArmFit:
         spread += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = value / np.sqrt(np.maximum(spread, 1e-300))
         asked = np.append(self.of.moving, [True, True])
-        return float(np.maximum(log_ndtr(z), -LOUDEST)[asked].sum())
+        loudest = np.full(len(z), LOUDEST)
+        loudest[-2] = LOUDEST_INERTIA
+        return float(np.maximum(log_ndtr(z), -loudest)[asked].sum())
 
 
 def _positive(whole: Array) -> Array:

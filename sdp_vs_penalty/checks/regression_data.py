@@ -84,6 +84,52 @@ class RegressionData:
         laws = {name: x[:, rows] for name, x in self.laws.items()}
         return replace(self, motion=motion, own=own, laws=laws, heard=self.heard[rows])
 
+    def with_laws(self, torque: Array) -> RegressionData:
+        """With LAWS, and friction that a torque (M, n) bears, among the own columns."""
+        load, dq = np.abs(torque), self.motion.dq
+        borne = [load * np.tanh(dq / w) for w in COULOMB_WIDTHS[:2]]
+        columns = [np.stack([x.T for x in borne], axis=2), *self.laws.values()]
+        return replace(self, own=np.concatenate([self.own, *columns], axis=2))
+
+    @classmethod
+    def together(cls, logs: Sequence[RegressionData]) -> RegressionData:
+        """The rows of several logs, one after the other, ROWS at most; each log
+        has a constant of its own (the zeros of its torques)."""
+        from scipy.interpolate import CubicSpline
+
+        thin = len(logs)
+        parts, begin = [], 0.0
+        times, torques, owns = [], [], []
+        for k, log in enumerate(logs):
+            some = log.some(slice(None, None, thin))
+            shift = begin - min(float(some.motion.t[0]), float(log.torque.x[0]))
+            motion = some.motion
+            parts.append((some, replace(motion, t=motion.t + shift)))
+            times.append(log.torque.x + shift)
+            torques.append(log.torque(log.torque.x))
+            begin = max(float(times[-1][-1]), float(motion.t[-1] + shift)) + 1.0
+            zeros = np.zeros((*some.own.shape[:2], len(logs) - 1))
+            zeros[:, :, k - 1 : k] = 1.0 if k else 0.0
+            owns.append(np.concatenate([some.own, zeros], axis=2))
+        first = logs[0]
+        laws = {
+            name: np.concatenate([some.laws[name] for some, _ in parts], axis=1)
+            for name in first.laws
+        }
+        heard = [some.heard * some.moving for some, _ in parts]
+        spline = CubicSpline(np.concatenate(times), np.concatenate(torques))
+        return replace(
+            first,
+            motion=joined([motion for _, motion in parts]),
+            torque=spline,
+            own=np.concatenate(owns, axis=1),
+            laws=laws,
+            heard=np.concatenate(heard),
+            moving=np.any([log.moving for log in logs], axis=0),
+            largest=np.max([log.largest for log in logs], axis=0),
+            cutoff=min(log.cutoff for log in logs),
+        )
+
     @classmethod
     def of(
         cls, problem: Problem, run: Measurements, settings: Preprocessing

@@ -19,16 +19,16 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.faults.fault import UNITS
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import ArmFit, Equations, Likelihood, jackknifed
 from sdp_vs_penalty.checks.repair import LogTransform
-from sdp_vs_penalty.checks.transformations import UNITS
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
 from sdp_vs_penalty.estimators.estimator import make_task
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.regression.regression import compress
-from sdp_vs_penalty.robot.arrays import Array, at_least_tiny
+from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 
 explanation = partial(Issue.of, nature=EXPLANATION)
@@ -51,13 +51,13 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
     )
     if dark > c.UNRELATED:
         yield explanation(
-            "torque not explained",
-            "warning",
-            (),
-            f"No inertia and friction of this arm explain {100.0 * dark:.0f} % of the"
+            kind="torque not explained",
+            severity="warning",
+            joints=(),
+            what=f"No inertia and friction of this arm explain {100.0 * dark:.0f} % of the"
             " torque energy.",
-            _SURE,
-            "check that this is the right robot, that the columns are joint torques,"
+            certainty=_SURE,
+            remedy="check that this is the right robot, that the columns are joint torques,"
             " and that positions and torques come from the same recording",
             where="all torque channels",
             unexplained_percent=100.0 * dark,
@@ -73,12 +73,12 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
         left = ", ".join(f"{percent[j]:.2g} %" for j in joints)
         if left:
             yield explanation(
-                "unexplained torque",
-                "warning",
-                joints,
-                f"the torque of {{where}} {what}: {left} of it stays unexplained.",
-                _SURE,
-                "look at that channel: `diagnose` draws what is left; check its source,"
+                kind="unexplained torque",
+                severity="warning",
+                joints=joints,
+                what=f"the torque of {{where}} {what}: {left} of it stays unexplained.",
+                certainty=_SURE,
+                remedy="look at that channel: `diagnose` draws what is left; check its source,"
                 " gain and zero, and that robot, mounting and torque side are those of"
                 " the problem",
                 percent=percent[joints].round(2).tolist(),
@@ -105,16 +105,16 @@ def _event(log: Likelihood, repair: LogTransform, score: ArmFit) -> Iterator[Iss
             and most > c.TIMES * elsewhere > 0.0
         ):
             yield explanation(
-                "one-off event",
-                "warning",
-                [j],
-                f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost"
+                kind="one-off event",
+                severity="warning",
+                joints=[j],
+                what=f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost"
                 f" packet): the error is {most:.3g} {log.problem.robot.torque_units[j]}"
                 f" in joint {j + 1}, over {c.TIMES:g} times that at any other moment.",
-                "likely: an effect of the arm itself would recur",
-                f"exclude {_WIDTH:g} s around it",
-                lambda r: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH),  # noqa: B023
-                f"t = {at:.3g} s, {joints_text([j])}",
+                certainty="likely: an effect of the arm itself would recur",
+                remedy=f"exclude {_WIDTH:g} s around it",
+                repair=lambda r: r.rows(np.abs(r.t - at) > 0.5 * _WIDTH),  # noqa: B023
+                where=f"t = {at:.3g} s, {joints_text([j])}",
                 t=at,
             )
             return
@@ -150,7 +150,14 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             f"the torque of {{where}} is {times} times what the joint is made for: in"
             " another unit."
         )
-        yield explanation("torque unit", "warning", odd, what, sure, convert)
+        yield explanation(
+            kind="torque unit",
+            severity="warning",
+            joints=odd,
+            what=what,
+            certainty=sure,
+            remedy=convert,
+        )
         return
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
     known, weighs = (
@@ -198,6 +205,16 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         if factor is not None:
             why, remedy = f"they are in {UNITS[factor]}", f"multiply by {factor:g}"
             mend = lambda r: replace(r, tau=r.tau * factor)  # noqa: E731
+    elif small and _resembles(channels, log.nominal(repair)) < c.RESEMBLES:
+        kind = "external torque"
+        why = (
+            "they do not follow the arm's weight and inertia: what is left where a model"
+            " was subtracted (external torque)"
+        )
+        remedy = (
+            "log the measured joint torque: neither masses nor inertias can be"
+            " identified from this"
+        )
     elif small:
         kind = "torque channel kind"
         why = (
@@ -213,21 +230,60 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         return
     what, ratio = f"the torques are {told}: {why}.", measured if known else None
     yield explanation(
-        kind,
-        "warning",
-        range(log.n),
-        what,
-        sure,
-        remedy,
-        mend,
-        where,
+        kind=kind,
+        severity="warning",
+        joints=range(log.n),
+        what=what,
+        certainty=sure,
+        remedy=remedy,
+        repair=mend,
+        where=where,
         times_nominal=ratio,
     )
+
+
+def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
+    """Torques that a controller's model made, and no motor: the weight of an arm alone,
+    without inertia and friction. Nothing else can be asked of such torques."""
+    if log.data.shared is None or not any(log.none.gravity) or log.spare <= 0.0:
+        return
+    score = log.score(log.none)
+    weight = log.filter_gain(log.none)[:, :, None] * log.shared(log.none, 0.0, 0.0)
+    ones = log.filter_gain(log.none)[:, :, None]
+    n_joints, n_rows = weight.shape[:2]
+    place = np.eye(n_joints)[:, None, :] * ones
+    columns = np.concatenate([weight, place], axis=2).reshape(n_joints * n_rows, -1)
+    y = score.channels.reshape(-1)
+    size = np.repeat(np.sqrt(np.maximum(score.whole, 1e-280)), n_rows)
+    columns, y = columns / size[:, None], y / size
+    left = y - columns @ np.linalg.lstsq(columns, y, rcond=1e-9)[0]
+    shares = np.sum(left.reshape(n_joints, n_rows) ** 2, axis=1)
+    if shares[log.moving].max() < c.MODEL_OF_WEIGHT:
+        yield explanation(
+            kind="gravity model",
+            severity="warning",
+            joints=(),
+            what="the torques are the weight of an arm alone: no inertia, and no"
+            f" friction of any joint ({100.0 * shares.max() ** 0.5:.2g} % is left).",
+            certainty="likely: every motor bears friction",
+            remedy="log the measured torque or current: this is the controller's model"
+            " of gravity, from which friction and inertia cannot be identified",
+            where="all torque channels",
+        )
 
 
 def _size(torques: Array) -> float:
     """Their norm, by which others may be divided."""
     return float(at_least_tiny(np.linalg.norm(torques)))
+
+
+def _resembles(torques: Array, nominal: Array) -> float:
+    """The largest squared correlation of a joint's torque (N, n) with the nominal arm's."""
+    x, y = (v - v.mean(axis=0) for v in (torques, nominal))
+    common = np.sum(x * y, axis=0) ** 2
+    return float(
+        np.max(common / nonzero_or_one(np.sum(x**2, axis=0) * np.sum(y**2, axis=0)))
+    )
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
@@ -244,16 +300,16 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
         joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
         severity = "warning" if len(dark) > c.UNRELATED * total else "note"
         yield Issue(
-            "poor excitation",
-            severity,
-            joints_text(joints) if joints else "the robot",
-            f"{len(dark)} of {total} base parameters are not identifiable from this"
+            kind="poor excitation",
+            severity=severity,
+            where=joints_text(joints) if joints else "the robot",
+            what=f"{len(dark)} of {total} base parameters are not identifiable from this"
             f" motion: {', '.join(dark)}.",
-            "likely: by least squares, were its error white noise",
-            "move these joints farther, faster and independently of each other, or add"
+            certainty="likely: by least squares, were its error white noise",
+            remedy="move these joints farther, faster and independently of each other, or add"
             " runs that do",
-            None,
-            {"base_parameters": total, **counts(known.base), "names": dark},
+            repair=None,
+            figures={"base_parameters": total, **counts(known.base), "names": dark},
             nature=EXPLANATION,
         )
 
@@ -312,7 +368,7 @@ def compare_runs(
     lost = np.where(asked, np.log(one / alone), 0.0)
     times = float(np.exp(0.5 * lost.sum() / max(asked[0].sum(), 1)))
     # Friction is never quite the same again.
-    if 0.5 * samples * lost.sum() < 3.0 * c.ODDS or times < worse:
+    if 0.5 * samples * lost.sum() < 3.0 * c.ODDS or times < max(worse, c.TIMES_BETTER):
         return
     usual = {"torque gain": c.CALIBRATED_GAIN, "encoder offset": c.CALIBRATED}
     weights, causes = np.where(asked, 1.0 / one, 0.0), []
@@ -330,7 +386,8 @@ def compare_runs(
                 1.0 if j >= 0 else 0.5
             )
             x, spread = map(float, jackknifed(arms[:, -max(more.shape[2], 1)]))
-            if j < 0 or abs(x) > max(c.SIGMAS * spread, usual.get(kind, 0.0)):
+            certain = abs(x) > max(c.SIGMAS * spread, usual.get(kind, 0.0))
+            if j < 0 or (certain and _can_be(log, kind, j, x)):
                 causes.append((gain, odd, kind, j, x, log.predicts(before, after)))
     _, odd, kind, j, x, sure = max(causes, key=lambda cause: cause[0])
     # Of a number, whose interval tells as well, half as clear a prediction is enough.
@@ -350,15 +407,15 @@ def compare_runs(
     yield (
         odd,
         Issue(
-            kind,
-            "warning",
-            joints_text(joints) if joints else "the run",
-            f"{what}, beside the others.",
-            f"likely: one arm for all runs explains them {times:.2g} times worse than"
+            kind=kind,
+            severity="warning",
+            where=joints_text(joints) if joints else "the run",
+            what=f"{what}, beside the others.",
+            certainty=f"likely: one arm for all runs explains them {times:.2g} times worse than"
             " one for each",
-            remedy,
-            None,
-            {
+            remedy=remedy,
+            repair=None,
+            figures={
                 "joints": [k + 1 for k in joints],
                 "run": names[odd],
                 "size": x,
@@ -367,6 +424,19 @@ def compare_runs(
             nature=EXPLANATION,
         ),
     )
+
+
+def _can_be(log: Likelihood, kind: str, j: int, x: float) -> bool:
+    """Whether a number that is different in a run is of a size that it can have: a gain
+    is positive, a zero within a part of a turn, a load less than the arm."""
+    if kind == "torque gain":
+        return 0.2 < 1.0 + x < 5.0
+    if kind == "encoder offset":
+        return abs(x) < (
+            0.5 if j in log.revolute else log.problem.robot.link_reach()[j]
+        )
+    masses = log.problem.nominal_links[:, 0]
+    return bool(abs(x) < max(float(masses.sum()), 1.0))
 
 
 def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:

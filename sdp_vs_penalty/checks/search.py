@@ -13,22 +13,47 @@ from functools import lru_cache
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.faults import FAULTS
+from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
-from sdp_vs_penalty.checks.transformations import TRANSFORMATIONS, Fault, FaultSize
+
+#: Faults that a motion shows whose directions are half as many as its joints.
+TOLD_BY_A_POOR_MOTION = "degrees", "sign", "mounting", "events"
 
 
 class Search:
-    """Of one log."""
+    """Of the rows of all runs together; logs : of each run, in which what is found has
+    to hold as well; facts : what is known of each run already."""
 
-    def __init__(self, log: Likelihood) -> None:
+    def __init__(
+        self,
+        log: Likelihood,
+        logs: Sequence[Likelihood] = (),
+        facts: Sequence[Sequence[Issue]] = (),
+    ) -> None:
         self.log, self.samples = log, log.score(log.none).samples
+        self.logs = logs or [log]
+        every = [issue for issues in facts for issue in issues]
+        self.known = {issue.kind for issue in every}
+        ranks = [f.figures["rank"] for f in every if f.kind == "lockstep motion"]
+        same = len(ranks) == len(self.logs)
+        self.is_poor = same and 2 * max(ranks, default=0) <= len(log.joints)
         self.elements = lru_cache(99)(self._elements)
         self.posterior = lru_cache(99)(self._posterior)
 
     def _elements(self, repair: LogTransform) -> tuple[Fault, ...]:
-        return tuple(e for t in TRANSFORMATIONS for e in t.elements(self.log, repair))
+        return tuple(e for t in FAULTS for e in t.elements(self.log, repair))
+
+    @property
+    def faults(self) -> list[Transformation]:
+        """What is tried: joints in lockstep cannot tell an order; a motion of few
+        directions tells signs and the mounting alone."""
+        if self.is_poor:
+            return [fault for fault in FAULTS if fault.name in TOLD_BY_A_POOR_MOTION]
+        barred = {"order"} if "lockstep motion" in self.known else set()
+        return [fault for fault in FAULTS if fault.name not in barred]
 
     def likelihood(self, score: ArmFit, repair: LogTransform) -> float:
         """Log-likelihood less the repair's cost; round numbers come first."""
@@ -40,9 +65,11 @@ class Search:
         return self.likelihood(score, repair) + score.physics(repair, self.samples)
 
     def new(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
-        """What it does beyond another one."""
-        known = {e.name for e in self.elements(now)}
-        return [e for e in self.elements(repair) if e.name not in known]
+        """What it does beyond another one; where that is the same by name, what it does
+        otherwise."""
+        known = {e.name: e.what for e in self.elements(now)}
+        more = [e for e in self.elements(repair) if e.name not in known]
+        return more or [e for e in self.elements(repair) if e.what != known[e.name]]
 
     def run(self) -> LogTransform:
         """The net repair."""
@@ -60,7 +87,7 @@ class Search:
         gives back at most what it takes of ``now``: what does not reach the odds so is
         not looked at."""
         score, screen = self.log.score(now), self.log.screen
-        made = (t.proposals(self.log, now, score) for t in TRANSFORMATIONS)
+        made = (t.proposals(self.log, now, score) for t in self.faults)
         asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
         here, scores = (
             screen.score(now),
@@ -112,8 +139,8 @@ class Search:
         self.posterior.cache_clear()
 
     def is_confirmed(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether it predicts what the arm was not fitted to, and its numbers are
-        beyond what is usual.
+        """Whether it predicts what the arm was not fitted to, better than physics does,
+        and its numbers are beyond what is usual.
         Of a number, whose interval tells as well, half as clear a prediction of several
         joints is enough."""
         fits, new = self.log, self.new(repair, now)
@@ -126,15 +153,81 @@ class Search:
             0.5 if len(fits.joints) > 1 and all(e.number for e in new) else 1.0
         )
         # Where the fit is the same, physics alone may tell.
-        return fits.predicts(before, after) > (
-            -least if _same_fit(repair, now) else least
+        if _same_fit(repair, now):
+            gain = self.posterior(repair) - self.posterior(now)
+            told = not self.is_poor and gain > c.LOUDEST_INERTIA
+            return told and fits.predicts(before, after) > -least
+        if self._signs_alone(new) and not self.is_poor:
+            # Friction that drives its joint tells, whatever the fit.
+            return fits.predicts(before, after) > -0.5 * least
+        is_law = all(e.severity == "note" for e in new)
+        return fits.predicts(before, after) > least and (
+            is_law or self.beats_physics(fits, repair, now)
         )
+
+    def _signs_alone(self, new: Sequence[Fault]) -> bool:
+        """Whether all that is new are signs of torques, which no effect explains."""
+        return all(e.kind == "torque sign" for e in new)
+
+    def beats_physics(
+        self,
+        log: Likelihood,
+        repair: LogTransform,
+        now: LogTransform,
+        strict: bool = False,
+    ) -> bool:
+        """Whether a fault makes the error on parts left out of a log smaller in some
+        joint, where every law that its joints may have is free to
+        explain the same, with the fault and without."""
+        rich = log.beside_physics
+        errors = [
+            np.mean(rich.jackknife_errors(r, rich.score(r).weights)[1], axis=0)
+            for r in (now, repair)
+        ]
+        ratio = (errors[0] / errors[1])[log.moving]
+        new = self.new(repair, now)
+        has_number = any(e.odd for e in new)
+        least = c.WITH_A_NUMBER if has_number else c.ONE_OF_FEW
+        # Friction with memory looks like a delay of its joint.
+        is_late = any(e.kind in ("channel delay", "channel filter") for e in new)
+        least = c.MUCH if self.is_poor or is_late else least
+        harmless = np.exp(np.mean(np.log(ratio))) > 1.0
+        if strict:
+            harmless = ratio.min() > 1.0 / c.WORSE
+        return bool(ratio.max() > least and harmless)
+
+    def confirmed(self, net: LogTransform) -> LogTransform:
+        """Without what does not hold in every run: order, signs, units, gains, clock and
+        mounting are those of the logger."""
+        for e in self.elements(net):
+            if e.severity == "note" or _same_fit(net, e.without):
+                continue
+            several = self.logs if len(self.logs) > 1 else []
+            stands = e.kind == "torque sign" or self.beats_physics(
+                self.log, net, e.without, strict=True
+            )
+            if not stands or not all(self._holds(x, net, e.without) for x in several):
+                known = [x for x in self.elements(net) if x.name == e.name]
+                net = known[0].without if known else net
+        return net
+
+    def _holds(self, log: Likelihood, net: LogTransform, without: LogTransform) -> bool:
+        """Whether a run does not speak against what is said of all: its error on parts
+        left out is no larger, where its joints move."""
+        before, after = (
+            np.mean(np.log(log.jackknife_errors(r, log.score(r).weights)[1]), axis=0)
+            for r in (without, net)
+        )
+        return bool(np.mean((before - after)[log.moving]) > -0.1)
 
     def _determined(self, number: FaultSize) -> bool:
         """Beyond what is usual by more than its interval, which is closed: as far as
         the best value is looked for, to either side, it explains less."""
-        reach = c.SIGMAS * self.step(number)[1]
+        spread = self.step(number)[1]
+        reach = c.SIGMAS * spread
         if abs(number.value) <= number.tolerance + reach:
+            return False
+        if 2.0 * spread > max(number.tolerance, number.widest):
             return False
         far = max(number.search_radius, reach)
         here, *sides = self.log.scores(
@@ -204,6 +297,14 @@ class Search:
                 repair = number.at(x)
         return repair
 
+    def alone(self, net: LogTransform, element: Fault) -> LogTransform:
+        """The repair that does one thing of the net repair, and no other."""
+        for other in self.elements(net):
+            if other.name != element.name:
+                here = [x for x in self.elements(net) if x.name == other.name]
+                net = here[0].without if here else net
+        return net
+
     def describe_faults(self, net: LogTransform) -> list[Issue]:
         """An issue for each element of the net repair, with its interval and what it
         explains."""
@@ -241,7 +342,7 @@ class Search:
             if e.kind.startswith("gravity"):
                 share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
                 gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
-            mend = net.apply if e.mends else None
+            mend = self.alone(net, e).apply if e.mends else None
             issue = Issue(
                 kind=e.kind,
                 nature=EXPLANATION,
@@ -253,6 +354,8 @@ class Search:
                 repair=mend,
                 figures=figures,
                 gravity=gravity,
+                apply=e.apply,
+                equivalents=e.equivalents,
             )
             out.append(issue)
         return out

@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.cli.console import details, paragraph, say, table
+from sdp_vs_penalty.cli.console import details, out, paragraph, say, table
 from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.formatting import number, plain_unit
 
 if TYPE_CHECKING:  # `identify` needs no diagnosis
+    from sdp_vs_penalty.checks import Issue, Report
     from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
     from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
 
@@ -352,3 +354,47 @@ def before_after(
         f"all joints together, relative error: {errors[0]} % before, {errors[1]} %"
         " after"
     )
+
+
+def checks(reports: Sequence[Report]) -> None:
+    """What the check says: of all runs together first, then of each."""
+    first = reports[0].issues if reports else ()
+    several = len(reports) > 1
+    common = [
+        f for f in first if several and all(_has(r.issues, f) for r in reports[1:])
+    ]
+    if common:
+        say(f"All {len(reports)} runs", style="bold")
+        for issue in common:
+            _issue(issue)
+    for report in reports:
+        say(report.verdict, style="bold")
+        for issue in report.issues:
+            if not _has(common, issue):
+                _issue(issue)
+
+
+def _has(issues: Sequence[Issue], issue: Issue) -> bool:
+    """Whether the same is said already."""
+    return any((f.where, f.what) == (issue.where, issue.what) for f in issues)
+
+
+def _issue(issue: Issue) -> None:
+    """One issue: severity and kind, what, how sure, what to do."""
+    from rich.markup import escape
+
+    colours = {"error": "red", "warning": "yellow", "note": "dim"}
+    word = f"[{colours[issue.severity]}]{issue.severity}[/]"
+    nature = "" if issue.nature == "fact" else " [dim]explanation[/]"
+    out.print(
+        f"  {word}{nature} {escape(printable(issue.kind))} ({escape(printable(issue.where))})"
+    )
+    tries = " (--fix does it)" if issue.mends else ""
+    if issue.apply:
+        tries = f" (--fix with --apply {issue.apply} tries it)"
+    for text in (
+        issue.what,
+        f"How sure: {issue.certainty}.",
+        f"What to do: {issue.remedy}{tries}.",
+    ):
+        say(f"    {text}")

@@ -18,7 +18,13 @@ from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
 from sdp_vs_penalty.errors import InputError, other_robot
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
-from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict, judge, noise_level
+from sdp_vs_penalty.estimation.verdict import (
+    NoiseFloor,
+    Verdict,
+    doubt_of_log,
+    judge,
+    noise_level,
+)
 from sdp_vs_penalty.formatting import Shown, Summary, finite
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
@@ -103,6 +109,7 @@ class Comparison(Shown):
             missing=missing,
             forward=forward,
             remark=self.judged_on or "",
+            doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
         )
 
     def plot(

@@ -10,7 +10,7 @@ missing; the grade is the same with and without it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -46,6 +46,35 @@ MOSTLY_NEW = 0.5
 #: hundredth.
 _LIGHTEST = 1e-3
 FIT, PREDICTION, MISSING = "fit against noise", "prediction", "missing"
+#: What the data check leaves in doubt is a line of its own.
+LOG = "the log"
+#: Kinds of issues of the data check that leave order, clock, mounting, sign, unit or the
+#: kind of torque in doubt: such a model is not good, whatever its error.
+DOUBTS = frozenset(
+    {
+        "clock against velocity",
+        "clock rate",
+        "time reversed",
+        "position order",
+        "torque order",
+        "joint order",
+        "position sign",
+        "torque sign",
+        "joint sign",
+        "torque magnitude",
+        "gravity direction",
+        "gravity of the problem",
+        "gravity removed",
+        "gravity model",
+        "external torque",
+        "torque channel kind",
+        "torque in counts",
+        "torque unit",
+        "torque not explained",
+        "units of the problem",
+        "masses of the problem",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -136,6 +165,7 @@ def judge(
     missing: str = "",
     forward: str = "",
     remark: str = "",
+    doubt: str = "",
 ) -> Verdict:
     """The verdict on one model.
 
@@ -144,7 +174,8 @@ def judge(
     recorded; outside : largest share of rows outside of a measured curve. masses,
     nominal (links,) [kg] : of its links, identified and before; missing : what a
     diagnosis says, "" where there was none; forward : what a forward simulation says;
-    remark : of long recordings.
+    remark : of long recordings; doubt : what the data check leaves in doubt
+    (:func:`doubt_of_log`).
     """
     beyond, over = (
         relative,
@@ -173,11 +204,28 @@ def judge(
     )
     end = f"{said if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
     lines = [fit, _prediction(beyond, relative, new_share, far, end), last]
+    if doubt:
+        lines.insert(0, Line(LOG, "usable", doubt))
     weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
     ratios, source = (
         (None, "") if over is None else (tuple(map(float, over)), noise_source)
     )
     return Verdict(weakest_first, ratios, source, tuple(judged_on), remark)
+
+
+def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Which kinds of DOUBTS the check has named of the training runs, in a sentence;
+    checks : issues as plain JSON by run, as a model keeps them."""
+    kinds = [
+        str(issue["kind"])
+        for issues in checks.values()
+        for issue in issues
+        if issue.get("kind") in DOUBTS and issue.get("severity") != "note"
+    ]
+    if not kinds:
+        return ""
+    words = formatting.words(list(dict.fromkeys(kinds)))
+    return f"In doubt: {words}; `check` says what to do."
 
 
 def _fit(

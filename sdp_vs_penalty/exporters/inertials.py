@@ -17,12 +17,18 @@ from sdp_vs_penalty.problem.bodies import link_bodies
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.geometry import link_geometry
+from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
 from sdp_vs_penalty.robot.urdf import (
     errors_located_in,
     load_urdf,
     placed_links,
     read_inertial,
 )
+
+#: Moments of inertia up to this are zero [kg m^2]: simulators refuse such bodies.
+_ZERO = 1e-12
+#: Root mean square distance of a link's mass from a plane, at least [m].
+_THINNEST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -66,9 +72,14 @@ class LinkCheck:
             )
             triangle = np.nan
         elif min(moments[0], triangle) < least:
-            nearest = replace(given, about_com=nearest_inertia(given.about_com))
             verdict = "triangle inequality violated"
             verdict = "negative moment of inertia" if moments[0] < least else verdict
+        elif given.mass > 0.0 and moments[0] <= _ZERO:
+            verdict = "zero moment of inertia"
+        if verdict != "consistent" and given.mass > 0.0:
+            nearest = replace(
+                given, about_com=nearest_inertia(given.about_com, given.mass)
+            )
         gyration = float(inertia.gyration(theta)) if verdict == "consistent" else 0.0
         margin = float(inertia.consistency_margin(theta))
         return cls(link, given, triangle, margin, verdict, reach, gyration, nearest)
@@ -78,6 +89,16 @@ class LinkCheck:
         """|I - I_nearest| in the Frobenius norm [kg m^2]."""
         nearest = self.nearest or self.given
         return float(np.linalg.norm(self.given.about_com - nearest.about_com))
+
+    @property
+    def has_wrong_signs(self) -> bool:
+        """Whether the moments on the diagonal are possible with their signs changed."""
+        diagonal = np.diagonal(self.given.about_com)
+        if np.all(diagonal >= 0.0) or self.given.mass <= 0.0:
+            return False
+        changed = self.given.about_com + np.diag(np.abs(diagonal) - diagonal)
+        moments = np.linalg.eigvalsh(changed)
+        return bool(moments[0] > 0.0 and moments[0] + moments[1] >= moments[2])
 
     @property
     def consistent(self) -> bool:
@@ -160,6 +181,12 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
         for c in checks
         if c.unlikely
     ]
+    said += [
+        f"{c.link}: possible with positive moments on the diagonal: their signs may be"
+        " wrong."
+        for c in checks
+        if c.has_wrong_signs
+    ]
     if massless:
         said.append(
             f"Moving links without an inertial: {', '.join(massless)}. Simulators"
@@ -167,6 +194,27 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
             " `export --urdf` adds them."
         )
     return said
+
+
+def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
+    """What of the file is in other units than m and kg, a sentence each, with what to do.
+
+    Raises InputError as :func:`check_urdf` does.
+    """
+    robot, _ = load_urdf(path)
+    longest = max(float(np.linalg.norm(j.placement[:3, 3])) for j in robot.tree)
+    sizes = [
+        LinkSizes(
+            c.link,
+            c.given.mass,
+            float(np.linalg.norm(c.given.com)),
+            float(np.linalg.eigvalsh(c.given.about_com)[-1]),
+        )
+        for c in checks
+        if np.isfinite(c.given.about_com).all()
+    ]
+    odd = odd_units(sizes, longest)
+    return [f"Units: {x.what} {x.remedy[0].upper()}{x.remedy[1:]}." for x in odd]
 
 
 def massless_links(path: str | Path) -> list[str]:
@@ -179,8 +227,9 @@ def massless_links(path: str | Path) -> list[str]:
     return [str(parts[0][0].get("name")) for parts, theta in moving if not theta.any()]
 
 
-def nearest_inertia(about_com: Array) -> Array:
-    """The consistent inertia (3, 3) nearest to a symmetric one, in the Frobenius norm.
+def nearest_inertia(about_com: Array, mass: float = 0.0) -> Array:
+    """The consistent inertia (3, 3) nearest to a symmetric one, in the Frobenius norm;
+    of a mass [kg] strictly inside: no thinner than a millimetre, as simulators ask.
 
     The consistent ones, I = tr(S) 1 - S with S >= 0 the second moment of the mass, are
     invariant to rotation: the projection keeps the principal axes and acts on the
@@ -193,6 +242,7 @@ def nearest_inertia(about_com: Array) -> Array:
     second, _ = nnls(1.0 - np.eye(3), moments)
     # As far inside as it takes to survive being written as text and read again.
     second = second + 4.0 * ROUNDING * second.sum()
+    second = np.maximum(second, mass * _THINNEST**2)
     return np.asarray((axes * (second.sum() - second)) @ axes.T, float)
 
 

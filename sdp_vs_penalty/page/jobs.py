@@ -19,6 +19,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
@@ -237,10 +238,12 @@ def mend(asked: JobRequest) -> Answer:
         load_measurements(asked.folder / given["file"]), names=(given["name"],)
     )
     asked.progress(f"repairing {given['name']}")
-    (report,) = check(problem, part, thorough=False)
+    reports = check(problem, part, thorough=False)
+    repaired = fix_runs(problem, [part], reports)
     name = f"{Path(given['name']).stem}_fixed.csv"
-    made = keep(asked, problem, report.repaired_certain, name, use=given["use"])
-    return {"run": made, "changes": report.changes(given["name"]).splitlines()}
+    made = keep(asked, problem, repaired.runs[0], name, use=given["use"])
+    changes = reports[0].changes(given["name"], repaired.issues[0])
+    return {"run": made, "changes": changes.splitlines()}
 
 
 def keep(

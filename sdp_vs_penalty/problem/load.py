@@ -8,6 +8,7 @@ import json
 import os
 import re
 import tomllib
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,18 +22,24 @@ from sdp_vs_penalty.data.files import read_run, save
 from sdp_vs_penalty.data.formats.recognition import scaled
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.parsing import numbers, pairs
-from sdp_vs_penalty.errors import InputError, given
+from sdp_vs_penalty.errors import InputError, Remark, given
 from sdp_vs_penalty.files import problems_folder, read_table, read_toml
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies, plausible_links
 from sdp_vs_penalty.problem.problem import CentreOfMassCone, Problem, entries, open_box
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
-from sdp_vs_penalty.robot.geometry import link_geometry
+from sdp_vs_penalty.robot.geometry import Geometry, link_geometry
 from sdp_vs_penalty.robot.joint import (
     parse_held,
     parse_mechanism,
     parse_transmission,
+)
+from sdp_vs_penalty.robot.mjcf import load_mjcf
+from sdp_vs_penalty.robot.model_files import (
+    described_robot,
+    expanded_robot,
+    is_mjcf,
 )
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot
 from sdp_vs_penalty.robot.urdf import load_urdf
@@ -292,13 +299,13 @@ def load_problem(
     gravity: Sequence[float] | None = None,
     held: Mapping[str, float] | None = None,
 ) -> Problem:
-    """The problem of ``source``: a built-in name, a folder with a problem.toml, or a
-    URDF file.
+    """The problem of ``source``: a built-in name, a folder with a problem.toml, a URDF,
+    xacro or MJCF file, or a name of the package robot_descriptions.
 
     gravity : the gravity vector in the base frame [m/s^2], for a robot mounted
     otherwise; held : joints that stand still at these positions [rad, m], whose links
-    belong to their parents. Raises InputError where there is no such problem, or its files contradict
-    themselves.
+    belong to their parents. Raises InputError where there is no such problem, or its
+    files contradict themselves.
     """
     path = Path(source)
     if str(source) in problem_names():
@@ -308,15 +315,10 @@ def load_problem(
             path / "problem.toml", partial(_from_toml, path, held or {})
         )
     elif os.path.isfile(path):
-        robot, links = load_urdf(path, held=held)
-        box = open_box(robot.links, c.DEFAULT_LINK_MASS[0])
-        box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * links[:, 0])
-        bodies = link_bodies(robot, box[:, 1:4], links, link_geometry(path, held))
-        nominal, sources = plausible_links(robot, links, bodies)
-        title = f"{robot.name} from {path.name}"
-        problem = Problem(
-            robot.name, title, robot, box, nominal, bodies=bodies, nominal_from=sources
-        )
+        with expanded_robot(path) as file:
+            problem = _from_robot_file(path, file, held)
+    elif re.fullmatch(r"[a-z0-9_]+_description", str(source)):
+        return load_problem(described_robot(str(source)), gravity, held)
     else:
         remedy = (
             "name a folder with a problem.toml, a URDF file, or one of"
@@ -324,6 +326,43 @@ def load_problem(
         )
         raise InputError(f"problem {str(source)!r} does not exist", remedy)
     return problem if gravity is None else problem.with_gravity(gravity)
+
+
+def _from_robot_file(
+    path: Path, file: Path, held: Mapping[str, float] | None
+) -> Problem:
+    """The problem of a URDF or MJCF file; file : what it expands to."""
+    values: dict[str, float] = {}
+    geometry: Sequence[Geometry | None] | None = None
+    if is_mjcf(file):
+        robot, links, values = load_mjcf(file, held=held)
+        if gains := [f"{n}={x:g}" for n, x in values.items() if n.startswith("k")]:
+            said = f"{path}: gains of position actuators, for a log without torque"
+            warnings.warn(f"{said}: --known {','.join(gains)}", Remark, stacklevel=3)
+    else:
+        robot, links = load_urdf(file, held=held)
+        geometry = link_geometry(file, held)
+    box = open_box(robot.links, lowest_masses(links[:, 0]))
+    box[:, 0, 1] = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * links[:, 0])
+    bodies = link_bodies(robot, box[:, 1:4], links, geometry)
+    nominal, sources = plausible_links(robot, links, bodies)
+    return Problem(
+        robot.name,
+        f"{robot.name} from {path.name}",
+        robot,
+        box,
+        nominal,
+        bodies=bodies,
+        nominal_from=sources,
+        nominal_values=values,
+    )
+
+
+def lowest_masses(nominal: Array) -> Array:
+    """(links,) lower bounds of the masses [kg]: a third of the nominal ones, 10 g at
+    most and where none is known."""
+    least = c.DEFAULT_LINK_MASS[0]
+    return np.where(nominal > 0.0, np.minimum(least, nominal / c.FAR_MASS), least)
 
 
 def with_filters(problem: Problem, cutoffs: str | None) -> Problem:

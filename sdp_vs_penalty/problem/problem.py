@@ -90,6 +90,8 @@ class Problem(Shown):
     bodies : where each link's mass can be; None: from the bounds and the kinematics. nominal_from :
         where each nominal link comes from ("inertial", "bounds", "geometry", "kinematics"): a mass of
         the last two is a guess, whose scale the data may choose.
+    nominal_values : of parameters that are no link's, by their names (I_a1, f_v1), where
+        the robot's file has them.
     gains : (n,) what each torque channel reads over the true torque, where known loads have shown it.
     Raises InputError where bounds contradict themselves or do not belong to the robot.
     """
@@ -110,6 +112,7 @@ class Problem(Shown):
     bodies: tuple[Body, ...] | None = None
     nominal_from: tuple[str, ...] | None = None
     gains: tuple[float, ...] | None = None
+    nominal_values: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n, (low, high) = self.robot.links, self.total_mass
@@ -272,8 +275,11 @@ class Problem(Shown):
         return bound
 
     def nominal(self, model: Model) -> Array:
-        """(p,) the nominal links, and of every other effect its own nominal parameters."""
+        """(p,) the nominal links; of every other effect what the robot's file says, else
+        its own nominal parameters."""
         theta = np.concatenate([effect.nominal for effect in model.effects])
+        for k, parameter in enumerate(model.parameters):
+            theta[k] = self.nominal_values.get(parameter.name, theta[k])
         if len(model.rigid_indices):
             theta[model.rigid_indices] = self.nominal_links.ravel()
         return theta
@@ -364,7 +370,7 @@ class Problem(Shown):
         return out
 
 
-def open_box(links: int, mass: float = 0.0) -> Array:
+def open_box(links: int, mass: float | Array = 0.0) -> Array:
     """(links, 10, 2) bounds of nothing but the masses, which are ``mass`` [kg] or more."""
     box = np.full((links, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = mass
@@ -418,7 +424,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     and what it is known from; nominal_from : the same of the nominal links; gains : of
     the torque channels, where they are known.
     """
-    places = entries(problem.robot.links).items()
+    places, values = entries(problem.robot.links).items(), dict(problem.nominal_values)
     bounds = {name: [finite(x) for x in problem.box[place]] for name, place in places}
     return {
         "name": problem.name,
@@ -437,6 +443,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
             None if problem.nominal_from is None else list(problem.nominal_from)
         ),
         "gains": None if problem.gains is None else list(problem.gains),
+        **({"nominal_values": values} if values else {}),
         "preprocessing": asdict(problem.preprocessing),
         "base_parameters": (
             None if problem.independent is None else list(problem.independent)
@@ -490,6 +497,9 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
             if data.get("gains")
             else None
         ),
+        nominal_values={
+            str(name): float(x) for name, x in data.get("nominal_values", {}).items()
+        },
     )
 
 

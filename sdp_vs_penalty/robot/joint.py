@@ -8,7 +8,7 @@ wrist, a differential, a parallelogram.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -177,6 +177,18 @@ def resolve_mimic_joints(
     return tuple(tree[k] for k in free), Mechanism(
         tuple(tree), matrix, offset, tuple(massless)
     )
+
+
+def hold_followers(
+    held: Mapping[str, float], followers: Mapping[str, Follower]
+) -> dict[str, float]:
+    """Where held joints, and all that follow them, stand [rad, m]."""
+    still = dict(held)
+    for _ in followers:  # a follower may follow a follower
+        for name, (leader, ratio, offset) in followers.items():
+            if leader in still:
+                still[name] = ratio * still[leader] + offset
+    return still
 
 
 def parse_held(text: str | Sequence[str]) -> dict[str, float]:

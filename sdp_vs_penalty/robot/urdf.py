@@ -26,6 +26,7 @@ from sdp_vs_penalty.robot.joint import (
     HeldJoint,
     Joint,
     Transmission,
+    hold_followers,
     resolve_mimic_joints,
 )
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY, Robot, check_held
@@ -168,16 +169,6 @@ def _followers(root: Any) -> dict[str, Follower]:
     return found
 
 
-def _with_followers(root: Any, held: Mapping[str, float]) -> dict[str, float]:
-    """Where held joints and all that mimic them stand [rad, m]."""
-    still, followers = dict(held), _followers(root)
-    for _ in followers:  # a follower may follow a follower
-        for name, (leader, ratio, offset) in followers.items():
-            if leader in still:
-                still[name] = ratio * still[leader] + offset
-    return still
-
-
 def placed_links(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Parts]:
@@ -254,7 +245,7 @@ def _read(
 
     with errors_located_in(path):
         links, children, base = _tree(root)
-        still = _with_followers(root, held or {})
+        still = hold_followers(held or {}, _followers(root))
         visit(base, -1, np.eye(4))
         for name in links:
             what = f"link {name!r} is in a loop of joints apart from the base {base!r}"

@@ -13,7 +13,9 @@ from scipy.spatial import KDTree
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.rules import RULES, RunSummary, torques
+from sdp_vs_penalty.checks.channels import torques
+from sdp_vs_penalty.checks.facts import RULES
+from sdp_vs_penalty.checks.glance import RunSummary
 
 ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
 

@@ -7,10 +7,12 @@ from random_robots import posed_task
 
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.estimators import Task
+from sdp_vs_penalty.estimators.penalty import Penalty
 from sdp_vs_penalty.research.penalised_box import BoxedProblem
 from sdp_vs_penalty.research.penalised_optimum import PenalisedProblem, cvxpy_optima
 from sdp_vs_penalty.research.tables import build_tables
 from sdp_vs_penalty.research.tables.global_optimum import search_runs
+from sdp_vs_penalty.research.tables.routes import SameConstraints
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
@@ -96,6 +98,16 @@ def test_smaller_cells_have_higher_bounds(one_step):
     half, _, _ = boxed.solve_cell(40.0, middle, boxed.c_high)
     assert half >= whole - 1e-6 * whole
     assert np.isfinite(found.theta).all()
+
+
+def test_both_routes_solve_one_problem(two_link):
+    """SDP and penalty of the table of routes end at the same loss."""
+    task = posed_task(two_link, experiment(two_link).training_run(seed=1))
+    losses = [
+        task.data.loss(route.fit(task).theta)
+        for route in (SameConstraints(), Penalty(starts=1))
+    ]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-6)
 
 
 @pytest.mark.real_data

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
+from commands import run_cli
 from committed import as_kept
 from recorded import refusal
 
@@ -353,7 +354,7 @@ def test_summary_of_known_runs(tmp_path):
     assert [path.name for path in paths[:2]] == ["summary.md", "summary.csv"]
     assert "silently wrong" in paths[0].read_text()
     for drawn in paths[2:]:  # with matplotlib
-        assert drawn.name == "profile.svg"
+        assert drawn.name in ("profile.svg", "solved_over_time.svg")
         assert drawn.read_text().startswith("<?xml")
 
 
@@ -448,3 +449,39 @@ def test_right_is_what_was_asked_for_and_inaccurate_half_of_the_digits(asked):
         assert [
             classified(known, "optimal", *e, asked)[0] for e in ((x, 0.0), (0.0, x))
         ] == [kind] * 2
+
+
+def test_solved_over_time_counts_right_answers_and_marks_wrong_ones():
+    """Two problems: one solved after a second, one answered wrongly after two."""
+    rows = {
+        "problem": ["a", "b"],
+        "solver": ["x", "x"],
+        "settings": ["1e-06", "1e-06"],
+        "accuracy": [1e-6, 1e-6],
+        "claimed": ["optimal", "optimal"],
+        "class": ["right", "silently_wrong"],
+        "objective_error": [1e-8, 1.0],
+        "violation": [0.0, 0.0],
+        "lower": [1.0, 1.0],
+        "seconds": [1.0, 2.0],
+    }
+    curves = summary.solved_over_time(pandas.DataFrame(rows), 1e-6)
+    seconds, shares, wrong = curves["x"]
+    assert seconds.tolist() == [1.0]
+    assert shares.tolist() == [0.5]
+    assert wrong.tolist() == [2.0]
+
+
+def test_a_shootout_that_is_stopped_leaves_a_summary(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "shootout"
+    names = ("--problems", SMALL[2], "--solvers", "clarabel", "--out", str(out))
+    assert run_cli("shootout", *names, "--quick") == 0
+    (out / "summary.md").unlink()
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "run", stopped)
+    assert run_cli("shootout", *names, "--quick") == 130
+    assert (out / "summary.md").is_file()
+    assert "stopped after 1 runs" in " ".join(capsys.readouterr().err.split())

@@ -259,6 +259,7 @@ def test_files_of_the_names_asked_for_are_written(tmp_path, without_data, studie
         "table_VIII.csv",
         "table_VIII.md",
         "table_VIII.tex",
+        "table_VIII_all.csv",
     ]
     assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in paths)
 

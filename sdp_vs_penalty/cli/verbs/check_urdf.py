@@ -4,7 +4,7 @@ from pathlib import Path
 def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None:
     """Check the inertials of a URDF: which bodies are impossible, by how much, the nearest possible.
 
-    Exit code 1 where one is impossible.
+    Exit code 1 where one is impossible, or in another unit than m and kg.
     Example: sdp-vs-penalty check-urdf robot.urdf
 
     urdf robot.urdf: File to check.
@@ -15,7 +15,12 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
 
     checks, massless = inertials.check_urdf(urdf), inertials.massless_links(urdf)
     verdict, *remarks = inertials.sentences(checks, massless)
+    units = inertials.unit_remarks(urdf, checks)
+    if units:
+        verdict = f"{verdict[:-1]}; units are not m and kg."
     console.say(verdict, style="bold")
+    for remark in units:
+        console.paragraph(remark)
     if checks:
         title = "Inertials: mass and margins (negative: violated)"
         heads = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
@@ -36,10 +41,11 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
         "urdf": str(urdf),
         "links": links,
         "moving_links_without_inertial": massless,
+        "units": units,
     }
     console.save_json(json_, content)
     if fix is not None:
         inertials.write_nearest(urdf, checks, fix)
         console.written(fix)
-    if not all(check.consistent for check in checks):
+    if units or not all(check.consistent for check in checks):
         raise SystemExit(1)

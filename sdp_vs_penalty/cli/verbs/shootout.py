@@ -1,4 +1,9 @@
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.data.parsing import numbers
@@ -25,7 +30,7 @@ def verb(
     --solvers a,b,...: Solvers; default: all that are installed.
     --problems a,b,...: Groups or names of instances, see --list; default: all.
     --accuracy 1e-4,1e-8: Accuracies to ask for; default: 1e-4,1e-6,1e-8.
-    --time-limit SECONDS: Processor time of each run; default: 60, quick 10.
+    --time-limit SECONDS: Processor time of each run; default: 60, quick 3.
     --memory GB: Memory of each run.
     --quick: A few instances, one accuracy.
     --out: Folder; runs that it holds are not repeated.
@@ -49,19 +54,53 @@ def verb(
         if quick
         else usual
     )
-    limit = time_limit if time_limit is not None else 10.0 if quick else 60.0
+    limit = time_limit if time_limit is not None else 3.0 if quick else 60.0
     chosen = _words(solvers), _words(problems)
     setup = runner.Shootout(out, *chosen, asked, limit, memory, quick, scheduler, jobs)
-    with console.progress("proving intervals") as say:
-        outcome = runner.run(setup, say)
-    for note in outcome.notes:
-        console.warn(note)
-    runs, left_out = outcome.results.runs, outcome.not_applicable
-    written = summary.write_summary(out, runs, limit, outcome.absent, left_out)
+    absent, left_out = dict[str, str](), list[tuple[str, str, str]]()
+    is_stopped = False
+    with console.progress("proving intervals") as say, _terminated_as_interrupted():
+        try:
+            outcome = runner.run(setup, say)
+            absent, left_out = outcome.absent, outcome.not_applicable
+            for note in outcome.notes:
+                console.warn(note)
+        except KeyboardInterrupt:
+            is_stopped = True
+    results = runner.Results(out)
+    runs = results.runs
+    if is_stopped and not len(runs):
+        raise KeyboardInterrupt
+    written = summary.write_summary(out, runs, limit, absent, left_out)
+    if is_stopped:
+        console.warn(
+            f"stopped after {len(runs)} runs, which the summary is of; the same command"
+            " goes on"
+        )
     for sentence in summary.sentences(runs):
         console.say(sentence)
-    for path in (outcome.results.path, *written):
+    for path in (results.path, *written):
         console.written(path)
+    if is_stopped:
+        raise SystemExit(130)
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """While it lasts a signal to terminate is an interrupt, as from the keyboard."""
+
+    own = os.getpid()
+
+    def interrupt(number: int, frame: Any) -> None:
+        if os.getpid() != own:  # a worker, forked meanwhile: its parent ends it
+            os._exit(1)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _export(folder: Path, groups: list[str] | None) -> None:

@@ -1,13 +1,14 @@
 """Figures 1 to 7, of the Panda: its motions, torques and their errors, and physics
 engines."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import predicted
+from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.research.figures import style
 from sdp_vs_penalty.research.figures.style import (
@@ -17,100 +18,181 @@ from sdp_vs_penalty.research.figures.style import (
     new_figure,
 )
 from sdp_vs_penalty.research.tables import table_v
-from sdp_vs_penalty.research.tables.study import Data, Study
+from sdp_vs_penalty.research.tables.routes import SameConstraints
+from sdp_vs_penalty.research.tables.study import CUT, Frozen, Study
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRun
 
 PROBLEM = "panda"
 
 
-def _torques(
+#: Both routes beside ``penalty`` in Fig. 1.
+_TWO_ROUTES: Mapping[str, str | Estimator] = {
+    "penalty, two-step": "penalty-two-step",
+    "SDP": SameConstraints(),
+}
+
+
+def _on_unseen_folds(
+    study: Study, methods: Mapping[str, str | Estimator]
+) -> tuple[Array, Array, dict[str, Array], list[float]]:
+    """The real run's first motion [s], its torque and each method's prediction of it,
+    every stretch by the model that was estimated without it; where stretches begin."""
+    data = study.measured
+    assert data is not None
+    run = data.train
+    rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
+    t = rows.motion.t - run.t[0]
+    made, starts = dict[str, Array](), list[float]()
+    shown = np.zeros(len(t), bool)
+    for name, method in methods.items():
+        torque, folds = np.full_like(rows.torque, np.nan), study.unseen(method).folds
+        for fold in folds:
+            stretch = (t >= fold.start) & (t < fold.stop)
+            torque[stretch] = predicted(rows, fold.theta)[stretch]
+            shown |= stretch
+        made[name], starts = torque, [fold.start for fold in folds]
+    return (
+        t[shown],
+        rows.torque[shown],
+        {name: torque[shown] for name, torque in made.items()},
+        starts,
+    )
+
+
+def _on_all_runs(
+    study: Study, methods: Mapping[str, str | Estimator]
+) -> tuple[Array, Array, dict[str, Array], list[float]]:
+    """The same of the simulated validation runs, one after the other."""
+    data = study.simulated
+    assert data.test is not None
+    times, torques, made = list[Array](), list[Array](), dict[str, list[Array]]()
+    starts, begin = list[float](), 0.0
+    for run in data.test.runs():
+        rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
+        times.append(begin + rows.motion.t - run.t[0])
+        torques.append(rows.torque)
+        for name, method in methods.items():
+            torque = predicted(rows, study.theta(method, data))
+            made.setdefault(name, []).append(torque)
+        starts.append(begin)
+        begin += float(run.t[-1] - run.t[0])
+    joined = {name: np.concatenate(parts) for name, parts in made.items()}
+    return np.concatenate(times), np.concatenate(torques), joined, starts
+
+
+def _draw_unseen(
     axes: Any,
     study: Study,
-    data: Data,
-    run: Measurements,
-    methods: Iterable[str],
-    name: str,
+    methods: Mapping[str, str | Estimator],
+    measured: bool,
 ) -> dict[str, float]:
-    """Draws measured and estimated torques, all behind the same filters; each method's
-    100 |tau - tau_hat| / |tau| over all joints [%]."""
-    rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
-    made, size = (
-        {m: predicted(rows, study.theta(m, data)) for m in methods},
-        np.linalg.norm(rows.torque),
-    )
-    draw_torques(axes, rows.motion.t - run.t[0], rows.torque, name, made)
+    """Torques and errors on unseen motion, a line where another model predicts; each
+    method's 100 |tau - tau_hat| / |tau| over all joints [%]."""
+    torques_of = _on_unseen_folds if measured else _on_all_runs
+    t, torque, made, starts = torques_of(study, methods)
+    draw_torques(axes, t, torque, "measured" if measured else "recorded", made)
+    for axis in axes.flat:
+        for start in starts[1:]:
+            axis.axvline(start, color=style.GREY, linewidth=0.5)
+    size = np.linalg.norm(torque)
     return {
-        m: 100.0 * float(np.linalg.norm(rows.torque - x) / size)
-        for m, x in made.items()
+        name: 100.0 * float(np.linalg.norm(torque - x) / size)
+        for name, x in made.items()
     }
 
 
+def _both_routes(study: Study) -> dict[str, str | Estimator]:
+    """The published links, the penalty in both forms and the SDP, on the same
+    constraints, by the names of the lines."""
+    published = {name: Frozen(x) for name, x in study.published_links.items()}
+    return {**published, **_TWO_ROUTES, "penalty": "penalty"}
+
+
 def figure_1(study: Study) -> Any:
-    """Measured and estimated torques along the exciting trajectory, with errors."""
-    data = study.measured or study.simulated
+    """Measured torques of unseen motion, and those of p_hat, delta and both routes."""
+    measured = study.run is not None
     n = study.problem.robot.n
-    figure, axes = new_figure(n, 2, 1.25 * n + 0.6, sharex=True, width_ratios=(3, 2))
-    found = _torques(axes, study, data, data.train, ("ols", "lmi-sdp"), data.label)
+    figure, axes = new_figure(n, 2, 1.35 * n + 0.8, sharex=True, width_ratios=(3, 2))
+    found = _draw_unseen(axes, study, _both_routes(study), measured)
     label_joints(axes, study.problem.robot.torque_units, "torque")
-    axes[0, 0].set_title("torque")
-    axes[0, 1].set_title("error: estimated less " + data.label)
+    source = "measured" if measured else "simulated"
+    axes[0, 0].set_title(f"torque ({source}, unseen motion)")
+    axes[0, 1].set_title(f"error: estimated less {source}")
     legend_below(figure, axes[0, 0])
     errors = ", ".join(f"{method} {error:.2f} %" for method, error in found.items())
-    figure.suptitle(
-        f"Exciting trajectory, {data.label}: relative error {errors} (the paper: 1.41"
-        f" %, CLS), below {data.preprocessing.torque_cutoff:g} Hz"
-    )
+    figure.suptitle(f"Unseen motion: relative error {errors}", wrap=True)
     return figure
 
 
 def figure_2(study: Study) -> Any:
-    """The validation trajectories."""
-    n, judged = study.problem.robot.n, study.judged
-    figure, axes = new_figure(
-        n, len(judged), 1.15 * n + 0.6, sharex="col", sharey="row"
-    )
-    for k, data in enumerate(judged):
-        assert data.test is not None
-        run, *others = data.test.runs()
+    """The validation motions: all simulated ones, and the real run's."""
+    runs = dict[str, list[tuple[str, Measurements]]]()
+    assert study.simulated.test is not None
+    for k, run in enumerate(study.simulated.test.runs(), start=1):
+        runs.setdefault("simulated", []).append((f"run {k}", run))
+    if study.run is not None:
+        runs["measured"] = [("run", study.run.window(0.0, CUT[0]))]
+    n = study.problem.robot.n
+    figure, axes = new_figure(n, len(runs), 1.15 * n + 0.6, sharex="col", sharey="row")
+    for k, (source, parts) in enumerate(runs.items()):
+        for name, run in parts:
+            for j in range(n):
+                width = 1.0 if len(parts) == 1 else 0.6
+                label = "position" if name in ("run", "run 1") else "_"
+                axes[j, k].plot(
+                    run.t - run.t[0],
+                    run.q[:, j],
+                    color=style.BLUE,
+                    linewidth=width,
+                    label=label,
+                )
         for j, joint in enumerate(study.problem.robot.joints):
-            look: dict[str, Any] = {
-                "color": style.BLUE,
-                "linewidth": 1.0,
-                "label": "position",
-            }
-            axes[j, k].plot(run.t - run.t[0], run.q[:, j], **look)
-            look = {
-                "color": style.ORANGE,
-                "linestyle": "--",
-                "linewidth": 0.8,
-                "label": "joint limit",
-            }
             for limit in (joint.lower, joint.upper):
-                axes[j, k].axhline(limit, **look)
-        first = f"first of {1 + len(others)}" if others else "held out of the real run"
-        axes[0, k].set_title(f"{data.label} ({first})")
+                axes[j, k].axhline(
+                    limit,
+                    color=style.ORANGE,
+                    linestyle="--",
+                    linewidth=0.8,
+                    label="joint limit",
+                )
+        about = f"all {len(parts)} runs" if source == "simulated" else "one motion"
+        axes[0, k].set_title(f"{source}, unseen: {about}")
+    if study.run is not None:
+        for fold in study.unseen("lmi-sdp").folds[1:]:
+            for axis in axes[:, -1]:
+                axis.axvline(
+                    fold.start,
+                    color=style.GREY,
+                    linewidth=0.6,
+                    label="next fold, estimated without it",
+                )
     label_joints(axes, study.problem.robot.position_units, "position")
-    legend_below(figure, axes[0, 0])
-    figure.suptitle("Validation trajectories (the paper's own are not public)")
+    legend_below(figure, axes[0, -1])
+    figure.suptitle("Validation motions (the paper's own are not public)")
     return figure
 
 
 def figure_3(study: Study) -> Any:
-    """Torques along the validation trajectories."""
-    n, judged = study.problem.robot.n, study.judged
-    figure, axes = new_figure(n, 2 * len(judged), 1.25 * n + 0.6, sharex="col")
-    notes = []
-    for k, data in enumerate(judged):
-        assert data.test is not None
-        own, run = axes[:, 2 * k : 2 * k + 2], data.test.runs()[0]
-        found = _torques(own, study, data, run, ("lmi-sdp", "penalty"), "recorded")
-        own[0, 0].set_title(f"{data.label}: torque")
-        own[0, 1].set_title(f"{data.label}: error")
-        notes.append(f"{data.label} {found['lmi-sdp']:.2f} %")
+    """Torques along all validation motions, all of it unseen."""
+    sources = [False] if study.run is None else [False, True]
+    n = study.problem.robot.n
+    figure, axes = new_figure(n, 2 * len(sources), 1.25 * n + 0.6, sharex="col")
+    methods: dict[str, str | Estimator] = {"lmi-sdp": "lmi-sdp", "penalty": "penalty"}
+    noted = []
+    for k, measured in enumerate(sources):
+        own = axes[:, 2 * k : 2 * k + 2]
+        found = _draw_unseen(own, study, methods, measured)
+        source = "measured" if measured else "simulated"
+        own[0, 0].set_title(f"{source}, unseen: torque")
+        own[0, 1].set_title(f"{source}, unseen: error")
+        noted.append(f"{source} {found['lmi-sdp']:.2f} %")
     label_joints(axes, study.problem.robot.torque_units, "torque")
     legend_below(figure, axes[0, 0])
-    figure.suptitle("Held-out torques; relative error of lmi-sdp: " + ", ".join(notes))
+    figure.suptitle(
+        "Torques of unseen motion, every validation run; relative error of lmi-sdp: "
+        + ", ".join(noted)
+    )
     return figure
 
 
@@ -133,11 +215,14 @@ def _engines(
     what: str,
     text: str,
     model: bool = False,
+    results: table_v.Played | None = None,
 ) -> tuple[Any, Any]:
     """On sinusoidal velocities one panel a joint, one line an engine, beside the model
     if asked for; the legend is in the panel that seven joints leave free in four rows
     of two."""
-    robot, results = study.problem.robot, study.once(table_v.sinusoidal_runs)
+    robot = study.problem.robot
+    if results is None:
+        results = study.once(table_v.sinusoidal_runs)
     runs = _present(results)
     figure, axes = new_figure((robot.n + 1) // 2, 2, 7.0, sharex=True)
     for j, unit in enumerate(robot.torque_units):
@@ -162,10 +247,37 @@ def _engines(
 
 
 def figure_5(study: Study) -> Any:
-    """Torques of physics engines along sinusoidal velocities, and of the identified
-    model."""
-    text = "Torques of physics engines on sinusoidal velocities"
-    return _engines(study, lambda run: run.torque, "torque", text, model=True)[0]
+    """Torques of physics engines and of the identified model, beside the measured torque
+    where there is one: along the real run, else along sinusoidal velocities."""
+    if study.measured is None:
+        text = "Torques of physics engines on sinusoidal velocities (nothing measured)"
+        return _engines(study, lambda run: run.torque, "torque", text, model=True)[0]
+    results = study.once(table_v.measured_runs)
+    text = "Torques of physics engines on the real run's motion (which the links were"
+    text += " estimated from)"
+    figure, axes = _engines(
+        study, lambda run: run.torque, "torque", text, model=True, results=results
+    )
+    for run in _present(results)[:1]:
+        # What comes before is no motion of the robot's: from rest to its velocity.
+        moving = np.arange(len(run.t)) >= len(run.t) - len(run.error)
+        known = run.torque[moving] - run.error
+        for j in range(study.problem.robot.n):
+            axis, values = axes.flat[j], known[:, j]
+            axis.plot(
+                run.t[moving],
+                values,
+                color=style.BLACK,
+                linewidth=0.7,
+                label="measured less friction",
+                zorder=3.0,
+            )
+            both = np.concatenate([values, run.torque[moving, j]])
+            spread = 0.08 * float(np.ptp(both))
+            axis.set_ylim(both.min() - spread, both.max() + spread)
+        handles = axes.flat[0].get_legend_handles_labels()
+        axes.flat[-1].legend(*handles, loc="center", handlelength=5)
+    return figure
 
 
 def figure_6(study: Study) -> Any:

@@ -109,6 +109,88 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     return True
 
 
+def solved_over_time(
+    runs: pandas.DataFrame, accuracy: float
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Of each solver (seconds, shares, wrong): the share of all problems that it has
+    brought to an accuracy by then, and when it gave its silently wrong answers [s]."""
+    asked, count = at_accuracy(runs, accuracy), runs["problem"].nunique()
+    right = reached(asked, accuracy)
+    out = {}
+    for solver, own in asked.groupby("solver"):
+        seconds = np.sort(own["seconds"][right[own.index]])
+        wrong = np.sort(own["seconds"][own["class"] == "silently_wrong"])
+        out[str(solver)] = seconds, np.arange(1, len(seconds) + 1) / count, wrong
+    return out
+
+
+def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
+    """SVG of the share of problems solved over time, an accuracy a panel, a cross for
+    each silently wrong answer; False without matplotlib."""
+    if importlib.util.find_spec("matplotlib") is None:
+        return False
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    asked, longest = accuracies(runs), max(float(runs["seconds"].max()), 1.0)
+    named = {
+        "lmi-sdp": "lmi-sdp (ours)",
+        "clarabel": "Clarabel",
+        "scs": "SCS",
+        "cvxopt": "CVXOPT",
+        "csdp": "CSDP",
+        "sdpa-program": "SDPA",
+        "penalty": "penalty (ours)",
+        "log-cholesky L-BFGS": "log-Cholesky",
+    }
+    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
+        figure, (axes,) = plt.subplots(
+            1,
+            len(asked),
+            figsize=(3.2 * len(asked) + 1.9, 3.6),
+            sharey=True,
+            squeeze=False,
+            layout="constrained",
+        )
+        for panel, accuracy in zip(axes, asked, strict=True):
+            curves = solved_over_time(runs, accuracy)
+            for k, (solver, label) in enumerate(named.items()):
+                if solver not in curves:
+                    continue
+                seconds, shares, wrong = curves[solver]
+                x = np.concatenate([[1e-4], seconds, [longest]])
+                y = np.concatenate([[0.0], shares, shares[-1:], [0.0]])[: len(x)]
+                width = 2.2 if solver == "lmi-sdp" else 1.2
+                panel.step(
+                    x, y, where="post", label=label, color=f"C{k}", linewidth=width
+                )
+                at = y[np.searchsorted(x, wrong, side="right") - 1]
+                panel.plot(wrong, at, "x", color=f"C{k}", markersize=6)
+            panel.set(
+                xscale="log",
+                xlim=(1e-3, longest),
+                ylim=(-0.02, 1.03),
+                title=f"to {accuracy:.0e}",
+            )
+            panel.set_xlabel("processor time [s]")
+            panel.grid(alpha=0.3)
+        axes[0].set_ylabel("share of problems solved")
+        handles, labels = axes[0].get_legend_handles_labels()
+        (cross,) = axes[0].plot([], [], "kx", markersize=6)
+        figure.legend(
+            [*handles, cross],
+            [*labels, "silently wrong answer"],
+            loc="outside right upper",
+            frameon=False,
+        )
+        with writing(path) as file:
+            figure.savefig(file, format="svg", metadata={"Date": None})
+        plt.close(figure)
+    return True
+
+
 def _milliseconds(seconds: float) -> str:
     return number(1e3 * seconds)
 
@@ -272,7 +354,7 @@ def write_summary(
     absent: dict[str, str],
     not_applicable: Sequence[tuple[str, str, str]],
 ) -> list[Path]:
-    """summary.md, summary.csv and profile.svg beside runs.csv; the paths written."""
+    """summary.md, summary.csv and two pictures beside runs.csv; the paths written."""
     table = summary_table(runs, time_limit)
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
     for (solver, reason), count in sorted(
@@ -309,5 +391,8 @@ def write_summary(
     paths = [folder / name for name in ("summary.md", "summary.csv")]
     write_text(paths[0], said)
     write_text(paths[1], table.to_csv(index=False, lineterminator="\n"))
-    picture = folder / "profile.svg"
-    return [*paths, picture] if plot_profile(runs, picture) else paths
+    pictures = {"solved_over_time.svg": plot_over_time, "profile.svg": plot_profile}
+    drawn = [
+        folder / name for name, plot in pictures.items() if plot(runs, folder / name)
+    ]
+    return [*paths, *drawn]

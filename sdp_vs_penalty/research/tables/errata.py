@@ -103,6 +103,7 @@ def _panda(problem: Problem) -> dict[int, str]:
             f" its bound {problem.box[6, 3, 0]}"
         ),
         7: authors,
+        10: _free_of_link_1(problem),
         8: " and ".join(f"row {row}: {corrected[row - 1]:.4f}" for row in (8, 24)),
     }
 
@@ -123,4 +124,31 @@ def _two_link(problem: Problem) -> dict[int, str]:
             f"the paper's own p_real has |(c1y, c1z)| = {printed:.3f} m > r1 = 0.15 m"
             f" and |(c1x, c1z)| = {corrected:.3f} m"
         ),
+        9: _volumes(problem),
     }
+
+
+def _free_of_link_1(problem: Problem) -> str:
+    """Which of link 1's inertias no base parameter holds."""
+    base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
+    columns = zip(inertia.PARAMETERS, base[:, :10].T, strict=True)
+    free = [
+        f"{name}1" for name, column in columns if not column.any() and name[0] == "I"
+    ]
+    return f"no base parameter holds {', '.join(free)}, nor mz1 = m1 c1z"
+
+
+def _volumes(problem: Problem) -> str:
+    """Of link 2, a cylinder with a conical end: the box of its centre of mass over its
+    own volume, from the cones of the problem."""
+    wide, tapered = (c for c in problem.cones if c.link == 2)
+    low, high = problem.box[1, 1]
+    taper = (wide.radius - tapered.radius) / -tapered.slope
+    length = high - low - taper
+    ends = wide.radius**2 + wide.radius * tapered.radius + tapered.radius**2
+    volume = np.pi * (wide.radius**2 * length + taper * ends / 3.0)
+    box = (high - low) * (2.0 * wide.radius) ** 2
+    return (
+        f"box {box:.5f} m^3, cylinder of {length:g} m and cone of {taper:g} m"
+        f" {volume:.5f} m^3: {box / volume:.3f}"
+    )

@@ -56,8 +56,8 @@ def denavit_hartenberg(study: Study) -> Table:
 def link_table(
     study: Study, name: str, title: str, chosen: Callable[[str], bool]
 ) -> Table:
-    """Bounds and published values as printed, the nominal robot and whether the data or
-    a prior towards it decide, then the simulation's truth, then every method."""
+    """Bounds and published values as printed, "*" where the paper does not care, and
+    both routes; of all methods, the nominal robot and the truth in ``everything``."""
     box = study.problem.box
     bounds = {"parameter": list(entries(len(box))), "lower": box[..., 0].ravel()}
     bounds |= {
@@ -72,13 +72,15 @@ def link_table(
     rows = pandas.DataFrame(printed or bounds, dtype=object).set_index(
         "parameter", drop=False
     )
+    if printed:  # the paper's "don't care"
+        rows = rows.replace("", "*")
     rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
         nominal=by_name(study.problem.nominal_links)
     )
     told = []
     for data in study.whole:
-        rows[f"{data.label}_source"] = sources(study, data)
-        seen = int((rows[f"{data.label}_source"] == DATA).sum())
+        decided = sources(study, data).reindex(rows.index)
+        seen = int((decided == DATA).sum())
         told.append(f"the {data.label} data decide {seen} of {len(rows)} entries")
     rows["true_simulated"] = by_name(study.experiment.links)
     for data in study.whole:
@@ -93,13 +95,15 @@ def link_table(
                 f"{erratum.where}: printed {erratum.printed}; the other tables need "
                 f"{erratum.corrected}, which true_simulated has."
             )
-    return Table(
+    table = Table(
         f"Table {name}: {title} of {study.problem.title}",
         rows,
         said,
         f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the"
         " nominal robot.",
     )
+    columns = [*(printed[0] if printed else bounds), *study.compared_columns]
+    return table.shortened([*columns, "true_simulated"])
 
 
 def sources(study: Study, data: Data) -> pandas.Series:

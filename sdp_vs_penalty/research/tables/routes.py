@@ -10,6 +10,7 @@ from sdp_vs_penalty.estimation.resampling import CrossValidation
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaperTwoStep
 from sdp_vs_penalty.research.tables.folds import (
     Interval,
     difference,
@@ -42,12 +43,13 @@ def routes_of(study: Study) -> Mapping[str, str | Estimator]:
         f"{column} (published links)": Frozen(links)
         for column, links in study.published_links.items()
     }
+    evaluations = study.effort.evaluations
     return {
         SDP: SameConstraints(),
         PENALTY: Penalty(),
         "penalty, two-step": PenaltyTwoStep(),
         "penalty as published, one-step": "penalty-paper",
-        "penalty as published, two-step": "penalty-paper-two-step",
+        "penalty as published, two-step": PenaltyPaperTwoStep(evaluations=evaluations),
         "SDP, default (entropic prior)": "lmi-sdp",
         "least squares": "ols",
         **published,
@@ -70,7 +72,12 @@ def routes(study: Study) -> Table:
     return Table(
         f"One problem, two routes: {study.problem.title}",
         rows,
-        notes("routes", folds=FOLDS, budget=study.effort.evaluations),
+        notes(
+            "routes",
+            folds=FOLDS,
+            budget=study.effort.evaluations,
+            runs=study.effort.annealing_runs,
+        ),
         _headline(rows, judged),
         digits=3,
     )

@@ -58,7 +58,7 @@ Made = TypeVar("Made")
 class Effort:
     """What a budget stands for: noisy runs behind Table I's coverage, iterations of
     Table II's search, seconds of Table V's sinusoids, instants and relaxed retrievals
-    of the wrenches, loss evaluations of a run of the paper's method."""
+    of the wrenches, loss evaluations of a run of the paper's method and its runs."""
 
     replicates: int
     iterations: int
@@ -66,10 +66,11 @@ class Effort:
     instants: int
     retrievals: int
     evaluations: int
+    annealing_runs: int = PenaltyPaper.runs
 
 
 BUDGETS = {
-    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations),
+    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations, 3),
     "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET),
 }
 _PLACED = by_word(
@@ -102,7 +103,8 @@ class Data:
     on.
 
     label : how columns and rows are named, "simulated" or "measured"; test is None
-    where nothing is held out.
+    where estimates are judged on no other rows. is_repeated : whether the test motion is
+    the training motion again, so that errors on it are repeatability.
     """
 
     label: str
@@ -110,6 +112,12 @@ class Data:
     test: Measurements | None
     model: Model
     preprocessing: Preprocessing
+    is_repeated: bool = False
+
+    @property
+    def judged_on(self) -> str:
+        """What kind of motion the test rows have."""
+        return "repeated motion" if self.is_repeated else "unseen motion"
 
     @cached_property
     def regression(self) -> Regression:
@@ -123,7 +131,7 @@ class Data:
         )
 
     def errors(self, theta: Array) -> tuple[Array, float]:
-        """Held-out mean squared torque error (n,) [(N m)^2] and relative error over all
+        """On the test rows, mean squared torque error (n,) [(N m)^2] and relative error over all
         joints [%]."""
         return torque_errors(self.test_regression, theta)
 
@@ -156,7 +164,7 @@ def refitted(data: LeastSquares, given: Array) -> Array:
 
 @dataclass(frozen=True)
 class Result:
-    """One method on one data set: theta as certified, its certificate, time to fit [s]."""
+    """One method on one data set: theta as certified, its certificate, processor time to fit [s]."""
 
     theta: Array
     certificate: Certificate
@@ -222,7 +230,9 @@ class Study:
     @cached_property
     def repeated(self) -> Data | None:
         """The real run before CUT, judged on its repetition after it."""
-        return None if self.run is None else self._data("measured", *halves(self.run))
+        if self.run is None:
+            return None
+        return replace(self._data("measured", *halves(self.run)), is_repeated=True)
 
     def unseen(
         self,
@@ -284,6 +294,15 @@ class Study:
             _estimated, [(self.estimator(m), self.task(d)) for m, d in new]
         )
         self._made.update(zip(new, made, strict=True))
+
+    @property
+    def compared_columns(self) -> list[str]:
+        """Columns of the tables as printed: both routes, on measured data first."""
+        return [
+            f"{method}_{data.label}"
+            for data in reversed(self.whole)
+            for method in ("penalty", "lmi_sdp")
+        ]
 
     @property
     def about_priors(self) -> str:
@@ -351,7 +370,9 @@ class Study:
         if prior:
             return cast(Estimator, kind(joint_prior=1.0))
         if issubclass(kind, PenaltyPaper):
-            return kind(evaluations=self.effort.evaluations)
+            return kind(
+                runs=self.effort.annealing_runs, evaluations=self.effort.evaluations
+            )
         return cast(Estimator, kind())
 
     @cached_property
@@ -432,9 +453,9 @@ def _folds(
 def _estimated(given: tuple[Estimator, Task]) -> Result:
     estimator, task = given
     fresh = replace(task)  # without what an earlier method has left in its cache
-    begin = time.perf_counter()
+    begin = time.process_time()
     fit = estimator.fit(fresh)
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     theta, certificate = certify(task, fit)
     return Result(theta, certificate, seconds, fit.details)
 

@@ -72,7 +72,8 @@ class Table:
     """rows : cells by column (published ones as printed text); notes : below the table;
     headline : what it shows, in words; digits : significant ones of a number that is shown;
     caption : says what is simulated and what measured; name : "III" is written as
-    table_III.csv, .md and .tex.
+    table_III.csv, .md and .tex; everything : of a table as printed all columns and rows,
+    written as table_III_all.csv.
     """
 
     title: str
@@ -82,6 +83,16 @@ class Table:
     digits: int = 4
     caption: str = ""
     name: str = ""
+    everything: pandas.DataFrame | None = None
+
+    def shortened(
+        self, columns: Iterable[str], rows: Iterable[bool] | None = None
+    ) -> Table:
+        """The table with these columns, of which those that are not there are left out,
+        and rows; all of it is kept as ``everything``."""
+        shown = [name for name in columns if name in self.frame]
+        frame = self.frame if rows is None else self.frame[list(rows)]
+        return replace(self, rows=frame[shown], everything=self.frame)
 
     @cached_property
     def frame(self) -> pandas.DataFrame:
@@ -94,12 +105,7 @@ class Table:
 
     def csv(self) -> str:
         """With all digits that it takes to read the same numbers back."""
-        exact = self.frame.map(
-            lambda x: (
-                repr(float(x)) if isinstance(x, float) and math.isfinite(x) else text(x)
-            )
-        )
-        return str(exact.to_csv(index=False, lineterminator="\n"))
+        return exact_csv(self.frame)
 
     @property
     def measured(self) -> bool:
@@ -160,12 +166,25 @@ class Table:
         )
 
     def write(self, folder: str | Path) -> list[Path]:
-        """Write the three forms, each whole or not at all; the paths, CSV first."""
+        """Write the three forms, and all columns where these are some, each whole or not
+        at all; the paths, CSV first."""
         base = Path(folder) / f"table_{self.name}"
         forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
+        if self.everything is not None:
+            forms["_all.csv"] = exact_csv(self.everything)
         for suffix, content in forms.items():
             write_text(f"{base}{suffix}", content)
         return [Path(f"{base}{suffix}") for suffix in forms]
+
+
+def exact_csv(frame: pandas.DataFrame) -> str:
+    """Cells with all digits that it takes to read the same numbers back."""
+    exact = frame.map(
+        lambda x: (
+            repr(float(x)) if isinstance(x, float) and math.isfinite(x) else text(x)
+        )
+    )
+    return str(exact.to_csv(index=False, lineterminator="\n"))
 
 
 def notes(table: str, **values: object) -> list[str]:

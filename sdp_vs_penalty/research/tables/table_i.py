@@ -207,8 +207,8 @@ def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> 
 def sigmoid_friction(study: Study) -> Table:
     """Table I: the sigmoid friction of every joint, published and fitted.
 
-    Rows: phi_1..phi_3 published and fitted, each with its interval; then held-out
-    errors.
+    Rows: phi_1..phi_3 published and fitted, each with its interval; then errors
+    on other rows.
     """
     published = study.problem.published["table_I"]
     rows: list[Row] = [
@@ -244,8 +244,9 @@ def sigmoid_friction(study: Study) -> Table:
         rows += _rows_of("measured", fit)
         steps["measured"] = _steps("measured", fit)
     for data in study.judged:
-        for name, errors in _held_out(study, data):
-            rows.append(_row(name, errors, "N*m", f"{data.label}, held-out RMSE"))
+        for name, errors in _on_other_rows(study, data):
+            what = f"{data.label}, RMSE on {data.judged_on}"
+            rows.append(_row(name, errors, "N*m", what))
     return Table(
         f"Table I: sigmoid friction of {study.problem.title}",
         rows,
@@ -297,14 +298,14 @@ def _fit(study: Study, data: Data, run: Measurements) -> SigmoidFit:
     return fit_sigmoid(study.problem, _rows_in(data, run), repeats)
 
 
-def _held_out(study: Study, data: Data) -> list[tuple[str, Array]]:
-    """RMSE (n,) of three friction models on what is held out."""
+def _on_other_rows(study: Study, data: Data) -> list[tuple[str, Array]]:
+    """RMSE (n,) of three friction models on the test rows."""
     assert data.test is not None
-    study.progress(f"friction models on held-out {data.label} data")
+    study.progress(f"friction models on {data.label} data, {data.judged_on}")
     usual = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
     def ordinary(effects: str) -> tuple[float, Array]:
-        """Training loss and held-out RMSE (n,) of ordinary least squares with these
+        """Training loss and test RMSE (n,) of ordinary least squares with these
         effects."""
         own = replace(data, model=study.problem.model(effects))
         train = own.regression.least_squares()
@@ -317,9 +318,9 @@ def _held_out(study: Study, data: Data) -> list[tuple[str, Array]]:
         for d in PreslidingHysteresis.shapes["d"].grid
     }
     best = min(tried, key=lambda d: tried[d][0])
-    held_out = [_rows_in(data, run) for run in data.test.runs()]
+    others = [_rows_in(data, run) for run in data.test.runs()]
     return [
         ("linear friction", linear),
-        ("sigmoid friction", residual_rms(study.problem, held_out, fit)),
+        ("sigmoid friction", residual_rms(study.problem, others, fit)),
         (f"presliding hysteresis (d = {best:g} rad)", tried[best][1]),
     ]

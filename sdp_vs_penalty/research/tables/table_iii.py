@@ -59,12 +59,16 @@ def base_parameter_table(study: Study) -> Table:
     ]
     names = (name.replace("-", "_") for name in shown)
     errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
-    return Table(
+    table = Table(
         f"Table III: base parameters of {study.problem.title}",
         rows.join(pandas.DataFrame(ours)),
         notes("III", where=where, priors=study.about_priors),
         f"Relative error on the training data: {', '.join(errors)}.",
     )
+    printed_columns = [name for name in rows if name != "row"]
+    links = [f"pi_{column}" for column in study.published_links]
+    columns = [*printed_columns, *links, *study.compared_columns]
+    return table.shortened(dict.fromkeys(columns))
 
 
 def _others(data: Data) -> list[str]:

@@ -1,12 +1,23 @@
 """Table IV: torque error of each joint on motion that no estimate was made from."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.research.tables.study import CUT, FOLDS, Frozen, Study
+from sdp_vs_penalty.research.tables.folds import fold_errors, interval_of
+from sdp_vs_penalty.research.tables.study import (
+    CUT,
+    FOLDS,
+    Data,
+    Frozen,
+    Study,
+    torque_errors,
+)
 from sdp_vs_penalty.research.tables.table import (
     Cell,
     Row,
@@ -16,6 +27,7 @@ from sdp_vs_penalty.research.tables.table import (
     register_table,
 )
 from sdp_vs_penalty.research.tables.table_i import SigmoidFriction
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Rows whose sensitivity to the filter is told.
 _SHOWN = ("p_hat", "delta", "ols")
@@ -27,7 +39,7 @@ def unseen_torque(study: Study) -> Table:
     robot, rows = study.problem.robot, []
     for row in study.problem.published.get("table_IV", []):
         cells = [row[f"joint_{j + 1}"] for j in range(robot.n)]
-        rows.append(_row(row["estimate"], cells, None, None, "published"))
+        rows.append(_row(row["estimate"], cells, "published"))
     study.estimate(study.methods.values(), study.judged)
     estimates = _estimates(study)
     for data in study.judged:
@@ -39,31 +51,33 @@ def unseen_torque(study: Study) -> Table:
         )
         for name, (method, effects) in estimates.items() if repeated else ():
             found = study.unseen(method, effects)
-            both = (
-                found.relative_error_percent,
-                found.folds[found.worst - 1].relative_error_percent,
-            )
             rows.append(
                 _row(
                     f"{name}_measured",
                     (found.rmse**2).tolist(),
-                    *both,
                     "measured, unseen",
+                    found.relative_error_percent,
+                    interval_of(fold_errors(found)).in_words,
+                    found.folds[found.worst - 1].relative_error_percent,
                 )
             )
         for name, (method, effects) in estimates.items():
             own = (
                 data if effects is None else replace(data, model=Model(robot, effects))
             )
-            mse, relative = own.errors(study.theta(method, own))
-            rows.append(_row(f"{name}_{ending}", mse.tolist(), relative, None, label))
+            theta = study.theta(method, own)
+            mse, relative = own.errors(theta)
+            interval = None if repeated else _over_runs(own, theta)
+            rows.append(
+                _row(f"{name}_{ending}", mse.tolist(), label, relative, interval)
+            )
     units = " and ".join(
         sorted({f"({unit.replace('*', ' ')})^2" for unit in robot.torque_units})
     )
     where = "simulated" if study.repeated is None else "measured"
     errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
     said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
-    return Table(
+    table = Table(
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other"
         " motion",
         rows,
@@ -71,13 +85,42 @@ def unseen_torque(study: Study) -> Table:
         f"On unseen motion ({where}): {', '.join(said)}.",
         caption=f"{study.sentence} {_judgement(study)}",
     )
+    columns = [name for name in table.frame if name != "worst_fold_percent"]
+    shown = ("p_hat", "p_real", "delta", "ols", "penalty", "lmi_sdp")
+    as_printed = [name in shown for name in _bare_names(rows)]
+    return table.shortened(columns, as_printed)
+
+
+def _bare_names(rows: Sequence[Row]) -> list[str]:
+    """The estimates without their data's ending."""
+    return [
+        re.sub("_(simulated|measured|repeatability)$", "", row["estimate"])
+        for row in rows
+    ]
+
+
+def _over_runs(data: Data, theta: Array) -> str | None:
+    """The 95 % interval of the relative error over the test runs; None of one run."""
+    rows = data.test_regression
+    if len(rows.blocks) < 2:
+        return None
+    errors = [
+        torque_errors(rows.select([k]), theta)[1] for k in range(len(rows.blocks))
+    ]
+    return interval_of(np.array(errors)).in_words
 
 
 def _row(
-    name: str, joints: Iterable[Cell], relative: Cell, worst: Cell, data: str
+    name: str,
+    joints: Iterable[Cell],
+    data: str,
+    relative: Cell = None,
+    interval: Cell = None,
+    worst: Cell = None,
 ) -> Row:
     more = {
         "relative_error_percent": relative,
+        "interval_percent": interval,
         "worst_fold_percent": worst,
         "data": data,
     }

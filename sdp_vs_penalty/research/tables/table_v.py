@@ -194,6 +194,12 @@ def engines(study: Study) -> Table:
     for row in study.problem.published["table_V"]:
         about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
         rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
+    for engine, pose in _PUBLISHED_POSE.items():
+        figures = dict(zip(_NO_RUN, (*pose, None), strict=True))
+        about = {"motion": "published (text)", **figures, "status": "published"}
+        none = [None] * n
+        joints = {**by_joint(none), **by_joint(none, "std_joint")}
+        rows.append({"engine": engine, **joints, **about})
     for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
         rows += [_row(study, data, *each) for each in study.once(runs).items()]
     formulations = "; ".join(
@@ -208,8 +214,19 @@ def engines(study: Study) -> Table:
 
 
 _NO_RUN: Row = dict.fromkeys(
-    ("position_error_mm", "angle_error_mrad", "inverse_dynamics_error")
+    (
+        "position_mean_mm",
+        "position_worst_mm",
+        "angle_mean_deg",
+        "angle_worst_deg",
+        "inverse_dynamics_error",
+    )
 )
+#: Figures of the pose that stand in the paper's text, of all its engines and of ODE.
+_PUBLISHED_POSE = {
+    "all four": ("< 15", "91.3", "< 3", "180 (3.14 rad)"),
+    "ODE": ("5", "", "1.2", ""),
+}
 
 
 def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> Row:
@@ -218,8 +235,10 @@ def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> 
     deviations = means
     if isinstance(run, EngineRun):
         inverse = inverse_dynamics_error(kind, robot, study.links(METHOD, data))
-        both = 1e3 * float(np.max(run.position)), 1e3 * float(np.max(run.angle))
-        figures, status = dict(zip(_NO_RUN, (*both, inverse), strict=True)), "run"
+        far, turned = 1e3 * run.position, np.rad2deg(run.angle)
+        pose = far.mean(), far.max(), turned.mean(), turned.max()
+        both = (*map(float, pose), inverse)
+        figures, status = dict(zip(_NO_RUN, both, strict=True)), "run"
         means, deviations = (list(map(of, run.error.T)) for of in (np.mean, np.std))
     about = {"motion": data.label, **figures, "status": status}
     name = f"{kind.name} {kind.version() or ''}".rstrip()

@@ -1,0 +1,353 @@
+"""Facts about the channels of a run."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.constants import LOCKSTEP, STUCK, TIMES
+from sdp_vs_penalty.checks.glance import READ, Rows, RunSummary
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.plausibility import beside_range, far_outside
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.signals.encoder import lattice_step
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.runs import spans
+from sdp_vs_penalty.signals.spectrum import highest_harmonic
+
+
+def never_a_number(g: RunSummary) -> Iterator[Issue]:
+    """Channels that hold no number in any row: no row can be saved by deleting others."""
+    for name, x in g.run.groups.items():
+        for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
+            yield Issue.of(
+                kind="channel without numbers",
+                severity="error",
+                joints=[j],
+                what=f"{name}{j + 1} is never a number, in any of {len(x)} rows.",
+                certainty=READ,
+                remedy="find out why the logger wrote none (a driver that does not"
+                " report it); there is no repair",
+                where=f"{name}{j + 1}",
+            )
+
+
+def wrapped(g: RunSummary) -> Iterator[Issue]:
+    """A revolute position that jumps by a turn from one row to the next: by 2 pi, or by
+    360, which says that it is in degrees as well."""
+    steps = np.abs(np.diff(g.run.q, axis=0))
+    turns = np.array([joint.kind == "revolute" for joint in g.robot.joints])
+    in_degrees = turns & _jumps_by(steps, 360.0)
+    if in_degrees.any():
+        yield from _degrees(g, turns, " and wrapped at 360", unwrap=True)
+        return
+    jumping = turns & _jumps_by(steps, 2.0 * np.pi)
+    if jumping.any():
+        what = (
+            "the position of {where} jumps by a full turn between two rows: the angle"
+            " is wrapped."
+        )
+        yield Issue.of(
+            kind="wrapped angle",
+            severity="error",
+            joints=np.flatnonzero(jumping),
+            what=what,
+            certainty=READ,
+            remedy="unwrap the angle",
+            repair=lambda r: replace(
+                r, q=np.where(jumping, np.unwrap(r.q, axis=0), r.q)
+            ),
+        )
+
+
+def _jumps_by(steps: Array, turn: float) -> Rows:
+    """(n,) whether some step of a channel is a turn, and its usual ones are far less."""
+    near = np.abs(steps - turn) < 0.05 * turn
+    return np.any(near, axis=0) & (np.median(steps, axis=0) < 0.05 * turn)
+
+
+def _degrees(g: RunSummary, turns: Rows, how: str, unwrap: bool) -> Iterator[Issue]:
+    """All revolute positions in degrees, their jumps by a turn undone."""
+    factor = float(np.radians(1.0))
+    joints = np.flatnonzero(turns)
+    reach = float(np.abs(g.run.q[:, joints]).max())
+
+    def repair(r: Measurements) -> Measurements:
+        q = np.unwrap(r.q, period=360.0, axis=0) if unwrap else r.q
+        q = np.where(
+            turns, _into_range(g.robot, q * factor) if unwrap else q * factor, r.q
+        )
+        if r.dq is None:
+            return replace(r, q=q)
+        speed = np.gradient(q, r.t, axis=0)
+        too_fast = np.abs(r.dq).sum(axis=0) > 8.0 * np.abs(speed).sum(axis=0)
+        return replace(r, q=q, dq=np.where(turns & too_fast, r.dq * factor, r.dq))
+
+    yield Issue.of(
+        kind="positions in degrees",
+        severity="error",
+        joints=joints,
+        what=f"the positions of {{where}} are in degrees{how}: they reach {reach:.4g}.",
+        certainty=READ,
+        remedy="unwrap q and multiply it by pi / 180 (`convert --units q=deg`)"
+        if unwrap
+        else "multiply q (and dq) by pi / 180 (`convert --units q=deg`)",
+        repair=repair,
+    )
+
+
+def _into_range(robot: Robot, q: Array) -> Array:
+    """(N, n) angles by whole turns nearer to the middles of the joints' ranges."""
+    middle = np.array(
+        [
+            0.5 * (j.lower + j.upper) if np.isfinite(j.upper - j.lower) else 0.0
+            for j in robot.joints
+        ]
+    )
+    turns = np.round((np.median(q, axis=0) - middle) / (2.0 * np.pi))
+    return np.asarray(q - 2.0 * np.pi * turns)
+
+
+def degrees(g: RunSummary) -> Iterator[Issue]:
+    """Positions that are far outside the joints' ranges, and inside them as degrees."""
+    turns = np.array([joint.kind == "revolute" for joint in g.robot.joints])
+    far = far_outside(g.robot, g.run.q)
+    if len(far) and turns[list(far)].all():
+        q = np.where(turns, np.radians(g.run.q), g.run.q)
+        if not far_outside(g.robot, q) and len(far) * 2 > turns.sum():
+            yield from _degrees(g, turns, "", unwrap=False)
+
+
+def lockstep(g: RunSummary) -> Iterator[Issue]:
+    """Joints that move in proportion: what one of them does, the others do as well."""
+    moving = np.flatnonzero(g.moving)
+    if len(moving) < 2:
+        return
+    together = lockstep_groups(g.run.q[:, moving])
+    if not together:
+        return
+    groups = [[int(moving[k]) for k in group] for group in together]
+    joints = sorted(j for group in groups for j in group)
+    rank = motion_rank(g.run.q[:, moving])
+    names = "; ".join(joints_text(group) for group in groups)
+    yield Issue.of(
+        kind="lockstep motion",
+        severity="warning",
+        joints=joints,
+        what=f"{names} move in proportion (|correlation| above {LOCKSTEP:g}): the"
+        f" motion of {len(moving)} joints has {rank} directions. Their order cannot be"
+        " told, nor what belongs to which of them.",
+        certainty="certain: read from the positions",
+        remedy="move each joint by a signal of its own",
+        rank=rank,
+        moving=len(moving),
+        groups=[[j + 1 for j in group] for group in groups],
+    )
+
+
+def lockstep_groups(q: Array) -> list[list[int]]:
+    """Columns of positions (N, n) whose correlation is one, group by group."""
+    size = np.std(q, axis=0)
+    z = (q - q.mean(axis=0)) / nonzero_or_one(size)
+    alike = np.abs(z.T @ z / len(z)) > LOCKSTEP
+    groups: list[list[int]] = []
+    for j in range(q.shape[1]):
+        if any(j in group for group in groups):
+            continue
+        group = [k for k in range(q.shape[1]) if alike[j, k]]
+        groups += [group] if len(group) > 1 else []
+    return groups
+
+
+def motion_rank(q: Array) -> int:
+    """How many directions hold 99.9 % of the variance of positions (N, n), each in
+    units of its own scatter."""
+    z = (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))
+    power = np.linalg.svd(z, compute_uv=False) ** 2
+    return int(np.searchsorted(np.cumsum(power) / power.sum(), 0.999) + 1)
+
+
+def idle(g: RunSummary) -> Iterator[Issue]:
+    """Joints that never move, or all of them."""
+    sure, joints = (
+        "certain: the positions change by noise only",
+        np.flatnonzero(~g.moving),
+    )
+    if not g.moving.any():
+        what = (
+            "no joint moves: these data contain only static friction and the weight in"
+            " one pose."
+        )
+        remedy = "record a motion of all joints"
+        yield Issue.of(
+            kind="no motion",
+            severity="error",
+            joints=joints,
+            what=what,
+            certainty=sure,
+            remedy=remedy,
+            where="all joints",
+        )
+    elif len(joints):
+        what = (
+            "{where} never moves: friction and inertia about that axis are not"
+            " identifiable, and the torque there is stiction."
+        )
+        remedy = "move every joint, or add a run that does"
+        yield Issue.of(
+            kind="idle joints",
+            severity="warning",
+            joints=joints,
+            what=what,
+            certainty=sure,
+            remedy=remedy,
+        )
+
+
+def beside(g: RunSummary) -> Iterator[Issue]:
+    if joints := beside_range(g.robot, g.run.q):
+        yield Issue.of(
+            kind="encoder offset",
+            severity="warning",
+            joints=joints,
+            what="{where}: positions outside the range all or part of the time.",
+            certainty="certain: outside what the joint can reach",
+            remedy="correct the zeros of these joints: the travel fits the range",
+        )
+
+
+def torques(g: RunSummary) -> Iterator[Issue]:
+    """Channels that never change, that stay exactly at their largest value while they
+    are never constant elsewhere, or that lost their sign: whenever these come near
+    zero, by a fifth of the largest, they come within a usual step of it: by chance with
+    odds of step to fifth."""
+    unsigned = []
+    for j, x in enumerate(g.run.tau.T):
+        name, unit, parts = (
+            f"tau{j + 1}",
+            g.robot.torque_units[j],
+            spans(np.diff(x) == 0.0),
+        )
+        if not np.ptp(x):
+            what = f"{name} is {x[0]:g} {unit} in every row."
+            remedy = "find out why the logger wrote a constant"
+            # Of a joint that rests, nothing else is to be expected.
+            severity = "error" if g.moving[j] else "note"
+            yield Issue.of(
+                kind="dead channel",
+                severity=severity,
+                joints=[j],
+                what=what,
+                certainty=READ,
+                remedy=remedy,
+                where=name,
+            )
+            continue
+        lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]
+        ends = np.isin(values, (x.min(), x.max()))
+        elsewhere, longest = (int(lengths[k].max(initial=1)) for k in (~ends, ends))
+        if longest >= max(TIMES * elsewhere, STUCK):
+            value = values[np.argmax(lengths * ends)]
+            yield Issue.of(
+                kind="saturation",
+                severity="warning",
+                joints=[j],
+                what=f"{name} is stuck at {value:.6g} {unit} for up to {longest} consecutive"
+                f" samples ({np.sum(x == value)} in total): the channel is clipped.",
+                certainty=f"likely: elsewhere it is never constant for more than {elsewhere}"
+                " samples",
+                remedy="record again with a larger range, or slower; delete those rows until"
+                " then",
+                where=name,
+                limit=float(value),
+            )
+        if g.moving[j] and 0.0 <= x.min() <= 0.01 * x.max():
+            steps, near = np.abs(np.diff(x)), 0.2 * x.max()
+            step = min(float(np.median(steps[steps > 0.0])), near)
+            lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
+            chance = np.sum((lowest > 0.0) & (lowest < step)) * np.log(near / step)
+            unsigned += [j] * bool(chance > c.ODDS)
+    if unsigned:
+        yield Issue.of(
+            kind="torque magnitude",
+            severity="warning",
+            joints=unsigned,
+            what="{where} never changes sign: the logger wrote magnitudes.",
+            certainty="likely: a torque that is as near to zero as often is below it, too",
+            remedy="log the torque with its sign",
+            where=", ".join(f"tau{j + 1}" for j in unsigned),
+            nature=EXPLANATION,
+        )
+
+
+def counts(g: RunSummary) -> Iterator[Issue]:
+    """Torques that are whole numbers in every row and channel: no sensor's N m."""
+    tau = g.run.tau[:, g.moving]
+    n_values = [len(np.unique(x)) for x in tau.T]
+    if np.all(tau == np.round(tau)) and np.min(n_values) > 20:
+        most = float(np.abs(tau).max())
+        yield Issue.of(
+            kind="torque in counts",
+            severity="warning",
+            joints=(),
+            what=f"every torque is a whole number, up to {most:.4g}: counts of the drive"
+            + (", as permil of its rated torque." if most <= 4000.0 else "."),
+            certainty="likely: the whole numbers are read from the file, not what they"
+            " count",
+            remedy="multiply each channel by its rated torque / 1000 (or its gain, gear"
+            " ratio included); otherwise the model's ratios are right for a joint, its"
+            " kilograms are not",
+            where="all torque channels",
+            largest=most,
+        )
+
+
+def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
+    """Whether the motion's fastest part is sampled often enough to be differentiated
+    twice, in positions fine enough for the accelerations of a motion behind the filter
+    of these settings. Rounding errors renew themselves when the level changes; the part
+    below the cut-off stays, and a second derivative weighs its power with (2 pi f)^4.
+    """
+    rate, highest, cutoff = 1.0 / g.step, highest_harmonic(g.run), settings.state_cutoff
+    if rate < (needed := c.SAMPLES_A_PERIOD * highest):
+        yield Issue.of(
+            kind="low sample rate",
+            severity="warning",
+            joints=(),
+            what=f"the motion reaches {highest:.3g} Hz, and {rate:.3g} samples per second"
+            f" are too few to differentiate it twice: {needed:.0f} Hz are needed.",
+            certainty="certain: from the spectrum of the positions",
+            remedy="log faster, or move slower",
+            where="column t",
+            rate_hz=rate,
+            needed=needed,
+        )
+    assert cutoff is not None
+    for j, (x, size) in enumerate(zip(g.run.q.T, motion.ddq.std(axis=0), strict=True)):
+        step, lasts = (
+            lattice_step(x),
+            g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1),
+        )
+        noise = (
+            (2.0 * np.pi * cutoff) ** 2
+            * step
+            / np.sqrt(60.0 * max(1.0, 0.5 / (cutoff * lasts)))
+        )
+        if g.moving[j] and noise > c.TYPICAL["link"] * size > 0.0:
+            yield Issue.of(
+                kind="quantisation",
+                severity="warning",
+                joints=[j],
+                what=f"q{j + 1} is quantised in steps of {step:.3g}"
+                f" {g.robot.position_units[j]}: noise of about"
+                f" {100.0 * noise / size:.0f} % of the acceleration below"
+                f" {cutoff:.3g} Hz.",
+                certainty="likely: the steps are read from the file, the noise is estimated",
+                remedy="log more digits, or move faster",
+                where=f"q{j + 1}",
+                step=step,
+            )

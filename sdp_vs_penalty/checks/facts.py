@@ -1,0 +1,79 @@
+"""The rules about rows, clock and channels in the order of mending."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from sdp_vs_penalty.checks.channels import degrees, never_a_number, wrapped
+from sdp_vs_penalty.checks.clock import (
+    backwards,
+    change_of_rate,
+    coarse_stamps,
+    jumps,
+    repeated_time,
+    time_unit,
+    uneven,
+)
+from sdp_vs_penalty.checks.constants import RUN
+from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.rows import (
+    end_stops,
+    frozen,
+    held_rows,
+    interpolated_rows,
+    lost_rows,
+    missing,
+    repeated_run,
+    spikes,
+    zeros,
+)
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.robot.robot import Robot
+
+#: In the order of mending; all but the first ask of RUN rows in which something moves.
+RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
+    never_a_number,
+    missing,
+    time_unit,
+    backwards,
+    coarse_stamps,
+    repeated_time,
+    change_of_rate,
+    uneven,
+    jumps,
+    wrapped,
+    degrees,
+    held_rows,
+    repeated_run,
+    end_stops,
+    interpolated_rows,
+    zeros,
+    spikes,
+    lost_rows,
+    partial(frozen, word="position", name="q"),
+    partial(frozen, word="torque", name="t"),
+)
+
+
+def mended(
+    run: Measurements, robot: Robot, standstill: float
+) -> tuple[list[Issue], Measurements, Measurements]:
+    """The issues of a run's rows and clock; the run with all of them mended, and with
+    the certain ones."""
+    issues: list[Issue] = []
+    fixed, glance = run, RunSummary(run, robot, standstill)
+    for asked in RULES:
+        if any(issue.kind == "channel without numbers" for issue in issues):
+            break
+        if asked not in (never_a_number, missing) and (
+            len(glance.run.t) < RUN or not glance.moving.any()
+        ):
+            break
+        for issue in asked(glance):
+            issues.append(issue)
+            if issue.repair is not None:
+                # What is only likely is mended for the rules that follow, and deletes
+                # no row.
+                fixed = issue.repair(fixed) if issue.mends else fixed
+                glance = RunSummary(issue.repair(glance.run), robot, standstill)
+    return issues, glance.run, fixed

@@ -1,0 +1,64 @@
+"""Joints and torques that count the other way."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
+from sdp_vs_penalty.checks.issue import joints_text
+from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.repair import LogTransform
+
+
+class Sign(Transformation):
+    """Joints and torques that count the other way: the torque's sign, the position's,
+    or both."""
+
+    name = "sign"
+
+    def proposals(
+        self, log: Likelihood, now: LogTransform, score: ArmFit
+    ) -> Iterator[LogTransform]:
+        for turned in (range(log.n), *((j,) for j in range(log.n))):
+            yield now.times("gain", turned, -1.0)
+        # The same fit, which physics alone tells apart.
+        turned_back = now.times("gain", range(log.n), -1.0)
+        upside_down = replace(now, gravity=tuple(-g for g in now.gravity))
+        yield replace(turned_back, gravity=upside_down.gravity)
+        for same in (turned_back, replace(turned_back, gravity=upside_down.gravity)):
+            yield replace(same, reversed=not now.reversed)
+        for j in np.flatnonzero(score.poor).tolist():
+            yield now.times("scale", (j,), -1.0)
+            yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
+
+    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+        q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
+        for j in np.flatnonzero(q).tolist():
+            without, k = repair.times("scale", (j,), -1.0), j + 1
+            kind, what = (
+                "position sign",
+                f"the position of joint {k} has the wrong sign.",
+            )
+            remedy = f"flip the sign of q{k} (and dq{k})"
+            if tau[j]:
+                without = without.times("gain", (j,), -1.0)
+                kind, what = (
+                    "joint sign",
+                    f"joint {k} counts the other way, position and torque alike.",
+                )
+                remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
+            yield Fault(kind, "warning", (j,), what, remedy, without, choices(log.n))
+        if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
+            every = len(alone) == log.n
+            # A convention that differs is one mistake, of any pattern.
+            pattern = c.ODDS + log.n * float(np.log(2.0))
+            cost = c.ODDS if every else min(len(alone) * choices(log.n), pattern)
+            what = (
+                f"the torque of {'every joint' if every else joints_text(alone)} has"
+                " the wrong sign."
+            )
+            remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
+            without = repair.times("gain", alone, -1.0)
+            yield Fault("torque sign", "warning", alone, what, remedy, without, cost)

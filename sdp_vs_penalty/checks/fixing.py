@@ -1,0 +1,118 @@
+"""What `check --fix` writes: facts, and explanations that the user names.
+
+A repair cannot harm: rows are dropped up to a tenth only, and before anything is written
+both logs are identified on one split. What does not lower the error on motion left out
+is not written.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.constants import MOST_LOST
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.report import Report
+from sdp_vs_penalty.data.measurements import Measurements, concatenate
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.problem import Problem
+
+#: Share of each run that both logs are identified from; the rest is left out.
+TRAINED_ON = 0.7
+#: An error that rises by less is the same: other rows are left out.
+SAME_ERROR = 1.02
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """runs : repaired copies, in the order of the reports; issues : what was repaired of
+    each; before, after : error on motion left out [%], None where nothing could be
+    identified from the log as it is, or no torque was logged."""
+
+    runs: tuple[Measurements, ...]
+    issues: tuple[tuple[Issue, ...], ...]
+    before: float | None = None
+    after: float | None = None
+
+    @property
+    def sentence(self) -> str:
+        """Both errors, in words."""
+        if self.after is None:
+            return "No error on motion left out: nothing can be identified from it."
+        was = "not identifiable" if self.before is None else f"{self.before:.3g} %"
+        return (
+            f"Error on motion left out: {was} as logged, {self.after:.3g} % repaired."
+        )
+
+
+def fix_runs(
+    problem: Problem,
+    runs: Sequence[Measurements],
+    reports: Sequence[Report],
+    apply: Sequence[str] = (),
+) -> Repaired:
+    """Repaired copies of runs: what is certain by a fact, and the explanations named by
+    their words (``sign:tau3``).
+
+    Raises InputError for a word that no report has, for a repair that drops more than a
+    tenth of a run, and for one that does not lower the error on motion left out.
+    """
+    known = {f.apply for r in reports for f in r.issues if f.apply}
+    for word in apply:
+        if word not in known:
+            offers = formatting.words(sorted(known)) if known else "there is none"
+            raise InputError(f"--apply {word}: no such repair", f"choose of: {offers}")
+    out, done = [], []
+    for run, report in zip(runs, reports, strict=True):
+        fixed, issues = _fixed(report, apply)
+        lost = 1.0 - len(fixed.t) / max(len(run.t), 1)
+        if lost > MOST_LOST:
+            what = f"the repair would drop {100.0 * lost:.0f} % of the rows"
+            raise InputError(what, "log it again: nothing was written", report.run)
+        out.append(fixed)
+        done.append(tuple(issues))
+    if not any(done) or not all(run.torque_logged for run in runs):
+        return Repaired(tuple(out), tuple(done))
+    before, after = (_error_left_out(problem, some) for some in (runs, out))
+    if before is not None and (after is None or after > before * SAME_ERROR):
+        worse = "cannot be identified" if after is None else f"{after:.3g} %"
+        what = "the repair does not lower the error on motion left out"
+        raise InputError(
+            f"{what}: {before:.3g} % as logged, {worse} repaired",
+            "leave the log as it is: nothing was written",
+        )
+    return Repaired(tuple(out), tuple(done), before, after)
+
+
+def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Issue]]:
+    """The run with its facts repaired and the named explanations applied: an order
+    first, because signs and gains count joints."""
+    facts = [f for f in report.issues if f.mends]
+    named = [f for f in report.issues if f.apply in apply and f.repair is not None]
+    run = report.repaired_certain
+    for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
+        assert issue.repair is not None
+        run = issue.repair(run)
+    return run, [*facts, *named]
+
+
+def _error_left_out(problem: Problem, runs: Sequence[Measurements]) -> float | None:
+    """Relative error [%] on the last part of each run of what is identified from the
+    first; None where nothing is."""
+    from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty.estimation.build_problem import filter_runs, load_and_check
+    from sdp_vs_penalty.estimation.identify import estimate_parameters
+
+    train, test = [], []
+    for run in runs:
+        end = float(run.t[-1] - run.t[0])
+        plain = replace(run, dq=None)
+        train.append(plain.window(0.0, TRAINED_ON * end))
+        test.append(plain.window(TRAINED_ON * end, end))
+    try:
+        data = load_and_check(problem, concatenate(train), "check --fix")
+        assert isinstance(data, Measurements)
+        estimate = estimate_parameters(problem, filter_runs(problem, data))
+        (judged,) = compare(estimate, concatenate(test))
+    except InputError:
+        return None
+    return float(judged.relative_error_percent)

@@ -1,0 +1,42 @@
+"""Units of the problem: lengths in millimetres, masses in grams, inertias times 1e6.
+
+Read from the robot itself, whatever was measured. The rules are
+:func:`sdp_vs_penalty.robot.plausible_units.odd_units`, which `check-urdf` uses too.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import nonzero_or_one
+from sdp_vs_penalty.robot.inertia import inertia_matrix
+from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
+
+
+def problem_units(problem: Problem) -> Iterator[Issue]:
+    """A warning where the links of the problem are of another unit than SI."""
+    if np.all(problem.guessed_links):
+        return
+    robot = problem.robot
+    names = [robot.tree[k].name for k in robot.link_joints]
+    steps = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in robot.tree]
+    sizes = []
+    for name, link in zip(names, problem.nominal_links, strict=True):
+        mass = float(link[0])
+        com = link[1:4] / nonzero_or_one(mass)
+        about_frame = inertia_matrix(link[4:])
+        about_com = about_frame - mass * (com @ com * np.eye(3) - np.outer(com, com))
+        largest = float(np.linalg.eigvalsh(about_com)[-1])
+        sizes.append(LinkSizes(name, mass, float(np.linalg.norm(com)), largest))
+    for odd in odd_units(sizes, max(steps)):
+        yield Issue(
+            kind="units of the problem",
+            severity="warning",
+            where="the problem",
+            what=f"{odd.what} Nothing is said of the torques.",
+            certainty="certain: read from the problem, no arm is of that size",
+            remedy=odd.remedy,
+            figures={"quantity": odd.quantity, "factor": odd.factor},
+        )

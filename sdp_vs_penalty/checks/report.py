@@ -1,0 +1,101 @@
+"""What the check says of one run."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.long_runs import is_long
+from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.formatting import Shown, Summary, Table
+
+
+@dataclass(frozen=True, repr=False)
+class Report(Shown):
+    """issues : of one run, the gravest first; repaired_all : the run with every repair made,
+    those that are only likely included; repaired_certain : with the certain ones only; unexplained
+    : share of the torques' energy that the arm's dynamics leave over, after mending,
+    None where there is nothing to fit; arm : the rows and their net repair, where these
+    had samples to spare for its parameters.
+    """
+
+    run: str
+    issues: tuple[Issue, ...]
+    repaired_all: Measurements
+    repaired_certain: Measurements
+    unexplained: float | None = None
+    arm: tuple[Likelihood, LogTransform] | None = field(
+        default=None, compare=False, repr=False
+    )
+    original: Measurements | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def meaningless(self) -> bool:
+        """Whether nothing sensible can be identified from these data: a fact says so."""
+        return any(f.severity == "error" for f in self.issues)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether windows stand for the run: it is not repaired then."""
+        return is_long(self.repaired_all)
+
+    @property
+    def errors_and_warnings(self) -> tuple[Issue, ...]:
+        """Errors and warnings, without notes."""
+        return tuple(f for f in self.issues if f.severity != "note")
+
+    @property
+    def verdict(self) -> str:
+        """How many problems there are, and how well the arm's dynamics explain the
+        torque."""
+        found = formatting.count(len(self.errors_and_warnings), "problem")
+        if self.unexplained is None:
+            why = "nothing to identify from"
+            if not self.repaired_all.torque_logged:
+                why = "no torque was logged"
+            elif not self.meaningless:
+                why = "its torques were not judged"
+            return f"{self.run}: {found}; {why}"
+        share = 100.0 * self.unexplained**0.5
+        return (
+            f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque"
+            " unexplained"
+        )
+
+    def _summary(self) -> Summary:
+        return self.verdict, [(f.severity, f.what) for f in self.issues]
+
+    def _table(self) -> Table | None:
+        rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
+        return (("kind", "where", "certainty", "remedy"), rows) if rows else None
+
+    def changes(self, name: str, done: Sequence[Issue]) -> str:
+        """What a repaired copy of the file of this name differs in from it, and what is
+        left to do; done : the issues that were repaired."""
+        left = [f for f in self.errors_and_warnings if f not in done]
+        title = (
+            "Repaired copy of {}, in the order of repair:" if done else "Copy of {}:"
+        )
+        lines = [title.format(name)]
+        lines += [
+            f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})"
+            for f in done
+        ]
+        lines += [] if done else ["- nothing was changed"]
+        lines += ["Not repaired:"] if left else []
+        lines += [f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left]
+        return "\n".join(lines) + "\n"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return {
+            "run": self.run,
+            "meaningless": self.meaningless,
+            "unexplained_percent": (
+                None if self.unexplained is None else 100.0 * self.unexplained**0.5
+            ),
+            "findings": [f.to_dict() for f in self.issues],
+        }

@@ -1,0 +1,203 @@
+"""Facts about clock and channels that hold whatever the arm: each kind in variants."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_runs import small_run
+
+from sdp_vs_penalty import InputError, Measurements, check, load_problem
+from sdp_vs_penalty.checks import Issue, mended
+from sdp_vs_penalty.checks.channels import lockstep
+from sdp_vs_penalty.checks.clock import velocity
+from sdp_vs_penalty.checks.fixing import fix_runs
+from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
+
+PROBLEM = load_problem("two_link")
+RUN = small_run(PROBLEM, seconds=8.0)
+STANDSTILL = 0.02
+
+
+def summary(run: Measurements) -> RunSummary:
+    return RunSummary(run, PROBLEM.robot, STANDSTILL)
+
+
+def kinds(run: Measurements) -> list[str]:
+    return [x.kind for x in mended(run, PROBLEM.robot, STANDSTILL)[0]]
+
+
+def coarse(run: Measurements, step: float) -> Measurements:
+    return replace(run, t=np.round(run.t / step) * step)
+
+
+@pytest.mark.parametrize("times", [1.7, 2.0, 5.0])
+@pytest.mark.parametrize("begin", [0.0, 1.7e9])
+def test_coarse_stamps_are_spaced_evenly_and_no_row_is_lost(times, begin):
+    step = times * float(np.median(np.diff(RUN.t)))
+    log = replace(coarse(RUN, step), dq=None)
+    log = replace(log, t=log.t + begin)
+    issues, _, fixed = mended(log, PROBLEM.robot, STANDSTILL)
+    assert [x.kind for x in issues] == ["coarse time stamps"]
+    assert len(fixed.t) == len(RUN.t)
+    even = np.diff(RUN.t)
+    np.testing.assert_allclose(np.diff(fixed.t), even.mean(), rtol=2e-3)
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 10.0])
+def test_a_clock_that_velocity_contradicts_is_named_with_its_factor(factor):
+    """Without dynamics: the velocity of every joint is off by the same factor."""
+    wrong = replace(RUN, t=factor * RUN.t)
+    (issue,) = velocity(summary(wrong))
+    assert issue.kind == "clock against velocity"
+    assert issue.figures["factor"] == pytest.approx(1.0 / factor, rel=0.02)
+    assert issue.severity == "warning"
+
+
+def test_a_velocity_that_is_the_derivative_says_nothing():
+    assert not [*velocity(summary(RUN))]
+
+
+@pytest.mark.parametrize("lag", [1, 3])
+def test_a_velocity_that_comes_late_is_no_other_clock(lag):
+    assert RUN.dq is not None
+    assert not [*velocity(summary(replace(RUN, dq=np.roll(RUN.dq, lag, axis=0))))]
+
+
+@pytest.mark.parametrize("name", ["q", "tau"])
+def test_a_channel_without_numbers_is_named_and_no_row_is_deleted(name):
+    values = getattr(RUN, name).copy()
+    values[:, 1] = np.nan
+    log = replace(RUN, **{name: values})
+    issues, _, fixed = mended(log, PROBLEM.robot, STANDSTILL)
+    assert [(x.kind, x.where) for x in issues] == [
+        ("channel without numbers", f"{name}2")
+    ]
+    assert len(fixed.t) == len(RUN.t)
+
+
+@pytest.mark.parametrize("low", [0.0, -180.0])
+def test_degrees_that_wrap_are_one_fact(low):
+    """In 0..360 or in +-180: unwrapped, in radians, and within the range."""
+    t = np.arange(0.0, 8.0, 0.004)
+    q = np.column_stack([1.2 * np.sin(1.7 * t), 1.4 * np.cos(2.3 * t)])
+    turned = np.degrees(q + (np.pi if low else 0.0))
+    log = Measurements(t, (turned - low) % 360.0 + low, np.cos(q))
+    issues, _, fixed = mended(log, PROBLEM.robot, STANDSTILL)
+    (issue,) = [x for x in issues if x.kind == "positions in degrees"]
+    assert "wrapped" in issue.what
+    np.testing.assert_allclose(np.diff(fixed.q, axis=0), np.diff(q, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("every", [8, 50])
+def test_a_logger_that_changed_its_rate_is_named(every):
+    fast = small_run(PROBLEM, seconds=8.0, rate=500.0)
+    log = fast.rows(np.r_[0:1500, 1500:2500:every, 2500 : len(fast.t)])
+    found = kinds(log)
+    assert "change of rate" in found
+    assert "clock step" not in found
+
+
+def test_joints_in_proportion_are_named_with_the_rank_of_the_motion():
+    t = np.arange(0.0, 8.0, 0.004)
+    move = np.sin(1.7 * t) + 0.3 * np.cos(4.0 * t)
+    run = Measurements(t, np.column_stack([move, 0.4 * move]), np.ones((len(t), 2)))
+    (issue,) = lockstep(summary(run))
+    assert issue.figures["rank"] == 1
+    assert issue.figures["groups"] == [[1, 2]]
+    assert not [*lockstep(summary(RUN))]
+
+
+def test_a_log_without_rows_has_no_rows():
+    (report,) = check(PROBLEM, RUN.rows(np.arange(0)))
+    assert [x.kind for x in report.issues] == ["no rows"]
+
+
+LINKS = [LinkSizes(f"l{k}", 4.0, 0.12, 0.03) for k in range(3)]
+
+
+@pytest.mark.parametrize(
+    ("links", "longest", "quantity", "factor"),
+    [
+        ([replace(x, inertia=1e6 * x.inertia) for x in LINKS], 0.4, "inertias", 1e6),
+        ([replace(x, com=1e3 * x.com) for x in LINKS], 0.4, "centres of mass", 1e3),
+        ([replace(x, mass=1e3 * x.mass) for x in LINKS], 0.4, "masses", 1e3),
+        (LINKS, 400.0, "lengths", 1e3),
+    ],
+)
+def test_units_of_links_are_named_with_their_factor(links, longest, quantity, factor):
+    odd = [(x.quantity, x.factor) for x in odd_units(links, longest)]
+    assert (quantity, factor) in odd
+
+
+@pytest.mark.parametrize("size", [0.03, 0.3, 3.0])
+def test_arms_of_all_sizes_are_in_metres_and_kilograms(size):
+    """From a toy to an excavator."""
+    links = [LinkSizes("l", 50.0 * size**2, 0.4 * size, 4.0 * size**4)]
+    assert not [*odd_units(links, size)]
+
+
+def flipped(run: Measurements) -> Measurements:
+    return replace(run, tau=run.tau * np.array([1.0, -1.0]))
+
+
+def test_a_named_explanation_is_applied_where_it_lowers_the_error():
+    log = flipped(RUN)
+    reports = check(PROBLEM, log, thorough=False)
+    repaired = fix_runs(PROBLEM, [log], reports, ["sign:tau2"])
+    np.testing.assert_array_equal(repaired.runs[0].tau, RUN.tau)
+    assert repaired.before is not None
+    assert repaired.after is not None
+    assert repaired.after < 0.5 * repaired.before
+
+
+def test_a_repair_that_raises_the_error_is_not_written():
+    (report,) = check(PROBLEM, RUN, thorough=False)
+    wrong = Issue(
+        kind="torque sign",
+        nature="explanation",
+        severity="warning",
+        where="joint 2",
+        what="x",
+        certainty="likely",
+        remedy="r",
+        repair=flipped,
+        apply="sign:tau2",
+    )
+    with pytest.raises(InputError, match="does not lower the error"):
+        fix_runs(PROBLEM, [RUN], [replace(report, issues=(wrong,))], ["sign:tau2"])
+
+
+def test_a_repair_drops_no_more_than_a_tenth():
+    q, tau = RUN.q.copy(), RUN.tau.copy()
+    some = slice(300, 300 + len(q) // 4)
+    q[some], tau[some] = q[300], tau[300]
+    log = replace(RUN, q=q, tau=tau, dq=None)
+    with pytest.raises(InputError, match="drop"):
+        fix_runs(PROBLEM, [log], check(PROBLEM, log, thorough=False))
+
+
+def test_a_word_that_no_report_has_is_refused_with_those_it_has():
+    log = flipped(RUN)
+    reports = check(PROBLEM, log, thorough=False)
+    with pytest.raises(InputError, match="sign:tau2"):
+        fix_runs(PROBLEM, [log], reports, ["gain:tau1"])
+
+
+def test_a_sign_of_the_logger_is_said_of_all_runs():
+    second = replace(small_run(PROBLEM, seconds=8.0, seed=4), names=("b",))
+    runs = concatenate([flipped(RUN), flipped(second)])
+    said = [
+        [(f.kind, f.where) for f in r.errors_and_warnings]
+        for r in check(PROBLEM, runs, thorough=False)
+    ]
+    assert said == [[("torque sign", "joint 2")]] * 2
+
+
+def test_the_weight_alone_is_a_model_and_no_torque():
+    robot, links = PROBLEM.robot, PROBLEM.nominal_links.ravel()
+    zero = np.zeros_like(RUN.q)
+    log = replace(RUN, tau=robot.inverse_dynamics(links, RUN.q, zero, zero), dq=None)
+    (report,) = check(PROBLEM, log, thorough=False)
+    assert "gravity model" in [f.kind for f in report.errors_and_warnings]

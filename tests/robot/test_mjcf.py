@@ -1,0 +1,195 @@
+"""Robots from MJCF: the torque is MuJoCo's own to 1e-9 for arms in a row, with a mimic
+joint, a slide, armature and two trees; xacro and names of robot_descriptions."""
+
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+from arms import ELBOW, SHOULDER, write_urdf
+from commands import run_cli
+from recorded import refusal
+from small_runs import small_run
+
+from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.errors import Remark
+from sdp_vs_penalty.robot.mjcf import load_mjcf
+
+mujoco = pytest.importorskip("mujoco")
+
+INERTIA = 'mass="{}" pos=".05 .02 .1" quat=".9 .1 .3 -.2" diaginertia="{} {} {}"'
+
+
+def inertial(mass: float) -> str:
+    moments = [0.01 * mass, 0.012 * mass, 0.008 * mass]
+    return f"<inertial {INERTIA.format(mass, *moments)}/>"
+
+
+SERIAL = f"""<mujoco model="serial"><compiler angle="radian"/><worldbody>
+<body name="pedestal" pos="0 0 1" quat=".8 .6 0 0"><geom size=".1" mass="5"/>
+ <body pos="0 0 .3" quat=".9 .2 .1 .3"><joint name="a" axis="0 0 1" pos=".1 0 .05"/>
+  {inertial(4)}
+  <body pos=".3 .1 0" euler=".3 .2 .1"><joint name="b" axis="1 1 0" ref=".4"/>{inertial(2)}
+   <body name="tool" pos="0 .1 .2">{inertial(0.5)}</body>
+   <body pos=".2 0 .1"><joint name="c" axis="0 1 0"/><joint name="d" axis="1 0 0" pos="0 .1 0"/>
+    {inertial(1)}</body></body></body></body></worldbody></mujoco>"""
+MIMIC = f"""<mujoco><compiler angle="radian"/><worldbody><body>
+ <joint name="lift" axis="0 1 0"/>{inertial(3)}
+ <body pos=".3 0 0"><joint name="left" axis="0 1 0"/>{inertial(0.3)}</body>
+ <body pos=".3 .1 0"><joint name="right" axis="0 1 0"/>{inertial(0.4)}</body></body></worldbody>
+<equality><joint joint1="right" joint2="left" polycoef=".1 -2 0 0 0"/></equality></mujoco>"""
+SLIDE = f"""<mujoco><option gravity="0 -9.81 0"/><worldbody><body>
+ <joint name="rail" type="slide" axis="1 0 .2" ref=".3" range="-1 2"/>{inertial(6)}
+ <body pos="0 0 .4"><joint name="turn" axis="0 1 1" range="-90 90"/>{inertial(2)}</body>
+</body></worldbody></mujoco>"""
+ARMATURE = f"""<mujoco><worldbody><body>
+ <joint name="a" axis="0 1 0" armature=".3" damping="1.5" frictionloss=".7"/>{inertial(3)}
+ <body pos=".3 0 0"><joint name="b" axis="0 1 0" armature=".05"/>{inertial(1)}</body>
+</body></worldbody><actuator><position joint="b" kp="600" kv="20"/></actuator></mujoco>"""
+TREES = f"""<mujoco><worldbody>
+<body pos="0 .5 0"><joint name="l1" axis="0 1 0"/>{inertial(3)}
+ <body pos=".3 0 0"><joint name="l2" axis="0 0 1"/>{inertial(1)}</body></body>
+<body pos="0 -.5 0"><joint name="r1" axis="0 1 0"/>{inertial(2)}
+ <body pos=".3 0 0"><joint name="r2" axis="1 0 1"/>{inertial(0.7)}</body></body>
+</worldbody></mujoco>"""
+ARMS = {
+    "serial": SERIAL,
+    "mimic": MIMIC,
+    "slide": SLIDE,
+    "armature": ARMATURE,
+    "trees": TREES,
+}
+
+
+def torques_of_mujoco(text: str, state: list[np.ndarray]) -> np.ndarray:
+    """(N, L) by mj_inverse of all joints; friction and equalities count as constraints."""
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data, out = mujoco.MjData(model), []
+    for data.qpos, data.qvel, data.qacc in zip(*state, strict=True):
+        mujoco.mj_inverse(model, data)
+        out.append(np.array(data.qfrc_inverse))
+    return np.array(out)
+
+
+def write(folder, name: str):
+    path = folder / f"{name}.xml"
+    path.write_text(ARMS[name])
+    return path
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_torques_are_mujoco_s(name, tmp_path):
+    robot, links, values = load_mjcf(write(tmp_path, name))
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 30, robot.n))
+    matrix = np.eye(robot.n) if robot.mechanism is None else robot.mechanism.matrix
+    whole = robot.tree_state(q, dq, ddq)
+    expected = torques_of_mujoco(ARMS[name], whole) @ matrix
+    torque = robot.inverse_dynamics(links, q, dq, ddq)
+    for k in range(robot.n):
+        torque[:, k] += values.get(f"I_a{k + 1}", 0.0) * ddq[:, k]
+        torque[:, k] += values.get(f"f_v{k + 1}", 0.0) * dq[:, k]
+    np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_joint_values_are_nominal_ones(tmp_path):
+    with pytest.warns(Remark, match="--known kp2=600,kd2=20"):
+        problem = load_problem(write(tmp_path, "armature"))
+    model = problem.model("rigid_body,rotor_inertia,viscous_friction,coulomb_friction")
+    by_name = dict(
+        zip([p.name for p in model.parameters], problem.nominal(model), strict=True)
+    )
+    shown = [by_name[name] for name in ("I_a1", "I_a2", "f_v1", "f_c1")]
+    np.testing.assert_allclose(shown, [0.3, 0.05, 1.5, 0.7])
+
+
+def test_a_held_joint_s_links_belong_to_the_parent(tmp_path):
+    path = write(tmp_path, "mimic")
+    whole, links, _ = load_mjcf(path)
+    held, fewer, _ = load_mjcf(path, held={"left": 0.2})
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 10, 1))
+    zeros = np.zeros((10, 1))
+    full = np.hstack([q, zeros + 0.2]), np.hstack([dq, zeros]), np.hstack([ddq, zeros])
+    expected = whole.inverse_dynamics(links, *full)[:, :1]
+    np.testing.assert_allclose(held.inverse_dynamics(fewer, q, dq, ddq), expected)
+    assert fewer[:, 0].sum() == pytest.approx(links[:, 0].sum())
+
+
+@pytest.mark.filterwarnings("ignore::sdp_vs_penalty.errors.Remark")
+@pytest.mark.parametrize("name", ["slide", "armature"])
+def test_a_model_is_identified_and_saved(name, tmp_path):
+    path = write(tmp_path, name)
+    save(small_run(load_problem(path)), tmp_path / "run.csv")
+    out = tmp_path / "model.json"
+    words = (
+        "identify",
+        path,
+        "--data",
+        tmp_path / "run.csv",
+        "--out",
+        out,
+        "--no-check",
+    )
+    assert run_cli(*words, "--method", "ols") == 0
+    assert run_cli("compare", out, "--data", tmp_path / "run.csv") == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            '<joint name="a" axis="0 0 1" pos=".1 0 .05"/>',
+            '<joint type="ball"/>',
+            "is free",
+        ),
+        ("</worldbody>", "", "MuJoCo does not read it"),
+        (
+            "</mujoco>",
+            '<equality><connect body1="tool" body2="pedestal" anchor="0 0 0"/></equality>'
+            "</mujoco>",
+            "closed loop",
+        ),
+    ],
+)
+def test_what_is_no_tree_of_hinges_and_slides_is_refused(old, new, words, tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(SERIAL.replace(old, new, 1))
+    refusal(lambda: load_problem(path), "arm.xml", words)
+
+
+def xacro_file(folder):
+    path = write_urdf(folder / "plain.urdf", "arm", (SHOULDER, ELBOW))
+    out = folder / "arm.urdf.xacro"
+    text = path.read_text().replace("</robot>", '<xacro:include filename="x"/></robot>')
+    out.write_text(
+        text.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ')
+    )
+    return path, out
+
+
+def test_xacro_is_refused_with_the_command_that_expands_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    _, path = xacro_file(tmp_path)
+    refusal(lambda: load_problem(path), f"`xacro {path} > ", "pip install xacro")
+
+
+def test_xacro_is_expanded_where_its_package_is_installed(tmp_path, monkeypatch):
+    """By a package of the same name that knows one file."""
+    plain, path = xacro_file(tmp_path)
+    package = ModuleType("xacro")
+    document = type("Document", (), {"toxml": lambda self: plain.read_text()})
+    package.process_file = lambda name: document()  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "xacro", package)
+    assert load_problem(path).robot.n == 2
+
+
+def test_names_of_robot_descriptions(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "robot_descriptions", None)
+    refusal(lambda: load_problem("panda_description"), "pip install robot_descriptions")
+    package, one = ModuleType("robot_descriptions"), ModuleType("own_description")
+    one.URDF_PATH = str(xacro_file(tmp_path)[0])  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "robot_descriptions", package)
+    monkeypatch.setitem(sys.modules, "robot_descriptions.own_description", one)
+    assert load_problem("own_description").robot.n == 2
+    refusal(lambda: load_problem("other_description"), "'other_description'")
