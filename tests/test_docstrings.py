@@ -1,19 +1,13 @@
-"""Docstrings say what they must, and their examples run."""
+"""What is exported is documented as numpydoc asks, and examples in docstrings run."""
 
 import doctest
 import importlib
 import inspect
-from functools import cached_property
 from pathlib import Path
-from types import FunctionType, MethodType
-from typing import get_type_hints
 
 import pytest
 
 import sdp_vs_penalty
-from sdp_vs_penalty.effects import Effect, Model
-from sdp_vs_penalty.effects.effect import JointEffect
-from sdp_vs_penalty.estimators import Estimator, Fit, Task
 
 ROOT = Path(sdp_vs_penalty.__file__).parent
 #: Modules, and packages by their own name.
@@ -24,10 +18,36 @@ WITH_EXAMPLES = [
     for path in sorted(ROOT.rglob("*.py"))
     if ">>> " in path.read_text()
 ]
-VERBS = [
+#: Of numpydoc's checks: a docstring (GL08), every argument and no other, in order (PR01,
+#: PR02, PR03), a type and a description of each (PR04, PR07), what is returned (RT01).
+CHECKS = {"GL08", "PR01", "PR02", "PR03", "PR04", "PR07", "RT01"}
+#: Not yet written in sections; a name that is leaves this list.
+IN_PROSE = {
+    "Estimate",
+    "InputError",
+    "Measurements",
+    "PayloadEstimator",
+    "Problem",
+    "add",
+    "check",
+    "compare",
+    "convert",
+    "cross_validate",
+    "excite",
+    "fetch",
+    "follow",
+    "load_estimate",
+    "load_measurements",
+    "load_problem",
+    "report",
+    "simulate",
+    "where_it_fails",
+}
+PUBLIC = [
     name
     for name in sdp_vs_penalty.__all__
-    if inspect.isroutine(getattr(sdp_vs_penalty, name, None))
+    if inspect.isroutine(getattr(sdp_vs_penalty, name))
+    or inspect.isclass(getattr(sdp_vs_penalty, name))
 ]
 
 
@@ -35,50 +55,32 @@ VERBS = [
 def test_examples_run(name):
     if name.startswith("sdp_vs_penalty.page"):
         pytest.importorskip("nicegui", reason="the page needs the extra [page]")
-    result = doctest.testmod(
-        importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE
-    )
+    module = importlib.import_module(name)
+    result = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert result.attempted > 0
     assert result.failed == 0
 
 
-@pytest.mark.parametrize("name", VERBS)
-def test_public_verbs_explain_every_argument_and_what_they_raise(name):
-    verb = getattr(sdp_vs_penalty, name)
-    text = inspect.getdoc(verb)
-    assert text is not None
-    assert "InputError" in text, f"{name} does not say where it raises InputError"
-    parameters = inspect.signature(verb).parameters
-    for parameter in parameters:
-        assert parameter in text, f"{name} does not say what {parameter} is"
-    by_place = [p for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
-    assert len(by_place) <= 4, "options are given by name"
+def numpydoc_errors(name: str) -> list[str]:
+    """What numpydoc misses in the docstring of a public name."""
+    numpydoc = pytest.importorskip("numpydoc.validate")
+    public = getattr(sdp_vs_penalty, name)
+    result = numpydoc.validate(f"{public.__module__}.{name}")
+    return [f"{code}: {text}" for code, text in result["errors"] if code in CHECKS]
 
 
-def test_everything_that_users_hold_says_what_it_is():
-    """Every public method and property of the classes of ``__all__``, of what its
-    functions return, and of what models are made of."""
-    kinds = [getattr(sdp_vs_penalty, name) for name in sdp_vs_penalty.__all__]
-    kinds += [
-        get_type_hints(getattr(sdp_vs_penalty, verb)).get("return") for verb in VERBS
-    ]
-    kinds = [
-        *filter(inspect.isclass, kinds),
-        Effect,
-        JointEffect,
-        Model,
-        Estimator,
-        Task,
-        Fit,
-    ]
-    found = {
-        f"{kind.__name__}.{name}": x
-        for kind in kinds
-        for name, x in inspect.getmembers(kind)
-    }
-    described = (property, cached_property, FunctionType, MethodType)
-    told = {
-        k: x for k, x in found.items() if "._" not in k and isinstance(x, described)
-    }
-    assert len(told) > 120
-    assert not [name for name, member in told.items() if not inspect.getdoc(member)]
+@pytest.mark.parametrize("name", sorted(set(PUBLIC) - IN_PROSE))
+def test_a_public_name_is_documented_in_sections(name):
+    assert not numpydoc_errors(name)
+
+
+@pytest.mark.parametrize("name", sorted(IN_PROSE))
+def test_a_name_in_prose_is_not_yet_in_sections(name):
+    assert numpydoc_errors(name), f"{name} is in sections: take it off the list"
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_a_public_function_says_where_it_raises(name):
+    public = getattr(sdp_vs_penalty, name)
+    if inspect.isroutine(public):
+        assert "InputError" in str(inspect.getdoc(public))

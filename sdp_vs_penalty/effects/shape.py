@@ -89,7 +89,7 @@ class ShapeConstant:
     def format_with_unit(self, value: float, kind: str) -> str:
         """The value with its unit, as a sentence says it.
 
-        >>> Shape(2.0, ("1/turn", "rad/m")).said(7.0, "revolute")
+        >>> ShapeConstant(2.0, ("1/turn", "rad/m")).format_with_unit(7.0, "revolute")
         '7 per turn'
         """
         if self.words:

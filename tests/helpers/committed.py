@@ -106,7 +106,7 @@ def free(name: str, column: str, row: Row) -> bool:
     """What time, chance, a machine's speed or no torque decides."""
     method = row.get("method", "")
     return (
-        column in ("seconds", "inverse_dynamics_error")
+        column in ("seconds", "inverse_dynamics_error", "interval_percent")
         # Of the links the names of the rows.
         or name in ("VII", "VIII", "IX")
         # An interval at the ends of phi_2's range.

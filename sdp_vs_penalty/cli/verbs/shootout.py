@@ -1,3 +1,4 @@
+import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -88,7 +89,11 @@ def verb(
 def _terminated_as_interrupted() -> Iterator[None]:
     """While it lasts a signal to terminate is an interrupt, as from the keyboard."""
 
+    own = os.getpid()
+
     def interrupt(number: int, frame: Any) -> None:
+        if os.getpid() != own:  # a worker, forked meanwhile: its parent ends it
+            os._exit(1)
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGTERM, interrupt)

@@ -1,0 +1,101 @@
+"""Figures in words, and tables of errors."""
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import formatting
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (2.0, 1.0, "-50 %"),
+        (1.0, 1.02, "+2 %"),
+        (1.0, 1.004, "0 %"),
+        (0.0, 1.0, "-"),
+    ],
+)
+def test_a_change_is_in_per_cent(before, after, words):
+    assert formatting.change_of(before, after) == words
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.nan, "-"),
+        (1e6, "1e+06"),
+        (999_999.0, "999999"),
+        (-0.0123456, "-0.0123"),
+    ],
+)
+def test_a_number_has_three_digits(value, words):
+    assert formatting.number(value) == words
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [("-", ""), ("kg*m^2", "kg m²"), ("N*m", "N m"), ("m^3", "m³")],
+)
+def test_a_unit_is_written_as_people_write_it(unit, words):
+    assert formatting.plain_unit(unit) == words
+
+
+def test_what_is_not_finite_is_none():
+    assert formatting.finite(np.inf) is None
+
+
+def test_what_is_finite_is_a_number():
+    assert formatting.finite(2) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("count", "words"), [(0, "0 runs"), (1, "1 run"), (2, "2 runs")]
+)
+def test_a_count_has_its_plural(count, words):
+    assert formatting.count(count, "run") == words
+
+
+def test_errors_stand_beside_each_other_with_the_noise():
+    head, rows = formatting.error_table(
+        ["a", "b"],
+        [[1.0, 2.0], [0.5, 2.0]],
+        [0.1, 0.2],
+        ["rad", "N*m"],
+    )
+    assert head == ["joint", "a", "b", "change", "noise floor"]
+    assert rows == [
+        ["1 [rad]", "1", "0.5", "-50 %", "0.1"],
+        ["2 [N m]", "2", "2", "0 %", "0.2"],
+    ]
+
+
+def test_errors_of_one_model_have_its_r2():
+    head, rows = formatting.error_table(["a"], [[1.0]], None, ["N"], [0.98765])
+    assert head == ["joint", "a", "R2", "noise floor"]
+    assert rows == [["1 [N]", "1", "0.9877", "-"]]
+
+
+def test_a_markdown_table_has_a_head_and_rows():
+    lines = formatting.markdown_table("ab", ["cd"])
+    assert lines == ["| a | b |", "| --- | --- |", "| c | d |"]
+
+
+class Result(formatting.Shown):
+    """A result with more lines, and longer ones, than are shown."""
+
+    def _summary(self) -> formatting.Summary:
+        entries = [(f"name {k}", "x" * 98 + "y" * k) for k in range(6)]
+        return "A <title>", entries
+
+
+def test_a_result_shows_itself_in_five_lines():
+    title, *lines = repr(Result()).splitlines()
+    assert title == "A <title>"
+    assert [len(line) for line in lines] == [108, 109, 110, 110]
+    assert lines[-1].endswith("...")
+
+
+def test_a_result_shows_itself_in_html():
+    html = Result()._repr_html_()
+    assert html.startswith("<p><b>A &lt;title&gt;</b></p><table><tr><td>name 0</td>")
+    assert html.count("<tr>") == 6
