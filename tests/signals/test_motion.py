@@ -133,32 +133,55 @@ def test_ramps_and_stands_hide_no_period():
     assert repeat_period(run.t, run_of(10, 24.0, period=40.0).q) is None
 
 
-def test_a_run_is_split_by_phase():
-    """Two parts of one period, and of all its repetitions; none where it repeats too
-    fast."""
-    run = run_of(10, 27.0)
+def phase_split(run, pause, shortest):
+    """Instants of training and of testing on the clock of a run's motion [s]."""
     (clock,) = phases.motion_clocks(phases.tracks_of(run))
-    windows = phases.phase_windows(clock, 27.0, 0.7, 0.5, 1.5)
+    span = float(run.t[-1] - run.t[0])
+    windows = phases.phase_windows(clock, span, 0.7, pause, shortest)
     train, test = (
         np.concatenate([clock.at(np.linspace(a, b, 100)) for a, b in side])
         for side in windows
     )
-    assert len(windows[0]) == 3
-    assert train.max() < test.min() - 0.4
-    assert test.max() < clock.length - 0.4
+    return clock, train, test
+
+
+def test_repetitions_of_a_motion_lie_on_one_side_of_a_split():
+    """No tested phase is nearer to a trained one than the pause."""
+    clock, train, test = phase_split(run_of(10, 27.0), 0.25, 0.75)
+    apart = np.abs(train[:, None] - test[None, :])
+    assert np.minimum(apart, clock.length - apart).min() > 0.2
+
+
+def test_a_split_that_is_too_narrow_for_the_filters_is_none():
+    (clock,) = phases.motion_clocks(phases.tracks_of(run_of(10, 27.0)))
     assert phases.phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None
-    once = phases.MotionClock(0, 0.0, 20.0, False)
-    assert phases.phase_windows(once, 20.0, 0.7, 0.5, 1.5) == (
-        [(0.0, 14.0)],
-        [(14.5, 20.0)],
-    )
-    assert phases.phase_windows(once, 20.0, 0.7, 5.0, 1.5) == (
-        [(0.0, 8.5)],
-        [(13.5, 20.0)],
-    )
-    assert (
-        phases.phase_windows(once, 20.0, 0.7, 5.5, 1.5) is None
-    )  # less than two fifths to train on
+
+
+#: A motion of so many seconds that does not repeat.
+ONCE = [20.0, 60.0, 600.0]
+
+
+@pytest.mark.parametrize("length", ONCE)
+def test_a_fifth_of_the_motion_is_left_for_testing_behind_the_filters(length):
+    pause = 0.65  # half of what the filters take of a window
+    clock = phases.MotionClock(0, 0.0, length, False)
+    _, test = phases.phase_windows(clock, length, 0.7, pause, 1.95)
+    left = sum(b - a - 2.0 * pause for a, b in test)
+    assert left >= 0.2 * length - 1e-9
+
+
+def test_a_long_run_is_split_over_all_of_it():
+    clock = phases.MotionClock(0, 0.0, 600.0, False)
+    train, test = phases.phase_windows(clock, 600.0, 0.7, 0.65, 1.95)
+    assert len(train) == len(test) == 5
+    assert test[0][1] < 130.0
+    assert test[-1][1] == 600.0
+
+
+def test_a_run_that_is_too_short_to_tell_is_not_split():
+    """With a fifth left for testing, less than half would be for training."""
+    clock = phases.MotionClock(0, 0.0, 7.0, False)
+    assert phases.phase_windows(clock, 7.0, 0.7, 0.65, 1.95) is None
 
 
 def test_a_long_recording_is_seen_in_windows_spread_over_it():
