@@ -19,7 +19,7 @@ from sdp_vs_penalty.checks.long_runs import is_long, issues_of_run, windows_of
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.rules import RunSummary, mended
-from sdp_vs_penalty.checks.search import Search
+from sdp_vs_penalty.checks.search import RepairSearch
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque, far_outside
@@ -73,17 +73,17 @@ class Report(Shown):
     def verdict(self) -> str:
         """How many problems there are, and how well the arm's dynamics explain the
         torque."""
-        found = formatting.count(len(self.errors_and_warnings), "problem")
+        problem_count = formatting.count(len(self.errors_and_warnings), "problem")
         if self.unexplained is None:
             why = (
                 "nothing to identify from"
                 if self.repaired_all.torque_logged
                 else "no torque was logged"
             )
-            return f"{self.run}: {found}; {why}"
+            return f"{self.run}: {problem_count}; {why}"
         share = 100.0 * self.unexplained**0.5
         return (
-            f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque"
+            f"{self.run}: {problem_count}; the arm's dynamics leave {share:.2g} % of the torque"
             " unexplained"
         )
 
@@ -204,11 +204,11 @@ def _report_of_run(run: Measurements, windows: Sequence[Report]) -> Report:
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting, its zeros, its gains and its load: where one
     run's differ, it is named."""
-    out, whole = list(reports), [k for k, r in enumerate(reports) if r.arm]
+    out, with_arm = list(reports), [k for k, r in enumerate(reports) if r.arm]
     for number, issue in residual.compare_runs(
         [(*r.arm, r.run) for r in reports if r.arm]
     ):
-        report = out[k := whole[number]]
+        report = out[k := with_arm[number]]
         if (issue.kind, issue.where) not in [(f.kind, f.where) for f in report.issues]:
             out[k] = replace(report, issues=_gravest_first([*report.issues, issue]))
     return out
@@ -280,7 +280,7 @@ def judge_dynamics(
     ):  # nothing else can be asked of such torques
         return replace(report, issues=tuple(first))
     log = Likelihood(problem, data := RegressionData.of(problem, run, settings))
-    net = (search := Search(log)).run()
+    net = (search := RepairSearch(log)).run()
     if apart := list(
         residual.two_arms(log, net)
     ):  # another arm, or load, makes steps of its own

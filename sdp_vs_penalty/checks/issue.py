@@ -58,12 +58,12 @@ class Issue:
         not said."""
         where = where or joints_text(joints)
         numbers = {"joints": [int(j) + 1 for j in joints]} if len(joints) else {}
-        told = what.replace("{where}", where)
+        sentence = what.replace("{where}", where)
         return cls(
             kind,
             severity,
             where,
-            told,
+            sentence,
             certainty,
             remedy,
             repair,

@@ -184,13 +184,13 @@ def missing(g: RunSummary) -> Iterator[Issue]:
 def time_unit(g: RunSummary) -> Iterator[Issue]:
     """A clock that does not count seconds, and in another unit is that of a robot's
     motion."""
-    q, (least, most) = g.run.q[:, g.moving], _STEPS
+    q, (shortest, longest) = g.run.q[:, g.moving], _STEPS
     fits = {
         name: UNITS[u]
         for name, u in _UNITS.items()
-        if least <= g.step * UNITS[u] <= most
+        if shortest <= g.step * UNITS[u] <= longest
     }
-    if least <= g.step <= most or not fits:
+    if shortest <= g.step <= longest or not fits:
         return
     speed = float(np.median(np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0))) / (
         10.0 * g.step
@@ -349,15 +349,15 @@ def jumps(g: RunSummary) -> Iterator[Issue]:
         ),
     ):
         if len(rows):
-            wrong, most = (
+            wrong, largest = (
                 np.isin(np.arange(len(g.steps)), rows),
                 float(g.steps[rows].max()),
             )
             what = text.format(
-                count=len(rows), most=most, step=g.step, total=g.steps[rows].sum()
+                count=len(rows), most=largest, step=g.step, total=g.steps[rows].sum()
             )
             where = f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
-            figures = {"rows": (rows + 3)[:100].tolist(), "seconds": most}
+            figures = {"rows": (rows + 3)[:100].tolist(), "seconds": largest}
             mend = partial(stepping, where=wrong, steps=g.step)
             repair = mend if remedy == _CONTINUE else None
             yield Issue(kind, "warning", where, what, sure, remedy, repair, figures)
@@ -391,8 +391,13 @@ def repeated_run(g: RunSummary) -> Iterator[Issue]:
     lag = np.arange(len(number)) - np.unique(number, return_index=True)[1][number]
     if not len(lag := lag[lag > RUN]):
         return
-    most = int(np.argmax(np.bincount(lag)))
-    same = np.concatenate([np.zeros(most, bool), number[most:] == number[:-most]])
+    commonest_lag = int(np.argmax(np.bincount(lag)))
+    same = np.concatenate(
+        [
+            np.zeros(commonest_lag, bool),
+            number[commonest_lag:] == number[:-commonest_lag],
+        ]
+    )
     again = _mask(len(same), [p for p in spans(same) if p[1] - p[0] >= RUN])
     # One pose, held by a simulator without noise, is no copy.
     if (
@@ -403,7 +408,7 @@ def repeated_run(g: RunSummary) -> Iterator[Issue]:
             "{rows} rows are copies, bit by bit, of rows {lag} earlier: a part of the"
             " run is in the file twice, and would count as a repetition without noise."
         )
-        yield from g.deleted("repeated run", again, what, lag=most)
+        yield from g.deleted("repeated run", again, what, lag=commonest_lag)
 
 
 def held_rows(g: RunSummary) -> Iterator[Issue]:
@@ -414,13 +419,15 @@ def held_rows(g: RunSummary) -> Iterator[Issue]:
     parts, q = spans(held), g.run.q
     lengths, steps = np.diff(parts)[:, 0], np.abs(np.diff(q, axis=0))
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
-    least = 4.0 * np.median(steps, axis=0)
+    smallest_step = 4.0 * np.median(steps, axis=0)
     long = [
         (a, b)
         for a, b in parts[lengths >= max(STUCK, TIMES * usual)].tolist()
         if b < len(q)
     ]
-    frozen = _mask(len(q), [(a, b) for a, b in long if np.any(steps[b - 1] > least)])
+    frozen = _mask(
+        len(q), [(a, b) for a, b in long if np.any(steps[b - 1] > smallest_step)]
+    )
     what = (
         "all channels repeat one row for up to {seconds:.3g} s, {parts} times: no"
         " packets came."
@@ -461,10 +468,12 @@ def end_stops(g: RunSummary) -> Iterator[Issue]:
     it, whose torque no model has. Where it follows the command, the range is not where
     the stop is."""
     low, high = np.transpose([(joint.lower, joint.upper) for joint in g.robot.joints])
-    told = g.run.commanded.get("qcmd", g.run.q)
-    beyond, asked = (np.maximum(low - x, x - high) for x in (g.run.q, told))
-    bad = (np.abs(beyond) * TIMES < asked).T
-    for rows, b, a in zip(bad, beyond.T, asked.T, strict=True):
+    command = g.run.commanded.get("qcmd", g.run.q)
+    beyond, beyond_of_command = (
+        np.maximum(low - x, x - high) for x in (g.run.q, command)
+    )
+    bad = (np.abs(beyond) * TIMES < beyond_of_command).T
+    for rows, b, a in zip(bad, beyond.T, beyond_of_command.T, strict=True):
         held = [
             p for p in spans(a > 0.0) if b[slice(*p)].max() * TIMES < a[slice(*p)].max()
         ]
@@ -498,11 +507,13 @@ def interpolated_rows(g: RunSummary) -> Iterator[Issue]:
     edges, moves = spans(inside), g.movement.moves
     # A converter that interpolates every row makes lines everywhere; a gap is far
     # longer than those.
-    least = max(
+    fewest_rows = max(
         STUCK, TIMES * float(np.median(np.diff(edges))) if inside.mean() > 0.3 else 0.0
     )
     parts = [
-        p for p in edges if p[1] - p[0] >= least and moves[p[0] : p[1]].mean() > 0.5
+        p
+        for p in edges
+        if p[1] - p[0] >= fewest_rows and moves[p[0] : p[1]].mean() > 0.5
     ]
     what = (
         "{rows} rows lie on straight lines in every channel: a gap was filled by"
@@ -536,7 +547,7 @@ def zeros(g: RunSummary) -> Iterator[Issue]:
 def _filled(x: Array) -> Rows:
     """(N,) rows of zeros between samples far from zero on one side of it."""
     changes = np.abs(np.diff(x))
-    least = max(
+    fewest_rows = max(
         6.0 * float(np.median(changes[changes > 0.0])),
         3.0 * lattice_step(x[x != 0.0]),
     )
@@ -549,7 +560,7 @@ def _filled(x: Array) -> Rows:
         if a == 0 or b >= len(x):
             continue
         before, after = x[a - 1] - x[a], x[b] - x[a]
-        if before * after <= 0.0 or min(abs(before), abs(after)) <= least:
+        if before * after <= 0.0 or min(abs(before), abs(after)) <= fewest_rows:
             continue
         if x[a] != 0.0:
             elsewhere += 1
@@ -563,15 +574,15 @@ def spikes(g: RunSummary) -> Iterator[Issue]:
     second off every start and stop of the arm."""
     moves, t, bad = g.movement.at, g.run.t, {}
     for name, j, x in g.channels:
-        least = (
+        smallest = (
             SPIKE[1] * float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN]))) + 1e-9
         )
         # Without such a step no sample can be that far from the median.
-        if g.moving[j] and np.abs(np.diff(x)).max() > least / 3.0:
+        if g.moving[j] and np.abs(np.diff(x)).max() > smallest / 3.0:
             off = np.abs(
                 x - np.median(sliding_window_view(np.pad(x, 3, "edge"), 7), axis=1)
             )
-            far = off > max(SPIKE[0] * np.quantile(off, 0.9), least)
+            far = off > max(SPIKE[0] * np.quantile(off, 0.9), smallest)
             far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
             bad[name] = far & (far.mean() <= 1 / RUN)
     what = "{rows} samples of {named} lie far from the samples on both sides."
@@ -595,17 +606,19 @@ def lost_rows(g: RunSummary) -> Iterator[Issue]:
     if len(fresh) < RUN or q.shape[1] < 2:
         return
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
-    least = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
+    smallest = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
     usual = np.mean(
         [np.roll(speed, k, axis=0) for k in (*range(-5, 0), *range(1, 6))], axis=0
     )
-    tells = usual > least
+    tells = usual > smallest
     ratio = np.divide(speed, usual, out=np.full_like(speed, np.nan), where=tells)
-    skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)
-    rows = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
+    skips, n_telling = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)
+    rows = (n_telling >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * n_telling)
     rows = np.flatnonzero(rows & (steps < 3.0 * np.median(steps)))
     if len(rows):
-        far, one = (np.sum((x / least * tells)[rows], axis=1) for x in (speed, usual))
+        far, one = (
+            np.sum((x / smallest * tells)[rows], axis=1) for x in (speed, usual)
+        )
         lost = np.round(far / one - 1.0)  # by the fast ones
         added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
         added[rows] = lost * np.median(steps)
@@ -625,12 +638,12 @@ def lost_rows(g: RunSummary) -> Iterator[Issue]:
 def frozen(g: RunSummary, word: str, name: str) -> Iterator[Issue]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow
     down before."""
-    asked = [
+    channels = [
         x for x in g.channels if x[0][0] == name and g.moving[x[1]] | (name == "t")
     ]
     bad = {
         channel: _stuck(g, j, x, name == "q")
-        for channel, j, x in asked
+        for channel, j, x in channels
         if np.ptp(x) > 0.0
     }
     what = (
@@ -654,7 +667,7 @@ def _stuck(g: RunSummary, j: int, x: Array, position: bool) -> Rows:
     parts = parts[np.diff(g.run.t[parts])[:, 0] >= 2.0 * STUCK_SECONDS]
     if not len(parts):
         return np.zeros(len(x), bool)
-    step, q, found = np.abs(np.diff(x)), g.run.q[:, j], []
+    step, q, stuck_rows = np.abs(np.diff(x)), g.run.q[:, j], []
     usual, level = float(np.median(step[step > 0.0])), 3.0 * lattice_step(x)
     for a, b in parts.tolist():
         jump, slows = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - STUCK, 0)])
@@ -666,8 +679,8 @@ def _stuck(g: RunSummary, j: int, x: Array, position: bool) -> Rows:
         if (
             not by_itself and jump >= level and x[a] not in (x.min(), x.max())
         ):  # clipped at its end
-            found.append((a, b + 1))
-    return _mask(len(x), found)
+            stuck_rows.append((a, b + 1))
+    return _mask(len(x), stuck_rows)
 
 
 def idle(g: RunSummary) -> Iterator[Issue]:
@@ -839,12 +852,10 @@ def mended(
     the certain ones."""
     issues: list[Issue] = []
     fixed, glance = run, RunSummary(run, robot, standstill)
-    for asked in RULES:
-        if asked is not missing and (
-            len(glance.run.t) < RUN or not glance.moving.any()
-        ):
+    for rule in RULES:
+        if rule is not missing and (len(glance.run.t) < RUN or not glance.moving.any()):
             break
-        for issue in asked(glance):
+        for issue in rule(glance):
             issues.append(issue)
             if issue.repair is not None:
                 # What is only likely is mended for the rules that follow, and deletes

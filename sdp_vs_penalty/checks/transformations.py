@@ -14,7 +14,7 @@ from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
-from sdp_vs_penalty.checks.repair import Event, LogTransform
+from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
 from sdp_vs_penalty.data.formats.recognition import UNITS as NAMED
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -161,12 +161,12 @@ class Degrees(Transformation):
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
         reach = float(np.abs(without.positions(log.data.motion.q)[:, joints]).max())
-        every, named = (
+        is_all_joints, named = (
             joints == tuple(log.revolute),
             ", ".join(f"q{j + 1}" for j in joints),
         )
         kind, cost = "positions in degrees", c.ODDS
-        if not every:
+        if not is_all_joints:
             kind, cost = "position unit", len(joints) * choices(log.n)
         what = (
             f"the position of {joints_text(joints)} is in degrees: it reaches"
@@ -237,16 +237,18 @@ class Sign(Transformation):
                 )
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
             yield Fault(kind, "warning", (j,), what, remedy, without, choices(log.n))
-        if alone := tuple(np.flatnonzero(tau & ~q).tolist()):
-            every = len(alone) == log.n
-            cost = c.ODDS if every else len(alone) * choices(log.n)
+        if torque_only := tuple(np.flatnonzero(tau & ~q).tolist()):
+            is_all_joints = len(torque_only) == log.n
+            cost = c.ODDS if is_all_joints else len(torque_only) * choices(log.n)
             what = (
-                f"the torque of {'every joint' if every else joints_text(alone)} has"
+                f"the torque of {'every joint' if is_all_joints else joints_text(torque_only)} has"
                 " the wrong sign."
             )
-            remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
-            without = repair.times("gain", alone, -1.0)
-            yield Fault("torque sign", "warning", alone, what, remedy, without, cost)
+            remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in torque_only)
+            without = repair.times("gain", torque_only, -1.0)
+            yield Fault(
+                "torque sign", "warning", torque_only, what, remedy, without, cost
+            )
 
 
 class Exchange(Transformation):
@@ -262,12 +264,12 @@ class Exchange(Transformation):
                 yield now.with_swap(a, b, "order", "tau_order")
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        told: list[tuple[str, str, str, tuple[str, ...]]] = [
+        swaps: list[tuple[str, str, str, tuple[str, ...]]] = [
             ("position order", "the positions", "q and dq", ("order",)),
             ("torque order", "the torques", "tau", ("tau_order",)),
         ]
         if repair.order == repair.tau_order:
-            told = [
+            swaps = [
                 (
                     "joint order",
                     "positions and torques",
@@ -275,7 +277,7 @@ class Exchange(Transformation):
                     ("order", "tau_order"),
                 )
             ]
-        for kind, word, columns, names in told:
+        for kind, word, columns, names in swaps:
             order = getattr(repair, names[0])
             if changed := tuple(j for j, k in enumerate(order) if j != k):
                 how = ", ".join(
@@ -297,33 +299,33 @@ class Mounting(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        given = np.array(now.gravity)
-        size = float(np.linalg.norm(given))
+        gravity_now = np.array(now.gravity)
+        size = float(np.linalg.norm(gravity_now))
         known = _earthly(size)
         if any(now.lacks):
             return
         for axis in (*np.eye(3), *-np.eye(3)):
             yield _under(now, (size if known else _EARTH) * axis)
         if known:
-            across = np.linalg.svd(given[None, :])[2][1:]
-            ats = [_turned(now, given, given + size * x) for x in across]
+            across = np.linalg.svd(gravity_now[None, :])[2][1:]
+            ats = [_turned(now, gravity_now, gravity_now + size * x) for x in across]
             steps, _ = log.screen.first_order_steps(
                 now, ats, np.zeros(2), np.full(2, 0.02)
             )
-            turned = given + size * np.clip(steps, -0.5, 0.5) @ across
+            turned = gravity_now + size * np.clip(steps, -0.5, 0.5) @ across
             yield _under(now, size * turned / np.linalg.norm(turned))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         assumed, g = np.array(log.problem.robot.gravity), np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
             return
-        given = float(np.linalg.norm(assumed))
-        cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
+        gravity_size = float(np.linalg.norm(assumed))
+        cosine = assumed @ g / max(gravity_size * float(np.linalg.norm(g)), 1e-300)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
         of: LogTransform | FaultSize = _under(repair, assumed)
-        if not _earthly(given):
+        if not _earthly(gravity_size):
             kind, remedy = (
                 "gravity of the problem",
                 f"{remedy}, or correct the problem's gravity",
@@ -332,12 +334,12 @@ class Mounting(Transformation):
             of = FaultSize(
                 angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees
             )
-        seen, told = (
+        visible_angle, description = (
             ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) for g in (g, assumed)
         )
         what = (
-            f"the weight in the torques points along ({seen}) m/s^2,"
-            f" {np.degrees(angle):.0f} degrees away from the assumed ({told})."
+            f"the weight in the torques points along ({visible_angle}) m/s^2,"
+            f" {np.degrees(angle):.0f} degrees away from the assumed ({description})."
         )
         severity = "warning"
         figures = {"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]}
@@ -376,14 +378,14 @@ class Weight(Transformation):
         # tests/test_docs.py::test_the_tutorial).
         held = np.sqrt(np.mean(log.nominal(now, 0.0) ** 2, axis=0))
         logged = np.sqrt(np.mean(log.data.torque(log.data.motion.t) ** 2, axis=0))
-        each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
-        every = range(log.n)
+        single_joints = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
+        all_joints = range(log.n)
         # A little weight that is left makes the rest look like inertia under another
         # clock.
         for joints, lacks in (
-            (every, 1.0),
-            (every, 0.8),
-            *((one, 1.0) for one in each),
+            (all_joints, 1.0),
+            (all_joints, 0.8),
+            *((one, 1.0) for one in single_joints),
         ):
             if any(now.gravity):
                 yield now.with_entries("lacks", joints, lacks)
@@ -463,7 +465,7 @@ class Gain(Transformation):
             )
 
 
-class Delay(Transformation):
+class TimeDelay(Transformation):
     """Torque later than the motion, or through a causal filter: one channel, or all.
     Nothing brings one channel ahead of the others: what looks like that is a law of its
     joint."""
@@ -471,35 +473,40 @@ class Delay(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        each = [(j,) for j in log.joints] if len(log.joints) > 1 else []
+        single_joints = [(j,) for j in log.joints] if len(log.joints) > 1 else []
         for name, tried in _LATE.items():
             yield from (now.with_entries(name, range(log.n), x) for x in tried)
             yield from (
-                now.with_entries(name, one, x) for one in each for x in tried if x > 0.0
+                now.with_entries(name, one, x)
+                for one in single_joints
+                for x in tried
+                if x > 0.0
             )
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for name, joints, x in (
-            (k, *found) for k in _LATE for found in repair.changed(k)
+            (k, *joints_and_value)
+            for k in _LATE
+            for joints_and_value in repair.changed(k)
         ):
-            place, channel, beside = (
+            place, channel, extra = (
                 "",
                 f"tau{joints[0] + 1}",
                 "the other torques have not",
             )
-            kind, whole = (
+            kind, is_all_joints = (
                 f"channel {'delay' if name == 'lead' else 'filter'}",
                 len(joints) == log.n,
             )
-            if whole:
+            if is_all_joints:
                 kind = "delay" if name == "lead" else "torque filter"
                 place, channel = (
                     "all torque channels" if log.n > 1 else "",
                     "the torques",
                 )
-                beside = "the positions have not"
+                extra = "the positions have not"
             low = f"{1.0 / (2.0 * np.pi * max(x, 1e-6)):.2g} Hz ({1e3 * x:.0f} ms)"
-            what = f"a causal low-pass of {low} on {channel}; {beside} one."
+            what = f"a causal low-pass of {low} on {channel}; {extra} one."
             remedy = (
                 f"log {channel} unfiltered, or filter every channel alike and"
                 " without lag"
@@ -508,7 +515,7 @@ class Delay(Transformation):
                 later = "later" if x > 0.0 else "earlier"
                 what = (
                     f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel};"
-                    f" {beside} moved."
+                    f" {extra} moved."
                 )
                 remedy = (
                     f"shift {channel} in time (and log all channels from one source)"
@@ -550,21 +557,21 @@ class Beside(Transformation):
             for x in laws.values()
         ]
         for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
-            yield now.with_event(Event(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
+            yield now.with_event(LogEvent(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
         steps = np.linspace(
             0.12, 0.88, c.ROWS // 2
         )  # two rows each: the wrong moment explains nothing
         events = [None, *(float(motion.t[0] + s * span) for s in steps)]
-        shapes = np.hstack([Event(0, at).shape(motion.t) for at in events])
-        found = score.gained(score.rows.rest(heard * shapes)) * log.moving[:, None]
+        shapes = np.hstack([LogEvent(0, at).shape(motion.t) for at in events])
+        gained = score.gained(score.rows.rest(heard * shapes)) * log.moving[:, None]
         forth = (motion.dq[:, order].T > 0.0) * 1.0
         for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
             share = forth @ side / np.maximum(side.sum(axis=0), 1)
-            found[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
-        for some, at in ((found[:, :1], events[:1]), (found[:, 1:], events[1:])):
+            gained[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
+        for some, at in ((gained[:, :1], events[:1]), (gained[:, 1:], events[1:])):
             j, k = divmod(int(np.argmax(some)), len(at))
             if some[j, k] > 0.0:
-                yield now.with_event(Event(j, at[k]))
+                yield now.with_event(LogEvent(j, at[k]))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for event in repair.events:
@@ -590,8 +597,8 @@ class Beside(Transformation):
                 event.shape(log.data.motion.t),
             )
             x = lacking.rest(log.filter_gain(repair)[:, :, None] * shape)[j, :, 0]
-            away = score.channels[j] - lacking.apart[j] @ score.theta
-            size = float(x @ away / max(x @ x, 1e-300))
+            residual = score.channels[j] - lacking.apart[j] @ score.theta
+            size = float(x @ residual / max(x @ x, 1e-300))
             kind, many, place, figures = "torque drift", log.n, "", {"size": size}
             how = f"drifts by {size:+.3g} {unit} from the first row to the last"
             remedy = "let the sensor warm up and set its zero before the run"
@@ -684,11 +691,13 @@ class Place(Transformation):
             reach, snaps = (
                 (0.35, (*self.quarters, -np.pi)) if turns else (0.35 * length, ())
             )
-            away = lambda v, text=text: text(-v)  # noqa: E731
-            number = FaultSize(x, back, unit * c.CALIBRATED, reach, away, snaps)
+            opposite_text = lambda v, text=text: text(-v)  # noqa: E731
+            number = FaultSize(
+                x, back, unit * c.CALIBRATED, reach, opposite_text, snaps
+            )
             severity = "warning"
             what = (
-                f"the zero of joint {j + 1} is {away(x)} away from the robot's"
+                f"the zero of joint {j + 1} is {opposite_text(x)} away from the robot's"
                 " kinematics."
             )
             remedy = f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}"
@@ -776,7 +785,7 @@ TRANSFORMATIONS: tuple[Transformation, ...] = (
     Weight(),
     Beside(),
     Gain(),
-    Delay(),
+    TimeDelay(),
     Place(),
     Saturation(),
 )

@@ -35,14 +35,14 @@ def _torques(
     """Draws measured and estimated torques, all behind the same filters; each method's
     100 |tau - tau_hat| / |tau| over all joints [%]."""
     rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
-    made, size = (
+    torque_by_method, size = (
         {m: predicted(rows, study.theta(m, data)) for m in methods},
         np.linalg.norm(rows.torque),
     )
-    draw_torques(axes, rows.motion.t - run.t[0], rows.torque, name, made)
+    draw_torques(axes, rows.motion.t - run.t[0], rows.torque, name, torque_by_method)
     return {
         m: 100.0 * float(np.linalg.norm(rows.torque - x) / size)
-        for m, x in made.items()
+        for m, x in torque_by_method.items()
     }
 
 
@@ -51,12 +51,12 @@ def figure_1(study: Study) -> Any:
     data = study.measured or study.simulated
     n = study.problem.robot.n
     figure, axes = new_figure(n, 2, 1.25 * n + 0.6, sharex=True, width_ratios=(3, 2))
-    found = _torques(axes, study, data, data.train, ("ols", "lmi-sdp"), data.label)
+    curves = _torques(axes, study, data, data.train, ("ols", "lmi-sdp"), data.label)
     label_joints(axes, study.problem.robot.torque_units, "torque")
     axes[0, 0].set_title("torque")
     axes[0, 1].set_title("error: estimated less " + data.label)
     legend_below(figure, axes[0, 0])
-    errors = ", ".join(f"{method} {error:.2f} %" for method, error in found.items())
+    errors = ", ".join(f"{method} {error:.2f} %" for method, error in curves.items())
     figure.suptitle(
         f"Exciting trajectory, {data.label}: relative error {errors} (the paper: 1.41"
         f" %, CLS), below {data.preprocessing.torque_cutoff:g} Hz"
@@ -103,11 +103,13 @@ def figure_3(study: Study) -> Any:
     notes = []
     for k, data in enumerate(judged):
         assert data.test is not None
-        own, run = axes[:, 2 * k : 2 * k + 2], data.test.runs()[0]
-        found = _torques(own, study, data, run, ("lmi-sdp", "penalty"), "recorded")
-        own[0, 0].set_title(f"{data.label}: torque")
-        own[0, 1].set_title(f"{data.label}: error")
-        notes.append(f"{data.label} {found['lmi-sdp']:.2f} %")
+        axes_of_data, run = axes[:, 2 * k : 2 * k + 2], data.test.runs()[0]
+        curves = _torques(
+            axes_of_data, study, data, run, ("lmi-sdp", "penalty"), "recorded"
+        )
+        axes_of_data[0, 0].set_title(f"{data.label}: torque")
+        axes_of_data[0, 1].set_title(f"{data.label}: error")
+        notes.append(f"{data.label} {curves['lmi-sdp']:.2f} %")
     label_joints(axes, study.problem.robot.torque_units, "torque")
     legend_below(figure, axes[0, 0])
     figure.suptitle("Held-out torques; relative error of lmi-sdp: " + ", ".join(notes))
