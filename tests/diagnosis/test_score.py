@@ -12,7 +12,7 @@ from sdp_vs_penalty import Problem, identify
 from sdp_vs_penalty.diagnosis import (
     Batch,
     Candidate,
-    Columns,
+    CurveColumns,
     EvidenceScorer,
     Fit,
     Nuisance,
@@ -55,7 +55,7 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
     data = SimpleNamespace(
         X=X, y=y, n=n, clusters=clusters, count=np.full(n, float(M)), known=True
     )
-    data.own = data.constants = {}
+    data.own_effects = data.constants = {}
     return data, z[:, None]
 
 
@@ -366,7 +366,7 @@ def test_what_the_model_makes_itself_is_no_candidate():
 def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     data, z = made(size=1.0)
     data.X[1, :, 4], key = 0.0, ("own", 0)
-    data.own = {key: (form().effect, 4)}
+    data.own_effects = {key: (form().effect, 4)}
     score, own = (
         EvidenceScorer(data, 10),
         replace(form(), key=key, replaces_own_constant=True),
@@ -406,7 +406,7 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     data.y[0] += 2.0 * errors
     fit = (score := EvidenceScorer(data, 10)).fit(())
     robust, plainly = (
-        Columns.of(score, fit, z[:, None], 0, robust=x) for x in (True, False)
+        CurveColumns.of(score, fit, z[:, None], 0, robust=x) for x in (True, False)
     )
     assert plainly.v == pytest.approx(1.0 + plainly.count / COARSENING_ROWS)
     assert robust.v > 2.0 * plainly.v
@@ -416,7 +416,7 @@ def test_a_curve_without_a_fold_is_that_of_the_other_rows():
     data, z = made()
     z, fold = z + data.X[0, :, :1], np.arange(M) % 2
     data.y[0] += 30.0 * (1.0 + fold) * z[:, 0]
-    columns = Columns.of(score := EvidenceScorer(data, 10), score.fit(()), z, 0)
+    columns = CurveColumns.of(score := EvidenceScorer(data, 10), score.fit(()), z, 0)
     found = columns.without_fold(fold, np.zeros((1, 1)))
     np.testing.assert_allclose(found, [[60.0], [30.0]], rtol=0.02)
 
