@@ -273,9 +273,9 @@ class RepairSearch:
                 number.value - number.search_radius,
                 number.value + number.search_radius,
             )
-            screened_score = lambda x, at=number.at: (
+            screened_score = lambda x, at=number.at: (  # noqa: E731
                 self.log.screen.score(at(float(x))).score
-            )  # noqa: E731
+            )
             settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
             minimum = minimize_scalar(
                 screened_score, bounds=ends, method="bounded", options=settings

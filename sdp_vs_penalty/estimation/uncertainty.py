@@ -420,7 +420,8 @@ def of_regression(
 ) -> Uncertainty:
     """Intervals from compressed data.
 
-    task, own_regression : what was estimated from which data; wide : these in the columns of the model with
+    task, own_regression : what was estimated from which data; wide : these in the
+    columns of the model with
     :func:`with_sensitivities`. theta (p,) : the estimate; default: least squares next to the nominal
     robot. constrained : whether it satisfies the problem's constraints, and intervals are to;
     gain_errors (n, e) : a factor of the covariance of the relative errors of the torque channels' gains;

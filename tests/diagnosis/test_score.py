@@ -14,10 +14,10 @@ from sdp_vs_penalty.diagnosis import (
     Candidate,
     CurveColumns,
     EvidenceScorer,
-    Fit,
     Nuisance,
     ScoredEffect,
     Search,
+    WhiteFit,
     diagnosis_rows,
     list_candidates,
     spectral_lines,
@@ -60,7 +60,7 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
 
 
 def plain(
-    data: Any, fit: Fit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()
+    data: Any, fit: WhiteFit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()
 ) -> np.ndarray:
     """(n, M) what least squares leave of weighted rows."""
     A = np.delete(data.X, drop, axis=2)

@@ -130,9 +130,7 @@ def recognise_and_warn(
         our_name == their_name for our_name, their_name in recognition.rename.items()
     ):
         return recognition  # our own names, beside a clock that is missing
-    recognise_and_warn = ", ".join(
-        f"{a} = {b}" for a, b in _in_short(recognition.rename)
-    )
+    columns_taken = ", ".join(f"{a} = {b}" for a, b in _in_short(recognition.rename))
     units = "".join(f"; {unit}" for unit in recognition.units)
     joints = f"; joints {', '.join(recognition.joints)}" if recognition.joints else ""
     if (
@@ -142,7 +140,8 @@ def recognise_and_warn(
     ):
         joints += " in the file's order, for the robot's have other names"
     warning = (
-        f"{path}: columns recognised ({recognition.logger}): {recognise_and_warn}{units}{joints}; the same"
+        f"{path}: columns recognised ({recognition.logger}): "
+        f"{columns_taken}{units}{joints}; the same"
         f" by `{recognition.command(path, names)}`"
     )
     warnings.warn(warning, Remark, stacklevel=3)
@@ -576,9 +575,9 @@ def _columns(
         if None not in numbers:
             order = sorted(range(len(reading_of_joint)), key=lambda i: numbers[i] or 0)
             first = min(n for n in numbers if n is not None)
-            if first <= 1 and sorted(numbers) == list(
+            if first <= 1 and sorted(numbers) == list(  # type: ignore[type-var]
                 range(first, first + len(reading_of_joint))
-            ):  # type: ignore[type-var]
+            ):
                 return [reading_of_joint[i] for i in order]
         elif len(reading_of_joint) == 1 or len(
             {readings[name].other_words for name in reading_of_joint}
