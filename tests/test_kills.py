@@ -47,6 +47,8 @@ COMMANDS = {
         " --solvers clarabel,scs --accuracy 1e-4,1e-6 --jobs 2 --out out"
     ),
 }
+#: A kill, a polite one, and Ctrl-C.
+SIGNALS = signal.SIGKILL, signal.SIGTERM, signal.SIGINT
 #: Seconds after which no process of a killed command may live.
 GONE = 5.0
 
@@ -108,8 +110,8 @@ def test_a_command_that_is_killed_leaves_nothing_and_runs_again(name, tmp_path):
     for _ in range(NUMBER):
         shutil.rmtree(tmp_path / "out")
         process = started(words, tmp_path, mark := uuid.uuid4().hex)
-        time.sleep(rng.uniform(0.1, 0.9) * seconds)
-        process.send_signal((signal.SIGKILL, signal.SIGTERM)[int(rng.integers(2))])
+        time.sleep(rng.uniform(0.0, 1.0) * seconds)
+        process.send_signal(SIGNALS[int(rng.integers(len(SIGNALS)))])
         process.wait(GONE)
         end = time.monotonic() + GONE
         while (left := alive(mark)) and time.monotonic() < end:
@@ -131,8 +133,8 @@ def test_of_two_writers_the_second_is_told(tmp_path):
     code = f"""if True:
         import time
         from pathlib import Path
-        from sdp_vs_penalty.files import alone
-        with alone(Path({str(tmp_path)!r})):
+        from sdp_vs_penalty.files import folder_lock
+        with folder_lock(Path({str(tmp_path)!r})):
             print("mine", flush=True)
             time.sleep(60)"""
     with subprocess.Popen(

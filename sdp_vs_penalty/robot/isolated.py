@@ -45,7 +45,7 @@ class _Limits:
     MiB of the file; open files; bytes of one head and of one array."""
 
     silence: float = 20.0
-    cpu: float = 5.0
+    cpu: float = 2.0
     cpu_by_mib: float = 2.0
     open_files: int = 64
     head: int = 2**20
