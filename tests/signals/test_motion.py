@@ -63,9 +63,8 @@ def test_other_motion_is_new():
 def test_the_record_is_bounded(monkeypatch):
     """Periods add nothing; much motion is kept more coarsely, and stays known, or not
     at all."""
-    one, ten = (
-        record_motion(FilteredRuns.of(run_of(10, s), SETTINGS)) for s in (11.0, 96.0)
-    )
+    one = record_motion(FilteredRuns.of(run_of(10, 11.0), SETTINGS))
+    ten = record_motion(FilteredRuns.of(run_of(10, 96.0), SETTINGS))
     points = [sum(map(len, record.lines)) for record in (one, ten)]
     assert points[1] < 1.5 * points[0]
     rng = np.random.default_rng(3)
@@ -91,11 +90,12 @@ def test_every_instant_is_tested_once_with_all_its_periods_and_the_guard_is_kept
     assert clock.periodic == (seconds > 20.0)
     assert clock.length == pytest.approx(9.63 if clock.periodic else seconds, abs=0.01)
     t = run.t[run.t > still + 0.1]
-    at, cell, stretch = clock.at(t), split.cell(0, t), clock.length / 5
+    at = clock.at(t)
+    cell = split.cell(0, t)
+    stretch = clock.length / 5
     for k in range(5):
-        tested, trained = (
-            np.isin(cell, x) for x in (split.tested(k), split.training(k))
-        )
+        tested = np.isin(cell, split.tested(k))
+        trained = np.isin(cell, split.training(k))
         assert np.array_equal(tested, split.fold(0, t) == k)
         assert np.all((at[tested] >= k * stretch) & (at[tested] <= (k + 1) * stretch))
         ahead = at[trained] - (k + 1) * stretch, k * stretch - at[trained]
@@ -191,10 +191,8 @@ def test_a_long_recording_is_seen_in_windows_spread_over_it():
         t = np.arange(0.0, seconds + 0.05, 0.1)
         return Measurements(t, t[:, None], t[:, None], names=(name,))
 
-    short, long = (
-        concatenate([ramp("a", 120.0), ramp("b", 130.0)]),
-        ramp("long", 1000.0),
-    )
+    short = concatenate([ramp("a", 120.0), ramp("b", 130.0)])
+    long = ramp("long", 1000.0)
     assert window_subsample(short, SETTINGS) is short
     assert subsample_sentence(short, short, "noise of") is None
     part = window_subsample(long, SETTINGS)
@@ -319,11 +317,10 @@ def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_on
 def test_extremes_of_neighbours_are_scipys(width):
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-    x, half = np.random.default_rng(0).normal(size=(3, 4000)), width // 2
+    x = np.random.default_rng(0).normal(size=(3, 4000))
+    half = width // 2
     near = np.pad(x, ((0, 0), (half, half)), mode="symmetric")
-    largest, smallest = (
-        sliding(np.maximum, near, width),
-        sliding(np.minimum, near, width),
-    )
+    largest = sliding(np.maximum, near, width)
+    smallest = sliding(np.minimum, near, width)
     np.testing.assert_array_equal(largest, maximum_filter1d(x, width))
     np.testing.assert_array_equal(smallest, minimum_filter1d(x, width))
