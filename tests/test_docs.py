@@ -21,11 +21,13 @@ from commands import run_cli
 from small_runs import write_run
 
 import sdp_vs_penalty
-from sdp_vs_penalty import load_problem
+from sdp_vs_penalty import load_estimate, load_problem
 from sdp_vs_penalty.cli.main import VERBS, named
 from sdp_vs_penalty.cli.options import Parser
+from sdp_vs_penalty.data import save
 from sdp_vs_penalty.reports.demo import HIDDEN
 from sdp_vs_penalty.simulation import experiment
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -321,6 +323,22 @@ def test_the_python_runs(folder, monkeypatch, capsys):
     runpy.run_path("example.py")
     assert "certified lower bound" in capsys.readouterr().out
     assert (folder / "model.json").exists()
+    assert not (folder / "better.json").exists()  # nothing is hidden in these runs
+
+
+def test_the_python_adds_what_it_has_found(tmp_path, two_link, monkeypatch, capsys):
+    """Whatever is hidden: the better model has it, and the first one stays."""
+    (code,) = blocks(README, "python")
+    runs = hidden_runs(two_link, [("joint_spring", [1])], "strong", 24, 3).runs
+    for run, name in zip(runs, ("run1.csv", "run2.csv", "test.csv"), strict=True):
+        save(run, tmp_path / name)
+    (tmp_path / "example.py").write_text(code.replace("my_arm.urdf", "two_link"))
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path("example.py")
+    better = load_estimate(tmp_path / "better.json")
+    assert "joint_spring" in [effect.name for effect in better.model.effects]
+    model = load_estimate(tmp_path / "model.json")
+    assert "joint_spring" not in [effect.name for effect in model.model.effects]
 
 
 def test_the_table_equals_the_generated_one():

@@ -50,6 +50,13 @@ class Signals:
     modelled: Array
 
     @property
+    def seconds(self) -> float | None:
+        """How long the motion of all rows lasts [s]; None of a single row."""
+        if len(self.t) < 2:
+            return None
+        return float(len(self.t) * np.median(np.diff(self.t)))
+
+    @property
     def residual(self) -> Array:
         """(M, n) measured minus modelled torque [N m or N]."""
         return self.measured - self.modelled
@@ -109,6 +116,7 @@ class Comparison(Shown):
             missing=missing,
             forward=forward,
             remark=self.judged_on or "",
+            seconds=self.signals.seconds,
             doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
         )
 

@@ -314,7 +314,7 @@ class Diagnosis(Shown, JsonRecord):
             )
         if self.noise_known:
             return self._nothing
-        return f"Nothing found to be missing; whether something is {NOISE_UNKNOWN}"
+        return f"Nothing found to be missing; whether that is so {NOISE_UNKNOWN}"
 
     @property
     def _nothing(self) -> str:

@@ -6,8 +6,12 @@ one, three folds by the phase of the motion take its place: sizes come from the 
 folds, the choice of effects and constants from all rows.
 """
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,18 +45,26 @@ class Split:
     effects: tuple[Effect, ...]
     train: Regression
     test: Regression
+    frozen: bool
 
-    def squares(self, estimate: Estimate, frozen: bool, chosen: Sequence[int]) -> Array:
-        """(n,) squared errors with some of the effects."""
+    def columns_of(self, estimate: Estimate, chosen: Sequence[int]) -> Columns:
+        """What a model with some of the effects is fitted in."""
         sizes = [len(e.parameters) for e in self.effects]
         new = [e for k, e in enumerate(self.effects) if k in chosen]
         picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
-        own, left = with_replaced_joints(() if frozen else estimate.model.effects, new)
-        wanted = np.append(left, picked).astype(bool)
-        theta = fitted_parameters(
-            estimate, own, new, self.train.keeping(wanted), frozen
+        own, left = with_replaced_joints(
+            () if self.frozen else estimate.model.effects, new
         )
-        return self.test.keeping(wanted).joint_losses(theta)
+        return Columns(own, new, np.append(left, picked).astype(bool))
+
+
+class Columns(NamedTuple):
+    """Effects of the model that stay, those that are new, and which of a split's
+    columns are theirs."""
+
+    own: list[Effect]
+    new: list[Effect]
+    kept: NDArray[np.bool_]
 
 
 @dataclass
@@ -69,12 +81,23 @@ class HeldOut:
         """(n,) root mean squares on data left out, with some of the effects."""
         key = tuple(sorted(chosen))
         if key not in self._known:
-            squares = sum(
-                s.squares(self.estimate, self.frozen, key) for s in self.splits
-            )
+            squares = sum(self._squares(key))
             rows = sum(s.test.joint_rows() for s in self.splits)
             self._known[key] = np.sqrt(squares / np.maximum(rows, 1))
         return self._known[key]
+
+    def _squares(self, chosen: Sequence[int]) -> Iterator[Array]:
+        """(n,) squared errors of each split with some of the effects. Splits of the same
+        effects share what does not depend on data."""
+        for _, splits in groupby(self.splits, key=lambda s: [id(e) for e in s.effects]):
+            alike = list(splits)
+            columns = alike[0].columns_of(self.estimate, chosen)
+            trains = [s.train.keeping(columns.kept) for s in alike]
+            fits = fitted_parameters(
+                self.estimate, columns.own, columns.new, trains, self.frozen
+            )
+            for split, theta in zip(alike, fits, strict=True):
+                yield split.test.keeping(columns.kept).joint_losses(theta)
 
     def drop_harmful(self, every: Sequence[int], needed: bool = False) -> list[int]:
         """Of effects those that do no harm beside all others, and lower an error where
@@ -152,18 +175,19 @@ class HeldOutData:
         if self.test is not None:
             test = self.test.with_model(*rows.attached)
             there = compressed(table(test, effects), test.keep)
-            only = Split(every, compressed(whole, rows.keep), there)
+            only = Split(every, compressed(whole, rows.keep), there, self.frozen)
             return HeldOut(estimate, self.frozen, (only,), "test")
-        fold, splits = folds_of(rows, THIRDS), list[Split]()
+        fold, splits, shaped = folds_of(rows, THIRDS), list[Split](), every
         for f in range(fold.max() + 1):
             if by_fold:
-                shaped = [
+                shaped = tuple(
                     by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)
-                ]
+                )
                 whole = table(rows, shaped)
             out = (fold == f)[:, None]
-            both = (compressed(whole, rows.keep & x) for x in (~out, out))
-            splits.append(Split(every, *both))
+            train = compressed(whole, rows.keep & ~out)
+            left_out = compressed(whole, rows.keep & out)
+            splits.append(Split(shaped, train, left_out, self.frozen))
         return HeldOut(estimate, self.frozen, splits, "folds")
 
     def outside(self, effect: Effect) -> float:
@@ -238,18 +262,24 @@ def fitted_parameters(
     estimate: Estimate,
     own: Sequence[Effect],
     new: Sequence[Effect],
-    rows: Regression,
+    data: Sequence[Regression],
     frozen: bool,
-) -> Array:
-    """(p,) parameters of an estimate's ``own`` effects and ``new`` ones, from rows in
-    their columns; frozen : of the new ones alone, from rows of what the model leaves.
+) -> list[Array]:
+    """(p,) parameters of an estimate's ``own`` effects and ``new`` ones for each of
+    some ``data`` in their columns; frozen : of the new ones alone, from rows of what
+    the model leaves.
     """
     if not (own or new):
-        return np.zeros(0)
+        return [np.zeros(0) for _ in data]
     model = Model(estimate.robot, (*own, *new), gains=estimate.model.gains)
-    if frozen:
-        task, method = task_beside(estimate, model, rows), estimator_beside(estimate)
-    else:
-        task = make_task(estimate.problem, model, rows, estimate.weighting)
-        method = estimate.estimator
-    return np.asarray(method.fit(task).theta, float)
+    tasks = list[Task]()
+    for rows in data:
+        if frozen:
+            tasks.append(task_beside(estimate, model, rows))
+            continue
+        first = tasks[0] if tasks else None
+        weighting = estimate.weighting
+        tasks.append(make_task(estimate.problem, model, rows, weighting, like=first))
+    method = estimator_beside(estimate) if frozen else estimate.estimator
+    fits = [method.fit(task) for task in tasks] if frozen else method.fit_each(tasks)
+    return [np.asarray(fit.theta, float) for fit in fits]

@@ -165,6 +165,7 @@ def judge(
     missing: str = "",
     forward: str = "",
     remark: str = "",
+    seconds: float | None = None,
     doubt: str = "",
 ) -> Verdict:
     """The verdict on one model.
@@ -174,8 +175,8 @@ def judge(
     recorded; outside : largest share of rows outside of a measured curve. masses,
     nominal (links,) [kg] : of its links, identified and before; missing : what a
     diagnosis says, "" where there was none; forward : what a forward simulation says;
-    remark : of long recordings; doubt : what the data check leaves in doubt
-    (:func:`doubt_of_log`).
+    remark : of long recordings; seconds : of filtered motion that errors are of; doubt :
+    what the data check leaves in doubt (:func:`doubt_of_log`).
     """
     beyond, over = (
         relative,
@@ -203,7 +204,7 @@ def judge(
         f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
     )
     end = f"{said if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
-    lines = [fit, _prediction(beyond, relative, new_share, far, end), last]
+    lines = [fit, _prediction(beyond, relative, new_share, far, end, seconds), last]
     if doubt:
         lines.insert(0, Line(LOG, "usable", doubt))
     weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
@@ -265,7 +266,12 @@ def _fit(
 
 
 def _prediction(
-    beyond: float, relative: float, share: float | None, far: bool, end: str
+    beyond: float,
+    relative: float,
+    share: float | None,
+    far: bool,
+    end: str,
+    seconds: float | None,
 ) -> Line:
     """far : rows lie outside of a measured curve, or the noise is not known; end : of
     the sentence."""
@@ -284,9 +290,10 @@ def _prediction(
             )
     else:
         grade = "good" if beyond <= 100.0 * CHANGES and not far else grade
+        length = "" if seconds is None else f" {seconds:.3g} s of"
         said = (
-            f"{relative:.3g} % relative error on motion of which {percent} is new to"
-            " the model"
+            f"{relative:.3g} % relative error on{length} motion of which {percent} is"
+            " new to the model"
         )
     return Line(PREDICTION, grade, said + end)
 

@@ -6,7 +6,7 @@ neither files nor robots.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
@@ -139,6 +139,11 @@ class Estimator(ABC):
     def fit(self, task: Task) -> Fit:
         """Estimate theta; raises InputError where the constraints admit none."""
 
+    def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
+        """The fits to several data of one model, whose tasks share all but the data: to
+        the last bit those of :meth:`fit`."""
+        return [self.fit(task) for task in tasks]
+
 
 def make_task(
     problem: Problem,
@@ -147,15 +152,25 @@ def make_task(
     weighting: str = "noise",
     seed: int = 0,
     progress: Progress = no_progress,
+    like: Task | None = None,
 ) -> Task:
-    """What an estimator needs to know, from a problem and compressed measurements."""
-    nominal, bound = problem.nominal(model), problem.parameter_bound(model)
+    """What an estimator needs to know, from a problem and compressed measurements.
+
+    like : a task of the same problem and model on other data; what does not depend on
+    data is taken from it.
+    """
     links = model.rigid_indices.reshape(-1, 10)
-    masses = model.with_known(nominal)[
-        links[:, :1]
-    ]  # a link of a known mass is scaled to it
-    nominal[links] *= masses / nominal[links[:, :1]]
-    nominal = model.with_known(nominal)
+    if like is None:
+        nominal, bound = problem.nominal(model), problem.parameter_bound(model)
+        masses = model.with_known(nominal)[
+            links[:, :1]
+        ]  # a link of a known mass is scaled to it
+        nominal[links] *= masses / nominal[links[:, :1]]
+        nominal = model.with_known(nominal)
+        constraints, bodies = problem.constraints(model), _bodies(problem, links)
+    else:
+        nominal, bound = like.nominal, like.bound
+        constraints, bodies = like.constraints, like.bodies
     require_known("weighting", weighting, ("noise", "none"))
     data = with_plausible(regression.least_squares(), model, regression.oversampling)
     first, weights = (
@@ -167,12 +182,11 @@ def make_task(
         data = with_plausible(
             regression.least_squares(weights), model, regression.oversampling
         )
-    pairs = enumerate(zip(links, problem.link_bodies, strict=False), start=1)
     guessed = problem.guessed_links
     return Task(
         model,
         data,
-        problem.constraints(model),
+        constraints,
         bound,
         nominal,
         problem.box,
@@ -180,13 +194,19 @@ def make_task(
         seed,
         progress,
         joint_scale=joint_scale(regression, model, first),
-        bodies=tuple(
-            build.density_in_ellipsoid("body", f"link {k}", i, b.quadric)
-            for k, (i, b) in pairs
-        ),
+        bodies=bodies,
         prior=_scaled_prior(data, nominal, links, guessed),
         total=None if np.any(guessed) else float(nominal[links[:, 0]].sum()),
         weights=weights,
+    )
+
+
+def _bodies(problem: Problem, links: NDArray[np.intp]) -> tuple[Constraint, ...]:
+    """That each link's mass, at ``links`` (n, 10) of theta, lies inside of its body."""
+    pairs = zip(links, problem.link_bodies, strict=False)
+    return tuple(
+        build.density_in_ellipsoid("body", f"link {k}", indices, body.quadric)
+        for k, (indices, body) in enumerate(pairs, start=1)
     )
 
 

@@ -15,8 +15,9 @@ from a point strictly inside of it (:func:`interior_point`).
 
 from collections.abc import Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -97,6 +98,18 @@ class LmiSdp(Estimator):
             objective, self.accuracy
         )
 
+    def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
+        fits, posed = list[Fit](), None
+        for task in tasks:
+            if posed is None:
+                objective, constraints = self.posed(task)
+                posed = PosedSdp(task, objective, constraints, self.solver)
+            else:
+                objective = self._objective(task)
+                posed = posed.with_data(task, objective)
+            fits.append(posed.fit(objective, self.accuracy))
+        return fits
+
     @property
     def undetermined_by(self) -> str:
         return "prior" if self.entropy > 0.0 else "bounds"
@@ -106,6 +119,10 @@ class LmiSdp(Estimator):
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
         if self.body:
             constraints = constraints.plus(task.bodies)
+        return self._objective(task), constraints
+
+    def _objective(self, task: Task) -> Objective:
+        """What is minimised."""
         data = with_joint_prior(task, self.joint_prior).data
         if self.total_spread > 0.0 and self.entropy > 0.0 and task.total:
             masses = np.zeros((1, data.R.shape[1]))
@@ -120,7 +137,7 @@ class LmiSdp(Estimator):
             pull = Entropy(
                 self.entropy * sample_variance(task), task.pseudo_inertias, nominal
             )
-        return Objective(data, pull), constraints
+        return Objective(data, pull)
 
 
 @dataclass(frozen=True)
@@ -236,6 +253,14 @@ class PosedSdp:
                 self.cones = SmallCones(
                     objective.entropy, constraints, len(self.interior)
                 )
+
+    def with_data(self, task: Task, objective: Objective) -> Self:
+        """The same constraints with other data and prior, of a task that shares them."""
+        posed = copy(self)
+        posed.task = task
+        if self.cones is not None:
+            posed.cones = self.cones.with_entropy(objective.entropy)
+        return posed
 
     def fit(
         self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None

@@ -18,7 +18,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.exporting import judge_as_exported
-from sdp_vs_penalty.checks import check
+from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
@@ -175,7 +175,8 @@ def read(asked: JobRequest) -> Answer:
                     "name each run once",
                     path,
                 )
-            runs.append(keep(asked, problem, part, file["name"]))
+            alone = len(asked["files"]) == 1 and not asked["runs"]
+            runs.append(keep(asked, problem, part, file["name"], alone=alone))
         except InputError as error:
             refused.append(str(error))
     return {"runs": runs, "refused": refused, "remarks": remarks}
@@ -252,15 +253,23 @@ def keep(
     part: Measurements,
     name: str,
     use: str = "train",
+    alone: bool = False,
 ) -> dict[str, Any]:
     """Write a run into the session's folder; what the page shows of it.
 
     split : the windows of the use "split", by phase where the motion repeats, None
-    where it does so too fast.
+    where it does so too fast; alone : there is no other run, so that it will be split,
+    and the check looks at its windows as well.
     """
     asked.progress(f"checking {name}")
     part = replace(part, names=(name,))
     (found,) = check(problem, part, thorough=False)
+    split = _split(problem, part)
+    findings = [
+        {**f.to_dict(), "gravity": f.gravity} for f in found.errors_and_warnings
+    ]
+    if alone and split is not None:
+        findings += _of_windows(problem, part, split, found)
     file = _file(part)
     view = f"view-{file}"
     save(part, asked.folder / file)
@@ -273,12 +282,32 @@ def keep(
         "use": use,
         "samples": part.samples,
         "seconds": seconds,
-        "split": _split(problem, part),
+        "split": split,
         "rate": (part.samples - 1) / seconds if seconds > 0.0 else 0.0,
-        "findings": [
-            {**f.to_dict(), "gravity": f.gravity} for f in found.errors_and_warnings
-        ],
+        "findings": findings,
     }
+
+
+def _of_windows(
+    problem: Problem,
+    part: Measurements,
+    split: Mapping[str, list[tuple[float, float]]],
+    whole: Report,
+) -> list[dict[str, Any]]:
+    """What the check says of the parts that a run is split into and not of the whole:
+    these are what is identified from and judged. They offer no repair."""
+    known = {(f.kind, f.where) for f in whole.issues}
+    found = []
+    for side, word in (("train", "identified from"), ("test", "judged")):
+        reports = check(problem, windowed(part, split[side]), thorough=False)
+        for issue in (i for report in reports for i in report.errors_and_warnings):
+            if (issue.kind, issue.where) in known:
+                continue
+            known.add((issue.kind, issue.where))
+            what = f"In the windows that are {word}: {issue.what}"
+            told = replace(issue, what=what, repair=None)
+            found.append({**told.to_dict(), "gravity": issue.gravity})
+    return found
 
 
 def _file(part: Measurements) -> str:

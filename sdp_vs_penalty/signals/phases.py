@@ -182,21 +182,35 @@ def phase_windows(
     """One run split in two: windows [s from its start] for training, and windows for
     testing.
 
+    The motion is cut into as many equal parts as there is room for, up to five; each
+    begins with training and ends with testing, so that both see the whole run. What the
+    filters leave of the tested windows is at least a fifth of the motion.
+
     clock : of the run, whose start is its own first instant; span [s] : how long it
-    lasts; share : of the motion that is for training, all its repetitions with it;
-    pause [s] : between the two; shortest [s] : of what the filters leave something.
-    None where the motion repeats too fast for two such parts.
+    lasts; share : of the motion that is for training, all its repetitions with it,
+    where the filters leave enough beside it; pause [s] : between the two, half of what
+    the filters take of a window; shortest [s] : of what the filters leave something.
+    None where the motion is too short, or repeats too fast, for two such parts.
     """
-    length = clock.length if clock.periodic else span
-    cut = min(share * length, length - shortest - 2.0 * pause)
-    if cut < max(shortest, 0.4 * length):
+    length = float(clock.length if clock.periodic else span)
+    for n_parts in range(5, 0, -1):
+        part = length / n_parts
+        tested = max((1.0 - share) * part, 0.2 * part + 2.0 * pause, shortest)
+        trained = part - tested - 2.0 * pause
+        most_trained = 0.6 if n_parts > 1 else 0.5
+        if trained >= max(shortest, most_trained * part - 1e-9):
+            break
+    else:
         return None
     train, test = [], []
     for begin in np.arange(0.0, span, length).tolist():
-        train.append((begin, min(begin + cut, span)))
-        end = begin + length - pause if clock.periodic else span
-        test.append((begin + cut + pause, min(end, span)))
-    parts = [
+        for k in range(n_parts):
+            start = begin + k * part
+            train.append((start, min(start + trained, span)))
+            is_end = not clock.periodic and k == n_parts - 1
+            end = span if is_end else start + part - pause
+            test.append((start + trained + pause, min(end, span)))
+    long_enough = [
         [(a, b) for a, b in windows if b - a >= shortest] for windows in (train, test)
     ]
-    return (parts[0], parts[1]) if parts[0] and parts[1] else None
+    return (long_enough[0], long_enough[1]) if all(long_enough) else None

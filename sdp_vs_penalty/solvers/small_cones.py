@@ -2,6 +2,8 @@
 cones together."""
 
 import math
+from copy import copy
+from typing import Self
 
 import numpy as np
 from scipy import sparse
@@ -80,10 +82,9 @@ class SmallCones:
             np.zeros((first - self.rows) // ORDER**2),
             np.zeros(p),
         )
+        self._count = len(links)
         if entropy is not None and links:
-            self.weight[: len(links)] = entropy.weight
-            inverse = entropy.nominal_terms[0]
-            self.linear = entropy.weight * entropy.entries.adjoint(inverse.ravel(), p)
+            self._weigh(entropy)
         shape = (start, p)
         slack_map = image @ sparse.csr_matrix(
             (every.value, (every.row, every.column)), shape
@@ -98,6 +99,26 @@ class SmallCones:
         self.adjoint: Array | sparse.csr_matrix = slack_map.T.tocsr()
         if small:
             self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
+
+    def _weigh(self, entropy: Entropy) -> None:
+        """Set weight and linear term of the prior."""
+        self.weight = np.zeros_like(self.weight)
+        self.weight[: self._count] = entropy.weight
+        slope = entropy.entries.adjoint(
+            entropy.nominal_terms[0].ravel(), len(self.linear)
+        )
+        self.linear = entropy.weight * slope
+
+    def with_entropy(self, entropy: Entropy | None) -> Self:
+        """The same cones with another weight and nominal robot of a prior on the same
+        links; as they are without one."""
+        if not self._count:
+            return self
+        assert entropy is not None
+        assert entropy.weight > 0.0
+        cones = copy(self)
+        cones._weigh(entropy)
+        return cones
 
     def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
         """(e,) of the constraints' entries, and of each link of the entropy the slope S

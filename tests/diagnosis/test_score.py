@@ -30,7 +30,9 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.signals import coloured_noise
 
-n, M, p = 2, 300, 5
+n = 2
+M = 300
+p = 5
 
 
 def form(k: int = 1, lower: float = -np.inf, name: str = "made") -> Candidate:
@@ -48,7 +50,8 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
     """Rows of two joints with a model of five columns, and a column z of joint 1 that
     makes ``size``."""
     rng = np.random.default_rng(seed)
-    X, z = rng.normal(size=(n, M, p)), rng.normal(size=M)
+    X = rng.normal(size=(n, M, p))
+    z = rng.normal(size=M)
     y = X @ rng.normal(size=p) + rng.normal(size=(n, M))
     y[0] += size * z
     clusters = (np.arange(M) // 10, np.arange(M) % 30)
@@ -105,10 +108,8 @@ def test_the_score_is_the_coarsened_drop_less_its_price():
 
 def test_the_odds_of_a_candidate_are_those_of_its_laws_together():
     data, z = made(size=0.3)
-    one, four = (
-        EvidenceScorer(data, 10),
-        EvidenceScorer(data, 10, {("made", 0): 4, ("other", 0): 9}),
-    )
+    one = EvidenceScorer(data, 10)
+    four = EvidenceScorer(data, 10, {("made", 0): 4, ("other", 0): 9})
     J = [
         score.evidence_of(score.fit(()), form(), {0: z}).evidence
         for score in (one, four)
@@ -122,10 +123,11 @@ def test_half_of_the_odds_are_that_joints_are_built_alike():
         data, 40, {(name, j): 1 for name in ("made", "other") for j in range(n)}
     )
     found = score.evidence_of(score.fit(()), form(), {0: z})
-    fit, column = score.fit([found]), {1: made(seed=1)[1]}
-    like, unlike = (
-        score.evidence_of(fit, replace(form(name=name), key=(name, 1)), column)
-        for name in ("made", "other")
+    fit = score.fit([found])
+    column = {1: made(seed=1)[1]}
+    like = score.evidence_of(fit, replace(form(name="made"), key=("made", 1)), column)
+    unlike = score.evidence_of(
+        fit, replace(form(name="other"), key=("other", 1)), column
     )
     assert unlike.price - like.price == pytest.approx(2.0 * np.log(40 / n))
     assert unlike.price - found.price == pytest.approx(
@@ -135,25 +137,22 @@ def test_half_of_the_odds_are_that_joints_are_built_alike():
 
 def test_a_coefficient_that_its_sign_holds_at_zero_has_no_price():
     data, z = made(size=1.0)
-    score, other = (
-        EvidenceScorer(data, 10),
-        np.random.default_rng(1).normal(size=(M, 1)),
-    )
+    score = EvidenceScorer(data, 10)
+    other = np.random.default_rng(1).normal(size=(M, 1))
     both = {0: np.hstack([z, other])}
     fit = score.fit(())
     if score.evidence_of(fit, form(2), both).beta[1] > 0.0:
         both = {0: np.hstack([z, -other])}
-    held, alone = (
-        score.evidence_of(fit, form(2, 0.0), both),
-        score.evidence_of(fit, form(1, 0.0), {0: z}),
-    )
+    held = score.evidence_of(fit, form(2, 0.0), both)
+    alone = score.evidence_of(fit, form(1, 0.0), {0: z})
     assert held.beta.tolist() == [pytest.approx(alone.beta[0]), 0.0]
     price = alone.evidence - score.evidence_of(fit, form(2), both).evidence
     assert abs(alone.evidence - held.evidence) < 0.2 * price
 
 
 def test_noise_is_not_taken_for_an_effect():
-    rng, highest = np.random.default_rng(1), []
+    rng = np.random.default_rng(1)
+    highest = []
     for seed in range(20):
         data, _ = made(seed)
         score = EvidenceScorer(data, 100)
@@ -175,7 +174,8 @@ def test_a_misfit_is_noise_that_its_columns_make(joints):
         0.5 * data.y
     )  # less than the noise that is known: every row counts as it is
     rng = np.random.default_rng(3)
-    D, d = np.zeros((n * M, 4)), np.array([0.05, 0.2, 0.02, 0.3])
+    D = np.zeros((n * M, 4))
+    d = np.array([0.05, 0.2, 0.02, 0.3])
     D[: joints * M] = rng.normal(size=(joints * M, 4)) + np.tile(z, (joints, 1))
     score, z = EvidenceScorer(data, 10), np.vstack([z, 0.0 * z])
     fit = score.fit(
@@ -183,7 +183,8 @@ def test_a_misfit_is_noise_that_its_columns_make(joints):
     )
     term = score.evidence_of(fit, form(), {0: z[:M]})
     root = np.linalg.cholesky(np.linalg.inv(np.eye(n * M) + (D * d**2) @ D.T)).T
-    X, y = root @ data.X.reshape(n * M, p), root @ data.y.ravel()
+    X = root @ data.X.reshape(n * M, p)
+    y = root @ data.y.ravel()
 
     def left(A: np.ndarray) -> float:
         return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
@@ -253,10 +254,9 @@ def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(
 ):
     search = searched(two_link)
     forms = {f.key[0]: f for b in search.library.batches for f in b.forms}
-    spring, tilt, placed = (
-        search.evidence_of(search.fit, forms[x])
-        for x in ("joint_spring", "base_tilt", "kinematic_error")
-    )
+    spring = search.evidence_of(search.fit, forms["joint_spring"])
+    tilt = search.evidence_of(search.fit, forms["base_tilt"])
+    placed = search.evidence_of(search.fit, forms["kinematic_error"])
     (misfit,) = search.with_nuisances(spring, [])
     assert misfit.text == "misfit of kinematic_error"
     assert search.with_nuisances(spring, [tilt]) == [tilt, misfit]
@@ -268,17 +268,16 @@ def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
     two_link, monkeypatch
 ):
     """And the search goes on to exchange them."""
-    search, asked = searched(two_link), []
+    search = searched(two_link)
+    asked = []
     forms = [
         f
         for b in search.library.batches
         for f in b.forms
         if not f.replaces_own_constant
     ]
-    stays, goes = (
-        replace(search.evidence_of(search.fit, f), drop=1e6)
-        for f in (forms[0], forms[-1])
-    )
+    stays = replace(search.evidence_of(search.fit, forms[0]), drop=1000000.0)
+    goes = replace(search.evidence_of(search.fit, forms[-1]), drop=1000000.0)
     found = {
         "top_candidates": lambda *_: [] if search.refused else [goes],
         "exchange_one": asked.append,
@@ -367,10 +366,8 @@ def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     data, z = made(size=1.0)
     data.X[1, :, 4], key = 0.0, ("own", 0)
     data.own = {key: (form().effect, 4)}
-    score, own = (
-        EvidenceScorer(data, 10),
-        replace(form(), key=key, replaces_own_constant=True),
-    )
+    score = EvidenceScorer(data, 10)
+    own = replace(form(), key=key, replaces_own_constant=True)
     fit = score.fit(())
     np.testing.assert_allclose(fit.residual, plain(data, fit), atol=1e-9)
     data.y[0] -= (
@@ -405,9 +402,8 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     )  # by clusters
     data.y[0] += 2.0 * errors
     fit = (score := EvidenceScorer(data, 10)).fit(())
-    robust, plainly = (
-        Columns.of(score, fit, z[:, None], 0, robust=x) for x in (True, False)
-    )
+    robust = Columns.of(score, fit, z[:, None], 0, robust=True)
+    plainly = Columns.of(score, fit, z[:, None], 0, robust=False)
     assert plainly.v == pytest.approx(1.0 + plainly.count / COARSENING_ROWS)
     assert robust.v > 2.0 * plainly.v
 
@@ -438,10 +434,8 @@ def test_screening_is_the_drop_of_the_squared_error():
 
 
 def test_of_more_series_and_a_doubtful_variance_chance_reaches_more_energy():
-    pieces, marginal = (
-        [np.arange(500), np.arange(500, 1000)],
-        np.random.default_rng(8).normal(size=1000),
-    )
+    pieces = [np.arange(500), np.arange(500, 1000)]
+    marginal = np.random.default_rng(8).normal(size=1000)
     marginal[300] = 6.4
     searched = ((1, 1000.0), (10**3, 1000.0), (10**6, 1000.0), (1, 8.0))
     told = [coloured_noise.local_excess(marginal, pieces, *x)[300] for x in searched]
@@ -466,8 +460,10 @@ def test_a_hum_is_a_line_and_noise_is_not():
 def test_a_window_is_an_event_beside_a_models_error_only_if_no_like_motion_comes_near():
     """Error that swells at reversals, with tails, is none; the first rows and the last
     may be."""
-    rng, M = np.random.default_rng(5), 1800
-    pieces, slow = [np.arange(900), np.arange(900, M)], np.arange(M) % 120 < 30
+    rng = np.random.default_rng(5)
+    M = 1800
+    pieces = [np.arange(900), np.arange(900, M)]
+    slow = np.arange(M) % 120 < 30
     error = (
         rng.normal(size=M) * np.where(slow, 6.0, 1.0) * np.exp(rng.normal(0.0, 0.3, M))
     )
@@ -494,5 +490,7 @@ def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
             key=(name, 0), form=form, evidence=J, evidence_with_worth_of=lambda other: J
         )
 
-    mine, near, far = term("mine", 0.0), term("near", -0.9), term("far", -1.1)
+    mine = term("mine", 0.0)
+    near = term("near", -0.9)
+    far = term("far", -1.1)
     assert Search.equivalent(mine, [mine, near, far, term("own", 0.9)]) == (near,)

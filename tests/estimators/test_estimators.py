@@ -101,7 +101,9 @@ def test_promised_constraints_hold_by_an_independent_check(method, task, fits):
     assert np.all(
         (masses >= task.box[:, 0, 0] - 1e-9) & (masses <= task.box[:, 0, 1] + 1e-9)
     )
-    h, low, high = links[:, 1:4], task.box[:, 1:4, 0], task.box[:, 1:4, 1]
+    h = links[:, 1:4]
+    low = task.box[:, 1:4, 0]
+    high = task.box[:, 1:4, 1]
     with np.errstate(invalid="ignore"):
         assert not np.any(h < low * masses[:, None] - 1e-8)
         assert not np.any(h > high * masses[:, None] + 1e-8)
@@ -113,7 +115,8 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
     """penalty-paper excepted: two runs of annealing need not arrive."""
     if method.startswith("penalty-paper"):
         pytest.skip("a stochastic search with a budget promises nothing")
-    run, said = toy_run(two_link, noise=0.0), list[str]()
+    run = toy_run(two_link, noise=0.0)
+    said = list[str]()
     estimate = identify(two_link, run, quick(method), progress=said.append)
     assert said
     assert all(said)
@@ -129,7 +132,9 @@ def test_noise_free_torque_is_reproduced_by_all_that_can(method, two_link):
 
 def test_weights_make_the_residuals_of_all_joints_equal():
     """Each measures 3 theta with residuals of another size."""
-    sigmas, factors, rows = [0.1, 1.0, 5.0], [], 50
+    sigmas = [0.1, 1.0, 5.0]
+    factors = []
+    rows = 50
     for joint, sigma in enumerate(sigmas):
         triangle = np.sqrt(rows) * np.array([[3.0, 3.0], [0.0, sigma]])
         factors.append(Factor(joint, 0, np.array([0]), triangle, rows))

@@ -33,10 +33,13 @@ from sdp_vs_penalty.estimators import (
     essential,
     interior_point,
     make_estimator,
+    make_task,
 )
 from sdp_vs_penalty.problem import published_links
+from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.research.shootout import Instance, in_units
 from sdp_vs_penalty.robot import ConstraintSet, inertia
+from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.solvers import Clarabel, ConicProblem, Objective, Solution
 
 METHODS = ("lmi-sdp", "lmi-sdp-plain", "lmi-sdp-thickness", "lmi-sdp-entropic")
@@ -64,9 +67,8 @@ def test_a_body_that_an_effect_adds_is_not_pulled_to_a_link(two_link):
     truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
     run = simulated(two_link.model(), truth, noise=0.1, seconds=6.0)
     own = [effect.name for effect in two_link.model().effects]
-    plain, carried = (
-        identify(two_link, run, effects=[*own, *more]) for more in ([], ["payload"])
-    )
+    plain = identify(two_link, run, effects=[*own, *[]])
+    carried = identify(two_link, run, effects=[*own, *["payload"]])
     assert carried.certificate.worst == 0.0
     assert carried.certificate.gap < 1e-6
     assert abs(carried.certificate.loss / plain.certificate.loss - 1.0) < 0.01
@@ -106,7 +108,8 @@ def test_the_default_objective_is_the_torque_and_three_priors(toy_task):
     total mass within 20 % and of each link's divergence, of which the closed form is
     stated here."""
     task = replace(toy_task, total=30.0)
-    x, v = task.nominal.copy(), task.data.loss(task.ols) / task.data.rows
+    x = task.nominal.copy()
+    v = task.data.loss(task.ols) / task.data.rows
     x[20:] = 0.7
     x[task.links] *= [[1.3], [0.8]]
     own = np.sum((x[20:] / task.joint_scale[20:]) ** 2)
@@ -153,14 +156,12 @@ def test_a_random_feasible_robot_round_trips(seed):
     theta = with_friction(problem, truth, 0.4)
     run = simulated(problem.model(), theta, seed % 1000, seconds=12.0)
     # A nominal robot drawn apart from the truth is no witness of the torque's unit.
-    estimate, free = (
-        identify(problem, run, name, check=False) for name in ("lmi-sdp", "ols")
-    )
+    estimate = identify(problem, run, "lmi-sdp", check=False)
+    free = identify(problem, run, "ols", check=False)
     # Constraints that the truth obeys cost nothing beside what the filters leave of dry
     # friction.
-    error, least = (
-        relative_torque_error(problem, e.theta, theta) for e in (estimate, free)
-    )
+    error = relative_torque_error(problem, estimate.theta, theta)
+    least = relative_torque_error(problem, free.theta, theta)
     assert error < max(1e-5, 1.01 * least)
     assert least < 1e-3
     assert estimate.certificate.worst == 0.0
@@ -207,7 +208,8 @@ def test_the_two_step_chain_is_what_it_says(toy_task):
 
 def test_a_joint_that_never_reverses_keeps_its_certificate(toy_task):
     """Its Coulomb and offset columns are one: their range is what bounds them."""
-    names, R = [p.name for p in toy_task.model.parameters], toy_task.data.R.copy()
+    names = [p.name for p in toy_task.model.parameters]
+    R = toy_task.data.R.copy()
     R[:, names.index("f_c1")] = R[:, names.index("f_o1")]
     task = replace(toy_task, data=replace(toy_task.data, R=R))
     kept = [
@@ -233,7 +235,8 @@ def test_a_model_without_links_is_a_bounded_least_squares_problem(method, two_li
     t = np.arange(0.0, 10.0, 2e-3)
     motion = sines(rng, 2, t)
     tau = -0.5 * motion.dq + 2.0  # a negative viscous friction, which is not allowed
-    run, effects = Measurements(t, motion.q, tau), "viscous_friction,torque_offset"
+    run = Measurements(t, motion.q, tau)
+    effects = "viscous_friction,torque_offset"
     # The check would say: rows in reverse order.
     estimate = identify(two_link, run, method, effects=effects, check=False)
     assert estimate.theta[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
@@ -243,7 +246,8 @@ def test_a_model_without_links_is_a_bounded_least_squares_problem(method, two_li
 
 def without_answers(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
     """The solver's first answers are not numbers."""
-    real, calls = Clarabel.run, iter(range(1000))
+    real = Clarabel.run
+    calls = iter(range(1000))
 
     def run(self: Clarabel, problem: ConicProblem, told: dict[str, Any]) -> Solution:
         answer = real(self, problem, told)
@@ -332,3 +336,28 @@ def test_no_method_gives_up_on_a_random_arm(seed, method, tmp_path):
     _, certificate = certify(made.task, fit)
     assert certificate.worst == 0.0
     assert certificate.gap < 1e-6
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_fits_that_share_their_constraints_are_the_single_ones(two_link, method):
+    """To the last bit, on other data of the same model."""
+    truth = with_friction(two_link, published_links(two_link, "p_real").ravel())
+    model = two_link.model()
+    regressions = [
+        compress(
+            FilteredRuns.of(
+                simulated(model, truth, noise=noise, seconds=6.0),
+                two_link.preprocessing,
+            ),
+            model,
+        )
+        for noise in (5.0, 1.0, 0.2)
+    ]
+    estimator = make_estimator(method)
+    single = [estimator.fit(make_task(two_link, model, x)) for x in regressions]
+    first = make_task(two_link, model, regressions[0])
+    others = [make_task(two_link, model, x, like=first) for x in regressions[1:]]
+    shared = estimator.fit_each([first, *others])
+    for one, other in zip(single, shared, strict=True):
+        np.testing.assert_array_equal(one.theta, other.theta)
+        assert one.gap == other.gap

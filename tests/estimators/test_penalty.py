@@ -31,7 +31,8 @@ def run_of(
 ) -> Measurements:
     """Inverse dynamics of given links with viscous and Coulomb friction and white
     noise."""
-    rng, n = np.random.default_rng(seed), problem.robot.n
+    rng = np.random.default_rng(seed)
+    n = problem.robot.n
     motion = sines(rng, n, np.arange(0.0, 8.0, 0.01))
     tau = problem.robot.inverse_dynamics(links, motion.q, motion.dq, motion.ddq)
     tau += 0.3 * motion.dq + 0.2 * np.tanh(motion.dq / 0.01)
@@ -98,7 +99,9 @@ def test_slopes_and_curvatures_are_those_of_the_penalty(name, request):
     demands = Penalty().demands(task)
     inside = interior_point(task, demands)
     penalty = ShiftedPenalty(task, task.data, demands, inside)
-    rng, weight, h = np.random.default_rng(1), 0.7, 1e-5
+    rng = np.random.default_rng(1)
+    weight = 0.7
+    h = 1e-5
     x = inside / penalty.theta_scale
     at = [part.values(x) for part in penalty.parts]
     whole = penalty.rows(x, [2.0 * weight * f for f in at], weight)[1]
@@ -160,18 +163,20 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
         progress=said.append,
     )
     loss = PenalisedLoss(task, task.data, np.arange(len(task.bound)))
-    box, rng = loss.box, np.random.default_rng(0)
-    u, step = (
-        rng.uniform(0.2, 0.8, len(task.bound)),
-        1e-6 * rng.normal(size=len(task.bound)),
-    )
-    after, before = (loss.value(u + s * step, 40.0) for s in (1.0, -1.0))
+    box = loss.box
+    rng = np.random.default_rng(0)
+    u = rng.uniform(0.2, 0.8, len(task.bound))
+    step = 1e-6 * rng.normal(size=len(task.bound))
+    after = loss.value(u + 1.0 * step, 40.0)
+    before = loss.value(u + -1.0 * step, 40.0)
     assert after - before == pytest.approx(
         2.0 * step @ loss.gradient(u, 40.0), rel=1e-4
     )
     assert loss.penalty(loss.p(u))[0] > 0.0
-    p, family = loss.p(u), "centre of mass cone"
-    theta, step = box.theta(p), 1e-7 * rng.normal(size=len(p))
+    p = loss.p(u)
+    family = "centre of mass cone"
+    theta = box.theta(p)
+    step = 1e-7 * rng.normal(size=len(p))
     ways = (loss.demanded(p + s * step) for s in (1.0, -1.0, 0.0))
     for (_, after, _), (_, before, _), (_, _, rows) in zip(*ways, strict=True):
         slope = rows @ step[: rows.shape[1]]

@@ -42,7 +42,8 @@ def cvxpy_optimum(
     parameter by the torque that it makes (by its bound where it makes none), the loss
     by that of least squares.
     """
-    data, norms = objective.least_squares, objective.least_squares.column_norms
+    data = objective.least_squares
+    norms = objective.least_squares.column_norms
     scale = np.minimum(
         np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf), task.bound
     )
@@ -71,7 +72,8 @@ def cvxpy_optimum(
             # Congruence by the nominal's size: the same divergence in numbers of order
             # one.
             t = np.diag(1.0 / np.sqrt(np.diagonal(p0)))
-            own, nominal = t @ link.pseudo_inertia() @ t, t @ p0 @ t
+            own = t @ link.pseudo_inertia() @ t
+            nominal = t @ p0 @ t
             pull = cp.trace(np.linalg.inv(nominal) @ own) - cp.log_det(own)
             value += (
                 entropy.weight
@@ -108,7 +110,8 @@ class Link:
 def _link(
     problem: Problem, number: int, link: Link, thickness: float, bodily: bool
 ) -> list[Any]:
-    box, mass = problem.box[number], link.mass
+    box = problem.box[number]
+    mass = link.mass
     largest, com, _ = (x[number] for x in problem.link_sizes)
     # A congruence under which the nominal link is the identity: a solver sees numbers
     # of one size.
@@ -132,7 +135,8 @@ def _link(
         out.append(cp.trace(link.sigma) <= mass * problem.link_defaults[number, 1] ** 2)
     # the mean square distance from the body's centre, in its half axes, is at most one
     if bodily:
-        body, square = problem.link_bodies[number], 0.0
+        body = problem.link_bodies[number]
+        square = 0.0
         for axis, half in zip(body.axes.T, body.half_axes, strict=True):
             centre = float(axis @ body.centre)
             along = (

@@ -106,40 +106,45 @@ def genuine(rng: np.random.Generator) -> Proof:
     lower and upper are computed here in floating point and moved outward by
     ``_CLEARLY``.
     """
-    n, m = int(rng.integers(1, 7)), int(rng.integers(0, 7))
-    theta, bound = short(rng, n), np.full(n, 8.0)
-    R, y, floor = short(rng, m, n), short(rng, m) / 4.0, float(rng.integers(0, 9)) / 4.0
+    n = int(rng.integers(1, 7))
+    m = int(rng.integers(0, 7))
+    theta = short(rng, n)
+    bound = np.full(n, 8.0)
+    R = short(rng, m, n)
+    y = short(rng, m) / 4.0
+    floor = float(rng.integers(0, 9)) / 4.0
     unit = float(rng.choice([1.0, 1.0, 1.0, 2.0**-300, 2.0**300]))
     R, y, floor = unit * R, unit * y, unit * floor
     rho = R @ theta + unit * short(rng, m) / 8.0
-    constant, slope = floor**2 - 2 * y @ rho - y @ y, 2 * y @ R
+    constant = floor**2 - 2 * y @ rho - y @ y
+    slope = 2 * y @ R
     constraints = []
     for k in range(int(rng.integers(1, 5))):
-        cone, d = (
-            str(rng.choice(["psd", "soc", "nonnegative"])),
-            int(rng.integers(1, 7)),
-        )
+        cone = str(rng.choice(["psd", "soc", "nonnegative"]))
+        d = int(rng.integers(1, 7))
         size = d * d if cone == "psd" else d
         indices = rng.permutation(n)[: int(rng.integers(0, n + 1))]
         shapes = [short(rng, size) for _ in indices]
-        inside, dual = np.abs(short(rng, size)) + 0.125, np.abs(short(rng, size)) / 16.0
+        inside = np.abs(short(rng, size)) + 0.125
+        dual = np.abs(short(rng, size)) / 16.0
         if cone == "psd":
             shapes = [(s.reshape(d, d) + s.reshape(d, d).T).ravel() for s in shapes]
             v = short(rng, d, int(rng.integers(1, d + 1))) / 8.0
-            inside, dual = definite(rng, d).ravel(), (v @ v.T).ravel()
+            inside = definite(rng, d).ravel()
+            dual = (v @ v.T).ravel()
         elif cone == "soc":
             inside[0], dual[0] = (
                 np.ceil(np.sum(inside)) + 0.5,
                 np.ceil(np.sum(dual)) + 0.5,
             )
         coefficients = np.array(shapes).reshape(len(indices), size)
-        F0, S, entropy = inside - theta[indices] @ coefficients, dual, []
+        F0 = inside - theta[indices] @ coefficients
+        S = dual
+        entropy = []
         if cone == "psd" and rng.random() < 0.5:
-            weight, T, inverse = (
-                float(rng.integers(0, 5)) / 2,
-                definite(rng, d),
-                definite(rng, d),
-            )
+            weight = float(rng.integers(0, 5)) / 2
+            T = definite(rng, d)
+            inverse = definite(rng, d)
             log_det = float(rng.integers(-8, 9)) / 4
             entropy = [
                 {
@@ -182,7 +187,8 @@ def genuine(rng: np.random.Generator) -> Proof:
         "theta": texts(theta),
         "constraints": constraints,
     }
-    lower, upper = float(constant - np.abs(slope) @ bound), value(p, theta)
+    lower = float(constant - np.abs(slope) @ bound)
+    upper = value(p, theta)
     p["lower"] = repr(lower - _CLEARLY * (1.0 + abs(lower)))
     return p | {"upper": repr(upper + _CLEARLY * (1.0 + abs(upper)))}
 
@@ -191,7 +197,9 @@ def infeasible(rng: np.random.Generator) -> Proof:
     """s x >= 1 + a and -s x >= 1 - a in any of the parameters, beside constraints that
     always hold."""
     p = genuine(rng)
-    n, a, s = len(p["bound"]), float(short(rng, 1)[0]), float(rng.integers(1, 9)) / 4
+    n = len(p["bound"])
+    a = float(short(rng, 1)[0])
+    s = float(rng.integers(1, 9)) / 4
     k = int(rng.integers(0, n))
     for c in p["constraints"]:
         c.update(entropy=[], dual=["0"] * len(c["constant"]))
@@ -246,7 +254,8 @@ def wrong_dual(p: Proof, rng: np.random.Generator) -> Proof | None:
     """A multiplier outside its cone, as long as it takes to prove a lower bound above
     f(theta)."""
     p, k = copy.deepcopy(p), int(rng.integers(0, len(p["constraints"])))
-    c, x = p["constraints"][k], number(p["theta"])
+    c = p["constraints"][k]
+    x = number(p["theta"])
     F = content(c, x)
     direction = -F / np.linalg.norm(F)
     if c["cone"] == "psd":
@@ -373,7 +382,8 @@ def unreadable(whole: str, rng: np.random.Generator) -> str:
 def cases(count: int, seed: int = 0) -> Iterator[tuple[str, str, bool]]:
     """(kind, text of the file, whether it must be accepted): one genuine in four."""
     rng = np.random.default_rng(seed)
-    names, made = [*FALSE, "unreadable"], 0
+    names = [*FALSE, "unreadable"]
+    made = 0
     while made < count:
         true = infeasible(rng) if rng.random() < 0.2 else genuine(rng)
         whole = json.dumps(signed(true))

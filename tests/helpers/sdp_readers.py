@@ -32,14 +32,16 @@ def read_cbf(path: str | Path) -> ConicProblem:
     kinds = {v: k for k, v in CBF_NAMES.items()}
     cones = [Cone(kinds[k], int(n)) for k, n in sections.get("CON", [["0"]])[1:]]
     psd = [Cone("psd", int(line[0])) for line in sections.get("PSDCON", [["0"]])[1:]]
-    place, start = [], 0
+    place = []
+    start = 0
     for cone in cones:
         rows = np.arange(start, start + cone.rows)
         place.append(rows[::-1] if cone.kind == "exp" else rows)
         start += cone.rows
     home = np.concatenate([np.zeros(0, np.intp), *place]).astype(np.intp)
     starts = start + np.cumsum([0, *(c.rows for c in psd)])
-    A, b = sparse.lil_matrix((int(starts[-1]), m)), np.zeros(int(starts[-1]))
+    A = sparse.lil_matrix((int(starts[-1]), m))
+    b = np.zeros(int(starts[-1]))
     q = np.zeros(m)
     for k, value in sections.get("OBJACOORD", [[]])[1:]:
         q[int(k)] = float(value)
@@ -78,5 +80,6 @@ def outside_optimum(program: str, folder: Path) -> float:
 
 
 def _psd_row(i: int, j: int) -> tuple[int, float]:
-    low, high = min(i, j), max(i, j)
+    low = min(i, j)
+    high = max(i, j)
     return high * (high + 1) // 2 + low, 1.0 if low == high else float(np.sqrt(2.0))

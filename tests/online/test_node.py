@@ -57,7 +57,7 @@ def test_the_node_of_the_page_publishes_the_payload(panda, tmp_path, monkeypatch
     arm.estimate.save("model.json")
     save(arm.calibration, "without_load.csv")
     text = PAGE.read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(import rclpy.*?)```", text, re.DOTALL)
+    (code,) = re.findall(r"```python\n(import numpy.*?)```", text, re.DOTALL)
     assert len([line for line in code.splitlines() if line]) <= 35
     names: dict[str, type] = {"__name__": "node"}
     exec(compile(code, "online.md", "exec"), names)

@@ -37,10 +37,8 @@ def test_factors_answer_what_all_rows_would(seed):
     )
     regression = compress(FilteredRuns.of(run, FILTERS), model)
     rows = FilteredRun(run, FILTERS).all_rows(model)
-    wide, torque = (
-        [c.dense_columns(len(model.parameters)) for c in rows.columns],
-        rows.torque,
-    )
+    wide = [c.dense_columns(len(model.parameters)) for c in rows.columns]
+    torque = rows.torque
     rng = np.random.default_rng(seed)
     weights = rng.uniform(0.1, 3.0, model.robot.n)
     data = regression.least_squares(weights)
@@ -82,7 +80,8 @@ def test_merging_blocks_equals_one_pass(seed):
     np.testing.assert_allclose(
         [span for _, *span in many.blocks], np.c_[edges[1:-2], edges[2:-1]]
     )
-    a, b = whole.least_squares(), many.least_squares()
+    a = whole.least_squares()
+    b = many.least_squares()
     for theta in np.random.default_rng(seed).normal(size=(3, len(model.parameters))):
         assert a.loss(theta) == pytest.approx(b.loss(theta), rel=1e-10)
     assert a.rows == b.rows
@@ -142,7 +141,8 @@ def test_base_parameters_of_a_whole_model_are_independent(which, tmp_path):
     rates = np.random.default_rng(1).normal(size=(2, 200, problem.robot.n))
     motion = Motion(np.zeros(200), problem.robot.random_configurations(200, 1), *rates)
     columns = np.concatenate(model.dense_columns(motion))
-    base, seen = base_rows(problem, model), np.linalg.norm(columns, axis=0)
+    base = base_rows(problem, model)
+    seen = np.linalg.norm(columns, axis=0)
     rank = np.linalg.matrix_rank(columns[:, seen > 1e-9] / seen[seen > 1e-9], tol=1e-8)
     assert len(base.rows) == rank == SEEN[which]
     # The torque follows from them: their leading columns make every other one.
@@ -244,7 +244,8 @@ def test_bad_files_are_named(tmp_path, change, message):
 
 
 def test_another_robots_file_and_several_files_are_refused(panda, tmp_path):
-    box, file = answers(panda, 20), tmp_path / "box.npz"
+    box = answers(panda, 20)
+    file = tmp_path / "box.npz"
     np.savez(file, q=box.q, gravity=box.gravity, mass_matrix=box.mass_matrix)
     refusal(lambda: load_answers(file, joints=2), "7 joint")
     refusal(lambda: load_answers([file, file]), "from one file")
@@ -255,7 +256,8 @@ def test_another_robots_file_and_several_files_are_refused(panda, tmp_path):
 
 def test_a_block_that_several_runs_show_comes_once():
     rng = np.random.default_rng(0)
-    parts, own = [rng.normal(size=(r, 3)) for r in (2, 3, 1)], np.arange(2)
+    parts = [rng.normal(size=(r, 3)) for r in (2, 3, 1)]
+    own = np.arange(2)
     factors = [
         Factor(0, block, own, x, len(x))
         for block, x in zip((0, 1, 0), parts, strict=True)

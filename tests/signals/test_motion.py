@@ -63,9 +63,8 @@ def test_other_motion_is_new():
 def test_the_record_is_bounded(monkeypatch):
     """Periods add nothing; much motion is kept more coarsely, and stays known, or not
     at all."""
-    one, ten = (
-        record_motion(FilteredRuns.of(run_of(10, s), SETTINGS)) for s in (11.0, 96.0)
-    )
+    one = record_motion(FilteredRuns.of(run_of(10, 11.0), SETTINGS))
+    ten = record_motion(FilteredRuns.of(run_of(10, 96.0), SETTINGS))
     points = [sum(map(len, record.lines)) for record in (one, ten)]
     assert points[1] < 1.5 * points[0]
     rng = np.random.default_rng(3)
@@ -91,11 +90,12 @@ def test_every_instant_is_tested_once_with_all_its_periods_and_the_guard_is_kept
     assert clock.periodic == (seconds > 20.0)
     assert clock.length == pytest.approx(9.63 if clock.periodic else seconds, abs=0.01)
     t = run.t[run.t > still + 0.1]
-    at, cell, stretch = clock.at(t), split.cell(0, t), clock.length / 5
+    at = clock.at(t)
+    cell = split.cell(0, t)
+    stretch = clock.length / 5
     for k in range(5):
-        tested, trained = (
-            np.isin(cell, x) for x in (split.tested(k), split.training(k))
-        )
+        tested = np.isin(cell, split.tested(k))
+        trained = np.isin(cell, split.training(k))
         assert np.array_equal(tested, split.fold(0, t) == k)
         assert np.all((at[tested] >= k * stretch) & (at[tested] <= (k + 1) * stretch))
         ahead = at[trained] - (k + 1) * stretch, k * stretch - at[trained]
@@ -133,32 +133,55 @@ def test_ramps_and_stands_hide_no_period():
     assert repeat_period(run.t, run_of(10, 24.0, period=40.0).q) is None
 
 
-def test_a_run_is_split_by_phase():
-    """Two parts of one period, and of all its repetitions; none where it repeats too
-    fast."""
-    run = run_of(10, 27.0)
+def phase_split(run, pause, shortest):
+    """Instants of training and of testing on the clock of a run's motion [s]."""
     (clock,) = phases.motion_clocks(phases.tracks_of(run))
-    windows = phases.phase_windows(clock, 27.0, 0.7, 0.5, 1.5)
+    span = float(run.t[-1] - run.t[0])
+    windows = phases.phase_windows(clock, span, 0.7, pause, shortest)
     train, test = (
         np.concatenate([clock.at(np.linspace(a, b, 100)) for a, b in side])
         for side in windows
     )
-    assert len(windows[0]) == 3
-    assert train.max() < test.min() - 0.4
-    assert test.max() < clock.length - 0.4
+    return clock, train, test
+
+
+def test_repetitions_of_a_motion_lie_on_one_side_of_a_split():
+    """No tested phase is nearer to a trained one than the pause."""
+    clock, train, test = phase_split(run_of(10, 27.0), 0.25, 0.75)
+    apart = np.abs(train[:, None] - test[None, :])
+    assert np.minimum(apart, clock.length - apart).min() > 0.2
+
+
+def test_a_split_that_is_too_narrow_for_the_filters_is_none():
+    (clock,) = phases.motion_clocks(phases.tracks_of(run_of(10, 27.0)))
     assert phases.phase_windows(clock, 27.0, 0.7, 0.5, 5.0) is None
-    once = phases.MotionClock(0, 0.0, 20.0, False)
-    assert phases.phase_windows(once, 20.0, 0.7, 0.5, 1.5) == (
-        [(0.0, 14.0)],
-        [(14.5, 20.0)],
-    )
-    assert phases.phase_windows(once, 20.0, 0.7, 5.0, 1.5) == (
-        [(0.0, 8.5)],
-        [(13.5, 20.0)],
-    )
-    assert (
-        phases.phase_windows(once, 20.0, 0.7, 5.5, 1.5) is None
-    )  # less than two fifths to train on
+
+
+#: A motion of so many seconds that does not repeat.
+ONCE = [20.0, 60.0, 600.0]
+
+
+@pytest.mark.parametrize("length", ONCE)
+def test_a_fifth_of_the_motion_is_left_for_testing_behind_the_filters(length):
+    pause = 0.65  # half of what the filters take of a window
+    clock = phases.MotionClock(0, 0.0, length, False)
+    _, test = phases.phase_windows(clock, length, 0.7, pause, 1.95)
+    left = sum(b - a - 2.0 * pause for a, b in test)
+    assert left >= 0.2 * length - 1e-9
+
+
+def test_a_long_run_is_split_over_all_of_it():
+    clock = phases.MotionClock(0, 0.0, 600.0, False)
+    train, test = phases.phase_windows(clock, 600.0, 0.7, 0.65, 1.95)
+    assert len(train) == len(test) == 5
+    assert test[0][1] < 130.0
+    assert test[-1][1] == 600.0
+
+
+def test_a_run_that_is_too_short_to_tell_is_not_split():
+    """With a fifth left for testing, less than half would be for training."""
+    clock = phases.MotionClock(0, 0.0, 7.0, False)
+    assert phases.phase_windows(clock, 7.0, 0.7, 0.65, 1.95) is None
 
 
 def test_a_long_recording_is_seen_in_windows_spread_over_it():
@@ -168,10 +191,8 @@ def test_a_long_recording_is_seen_in_windows_spread_over_it():
         t = np.arange(0.0, seconds + 0.05, 0.1)
         return Measurements(t, t[:, None], t[:, None], names=(name,))
 
-    short, long = (
-        concatenate([ramp("a", 120.0), ramp("b", 130.0)]),
-        ramp("long", 1000.0),
-    )
+    short = concatenate([ramp("a", 120.0), ramp("b", 130.0)])
+    long = ramp("long", 1000.0)
     assert window_subsample(short, SETTINGS) is short
     assert subsample_sentence(short, short, "noise of") is None
     part = window_subsample(long, SETTINGS)
@@ -296,11 +317,10 @@ def test_what_a_law_of_friction_says_is_evidence_and_what_none_says_weighs_as_on
 def test_extremes_of_neighbours_are_scipys(width):
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-    x, half = np.random.default_rng(0).normal(size=(3, 4000)), width // 2
+    x = np.random.default_rng(0).normal(size=(3, 4000))
+    half = width // 2
     near = np.pad(x, ((0, 0), (half, half)), mode="symmetric")
-    largest, smallest = (
-        sliding(np.maximum, near, width),
-        sliding(np.minimum, near, width),
-    )
+    largest = sliding(np.maximum, near, width)
+    smallest = sliding(np.minimum, near, width)
     np.testing.assert_array_equal(largest, maximum_filter1d(x, width))
     np.testing.assert_array_equal(smallest, minimum_filter1d(x, width))

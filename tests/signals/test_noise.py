@@ -21,7 +21,9 @@ from sdp_vs_penalty.signals import (
 )
 from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM
 
-DT, CUTOFF, JOINTS = 4e-3, 8.0, 6
+DT = 4e-3
+CUTOFF = 8.0
+JOINTS = 6
 SETTINGS = Preprocessing(5.0, CUTOFF)
 
 
@@ -104,7 +106,8 @@ def test_the_floor_from_the_spectrum_is_that_of_the_filtered_noise(ar):
 def test_drift_and_events_are_no_noise():
     run = run_of(3, 10.0, 80.0)
     clean = noise_of(without_model(run)).floor
-    t, rate = run.t[:, None] - run.t[0], np.gradient(run.q, run.t, axis=0)
+    t = run.t[:, None] - run.t[0]
+    rate = np.gradient(run.q, run.t, axis=0)
     disturbed = (
         run.tau + 0.02 * t + 1e-3 * t**2 + (0.02 * t + 1e-3 * t**2) * rate
     )  # ever faster
@@ -148,8 +151,10 @@ def test_a_window_has_the_floor_of_the_whole():
     tau = run.tau.copy()
     tau[500:540, 2] += 30.0  # an event, inside the window
     run = replace(run, tau=tau)
-    window, whole = without_model(run.window(0.7, 8.0)), without_model(run)
-    alone, beside = noise_of(window), noise_of(window, whole)
+    window = without_model(run.window(0.7, 8.0))
+    whole = without_model(run)
+    alone = noise_of(window)
+    beside = noise_of(window, whole)
     assert alone.source == SPECTRUM
     assert beside.source == REPETITION
     np.testing.assert_array_equal(beside.floor, noise_of(whole).floor)

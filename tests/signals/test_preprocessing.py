@@ -52,7 +52,8 @@ def test_a_position_far_from_zero_keeps_its_derivatives():
     kernel = Kernel(5.0, 1e-3)
     t = np.arange(6000) * 1e-3
     q = np.sin(2 * np.pi * 0.3 * t)[:, None]
-    near, far = kernel.states(q), kernel.states(q + 6283.0)
+    near = kernel.states(q)
+    far = kernel.states(q + 6283.0)
     for a, b in zip(near[1:], far[1:], strict=True):
         np.testing.assert_allclose(a, b, atol=1e-7 * np.abs(a).max())
 
@@ -98,10 +99,8 @@ def test_rows_obey_the_model_where_the_measurements_do(clock, bound):
         t: NDArray[np.float64] = np.cumsum(
             np.random.default_rng(5).uniform(3e-4, 1.7e-3, 12_000)
         )
-        q, tau = (
-            np.column_stack([np.interp(t, run.t, x) for x in y.T])
-            for y in (run.q, run.tau)
-        )
+        q = np.column_stack([np.interp(t, run.t, x) for x in run.q.T])
+        tau = np.column_stack([np.interp(t, run.t, x) for x in run.tau.T])
         run = Measurements(t, q, tau)
     elif clock == "with a gap":
         run = run.rows((run.t < 8.0) | (run.t > 9.5))
@@ -129,10 +128,12 @@ def test_idle_joints_do_not_set_the_filters():
     assert 4.8 <= settings.torque_cutoff < 12.8
     robot = tree(rng, 3)
     model = Model(robot, parse_effects("torque_offset", robot))
-    kept, every = (
-        FilteredRun(run, replace(settings, standstill=x)).all_rows(model).motion.t
-        for x in (settings.standstill, 0.0)
+    kept = (
+        FilteredRun(run, replace(settings, standstill=settings.standstill))
+        .all_rows(model)
+        .motion.t
     )
+    every = FilteredRun(run, replace(settings, standstill=0.0)).all_rows(model).motion.t
     assert kept.max() < 30.5
     assert every.max() > 39.0
     np.testing.assert_array_equal(every[every < 29.5], kept[kept < 29.5])
@@ -213,10 +214,8 @@ def test_what_cannot_be_filtered_is_refused():
 def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
     model, _, run = driven(seconds=8.0, dt=1e-3, effects="rigid_body")
     settings = Preprocessing(*cutoffs)
-    found, filters = (
-        FilteredRun(run, settings).all_rows(model),
-        preprocessing.RunFilter(run, settings),
-    )
+    found = FilteredRun(run, settings).all_rows(model)
+    filters = preprocessing.RunFilter(run, settings)
     half = filters.state.half
     assert filters.smooth_stride > 4
     dense = preprocessing.Motion(run.t[half:-half], *filters.state.states(run.q))
@@ -231,12 +230,20 @@ def test_columns_of_the_links_are_those_at_every_sample(cutoffs):
 def test_a_joint_that_sticks_moves_more_sharply_than_it_was_told_to():
     """It stands for 60 ms at its reversals: that is let through, and not the noise of
     the positions."""
-    t, rng = np.arange(0.0, 20.0, 0.002), np.random.default_rng(1)
-    q, torque = np.sin(np.pi * t), np.cos(np.pi * t) + rng.normal(0.0, 0.01, len(t))
-    white, stuck = rng.normal(size=len(t)), np.clip(q, -np.cos(0.1), np.cos(0.1))
-    smooth, sharp, coarse = (
-        Preprocessing().resolve(Measurements(t, x[:, None], torque[:, None]))
-        for x in (q + 3e-6 * white, stuck + 3e-6 * white, stuck + 1e-3 * white)
+    t = np.arange(0.0, 20.0, 0.002)
+    rng = np.random.default_rng(1)
+    q = np.sin(np.pi * t)
+    torque = np.cos(np.pi * t) + rng.normal(0.0, 0.01, len(t))
+    white = rng.normal(size=len(t))
+    stuck = np.clip(q, -np.cos(0.1), np.cos(0.1))
+    smooth = Preprocessing().resolve(
+        Measurements(t, (q + 3e-06 * white)[:, None], torque[:, None])
+    )
+    sharp = Preprocessing().resolve(
+        Measurements(t, (stuck + 3e-06 * white)[:, None], torque[:, None])
+    )
+    coarse = Preprocessing().resolve(
+        Measurements(t, (stuck + 0.001 * white)[:, None], torque[:, None])
     )
     assert smooth.torque_cutoff == sharp.torque_cutoff == 1.6 * smooth.state_cutoff
     assert sharp.state_cutoff > 2.0 * smooth.state_cutoff

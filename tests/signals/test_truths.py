@@ -140,7 +140,8 @@ def test_an_autoregression_filters_row_by_row(seed):
         rng.choice(np.arange(1, 80), 5, replace=False)
     )  # some too short to predict
     pieces = signals.coloured_noise.Pieces(p[1:] for p in np.split(np.arange(80), ends))
-    x, ar = rng.normal(size=(80, 3)), rng.normal(size=4)
+    x = rng.normal(size=(80, 3))
+    ar = rng.normal(size=4)
     expected = np.zeros_like(x)
     for piece in pieces:
         for k in range(4, len(piece)):
@@ -235,7 +236,8 @@ def test_what_the_repeats_of_a_motion_share(seed):
     """Instants with the same motion are what the differences connect: counted, and
     numbered, by hand."""
     rng = np.random.default_rng(seed)
-    period, count = int(rng.integers(3, 9)), 40
+    period = int(rng.integers(3, 9))
+    count = 40
     both = [
         (k, k + n * period)
         for k in range(count)
@@ -252,7 +254,8 @@ def test_what_the_repeats_of_a_motion_share(seed):
     first = both[:, 0] == group[both[:, 0]]
     assert np.all(phase >= group[both[:, 0]])
     assert np.all(phase[first] == both[first, 0])
-    marked, reach = rng.random(len(both)) < 0.4, int(rng.integers(0, 2))
+    marked = rng.random(len(both)) < 0.4
+    reach = int(rng.integers(0, 2))
     expected = [
         bool(marked[k])
         and any(
@@ -275,7 +278,8 @@ def test_the_resolution_of_positions_is_four_of_their_noises_deviations():
 def test_the_same_motion_read_again_has_errors_of_other_steps():
     """Uniform and not correlated; what has no steps stays as it is."""
     t = np.arange(0.0, 40.0, 0.002)
-    q, errors = np.sin(0.7 * t)[:, None], []
+    q = np.sin(0.7 * t)[:, None]
+    errors = []
     for step in (1e-2, 1e-7):
         read = step * np.round(q / step)
         errors.append(np.hstack([read, read_again(log(t, read)).q]) - q)

@@ -32,7 +32,8 @@ def task(two_link: Problem) -> Task:
 
 def test_a_wrong_answer_shows_as_a_gap_and_one_outside_is_repaired_or_reported(task):
     fit = LmiSdpThickness().fit(task)
-    interior, dual = interior_point(task, fit.constraints), fit.multipliers
+    interior = interior_point(task, fit.constraints)
+    dual = fit.multipliers
     theta, right = certify(task, fit)
     assert right.gap == pytest.approx(
         (right.upper - right.lower) / right.loss, rel=1e-12

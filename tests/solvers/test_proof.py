@@ -85,17 +85,16 @@ def test_the_checker_stands_alone(proofs, tmp_path):
 
 
 def test_identify_writes_a_proof_and_verify_accepts_it(tmp_path, capsys):
-    problem, path = load_problem("two_link"), tmp_path / "proof.json"
+    problem = load_problem("two_link")
+    path = tmp_path / "proof.json"
     run = experiment(problem).training_run(seed=2)
     estimate = identify(problem, run, proof=path)
     assert [
         float(x) for x in json.loads(path.read_text())["theta"]
     ] == estimate.theta.tolist()
-    model, data, other = (
-        tmp_path / "model.json",
-        tmp_path / "run.csv",
-        tmp_path / "other.csv",
-    )
+    model = tmp_path / "model.json"
+    data = tmp_path / "run.csv"
+    other = tmp_path / "other.csv"
     estimate.save(model)
     save(run, data)
     save(experiment(problem).training_run(seed=3), other)
@@ -126,7 +125,8 @@ def with_first(proof: Proof, family: str, **fields: Any) -> Proof:
 def test_a_proof_of_another_problem_is_refused_by_the_name_of_what_differs(tmp_path):
     """Each of these holds in exact arithmetic, and bears the hashes of the model and
     the run; so do theta and rows of other measurements."""
-    problem, path = load_problem("two_link"), tmp_path / "proof.json"
+    problem = load_problem("two_link")
+    path = tmp_path / "proof.json"
     run = experiment(problem).training_run(seed=2)
     estimate = identify(problem, run, proof=path)
     true = json.loads(path.read_text())
@@ -211,7 +211,8 @@ def test_the_gap_is_printed(proofs, tmp_path):
 
 
 def test_a_proof_wider_than_the_models_certificate_is_refused(tmp_path):
-    problem, path = load_problem("two_link"), tmp_path / "proof.json"
+    problem = load_problem("two_link")
+    path = tmp_path / "proof.json"
     run = experiment(problem).training_run(seed=2)
     estimate = identify(problem, run, proof=path)
     assert verify_proof_file(path, estimate)[0]
@@ -245,10 +246,12 @@ def test_another_triangle_of_the_same_loss_and_rounding_are_the_same_problem():
 def test_no_false_proof_is_accepted_and_no_genuine_one_refused(tmp_path):
     """SDP_VS_PENALTY_PROOFS=NUMBER:SEED puts others, and more of them, to the checker."""
     count, seed = map(int, os.environ.get("SDP_VS_PENALTY_PROOFS", "500:7").split(":"))
-    file, judged = tmp_path / "proof.json", set()
+    file = tmp_path / "proof.json"
+    judged = set()
     for kind, content, true in cases(count, seed):
         file.write_text(content)
-        begin, accepted = time.process_time(), False
+        begin = time.process_time()
+        accepted = False
         with suppress(Exception):
             verify_proof.check(verify_proof.read(file))
             accepted = True
@@ -268,7 +271,8 @@ def test_huge_numbers_and_deep_files_are_refused_at_once(tmp_path):
         (tmp_path / "a.json").write_text(text)
         assert not verify_proof_file(tmp_path / "a.json")[0]
     # Matrices of 6 x 6 whose entries have 4000 digits each, as dense as can be.
-    d, big = 6, str(3**8000)[:2000]
+    d = 6
+    big = str(3**8000)[:2000]
     psd = {"family": "", "name": "", "cone": "psd", "indices": [0], "entropy": []}
     full = [f"{big}e-2000" if i % (d + 1) else "9" for i in range(d * d)]
     psd |= {"constant": full, "coefficients": [full], "dual": full}
@@ -294,7 +298,8 @@ def test_huge_numbers_and_deep_files_are_refused_at_once(tmp_path):
 
 
 def test_constraints_that_exclude_each_other_leave_a_proof_of_it(tmp_path):
-    problem, path = load_problem("two_link"), tmp_path / "proof.json"
+    problem = load_problem("two_link")
+    path = tmp_path / "proof.json"
     heavy = replace(problem, total_mass=(1000.0, 2000.0))
     with pytest.raises(Infeasible, match="admit no parameters"):
         identify(heavy, experiment(problem).training_run(seed=2), proof=path)

@@ -31,7 +31,8 @@ class WithoutLicence(ThroughCvxpy):
     """As MOSEK and COPT are called, by a solver that asks for no licence."""
 
     name = "clarabel"
-    requires, licences = ("package", "clarabel"), ("nobody@nowhere",)
+    requires = ("package", "clarabel")
+    licences = ("nobody@nowhere",)
 
     def options(self, accuracy: float, variant: str = "") -> dict[str, float]:
         return {"tol_gap_rel": accuracy}
@@ -126,7 +127,8 @@ def usable(name: str) -> Solver:
 @pytest.mark.parametrize("entropic", [False, True])
 def test_primal_and_dual_certify_the_optimum(name, entropic):
     """A log det is solved as well, or declined."""
-    conic, link = usable(name), Link(entropic)
+    conic = usable(name)
+    link = Link(entropic)
     if entropic and "exp" not in conic.cones:
         with pytest.raises(rewrite.NotApplicableError, match="exp"):
             conic.solve(link.sdp.conic, 1e-7)
@@ -140,7 +142,8 @@ def test_primal_and_dual_certify_the_optimum(name, entropic):
     assert -1e-12 <= gap <= (2e-2 if name == "dsdp" else 1e-4)
     assert violation <= 1e-4
     # What a file says of its optimum is the objective there; P is the upper triangle.
-    sdp, x = link.sdp, solution.x
+    sdp = link.sdp
+    x = solution.x
     square = x @ (sdp.conic.P @ x) - 0.5 * x @ (sdp.conic.P.diagonal() * x)
     said = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
     assert said == pytest.approx(link.objective.value(sdp.theta(solution)), rel=1e-3)
@@ -149,7 +152,8 @@ def test_primal_and_dual_certify_the_optimum(name, entropic):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_empty_feasible_set_is_never_called_solved(name):
-    conic, link = usable(name), Link()
+    conic = usable(name)
+    link = Link()
     heavy = build.linear(
         "total mass", "robot", [0], [[1.0]], [-4.0]
     )  # m >= 4 where m <= 3
@@ -197,7 +201,8 @@ def test_rewriting_keeps_the_solution_and_its_multipliers(step):
 def test_a_quadratic_is_the_square_of_its_factor(root):
     """Of a diagonal and of a full matrix, both without full rank; only its upper
     triangle is told."""
-    whole, x = root.T @ root, np.array([0.3, -1.0, 2.0])
+    whole = root.T @ root
+    x = np.array([0.3, -1.0, 2.0])
     nothing = sparse.csc_matrix((0, 3))
     told = solvers.ConicProblem(
         sparse.csc_matrix(np.triu(whole)), np.zeros(3), nothing, np.zeros(0), ()
@@ -216,7 +221,8 @@ def test_a_quadratic_is_the_square_of_its_factor(root):
 @pytest.mark.parametrize("entropic", [False, True])
 def test_exported_files_read_back_to_the_same_problem(tmp_path, entropic):
     """CBF here; programs read SDPA files in tests/estimation/test_pose.py."""
-    sdp, kinds = Link(entropic).sdp, ("zero", "nonnegative", "soc", "exp", "psd")
+    sdp = Link(entropic).sdp
+    kinds = ("zero", "nonnegative", "soc", "exp", "psd")
     export_sdp(sdp, tmp_path / "problem.cbf", None)
     sent = rewrite.reorder(rewrite.linear_objective(sdp.conic).problem, kinds).problem
     found = rewrite.reorder(read_cbf(tmp_path / "problem.cbf"), kinds).problem
@@ -265,7 +271,8 @@ METHODS = ["lmi-sdp", "lmi-sdp-thickness", "lmi-sdp-plain"]
 def both(task: Task, method: str) -> tuple[Fit, Fit]:
     """The default fit, and Clarabel's."""
     posed = make_estimator(method).posed(task)
-    own, other = (PosedSdp(task, *posed, solver) for solver in (None, "clarabel"))
+    own = PosedSdp(task, *posed, None)
+    other = PosedSdp(task, *posed, "clarabel")
     return own.fit(posed[0]), other.fit(posed[0])
 
 
@@ -299,7 +306,8 @@ def test_similar_data_take_fewer_steps_from_the_last_fit(method):
         data, rho=data.rho + noise * np.random.default_rng(1).normal(size=len(data.rho))
     )
     again = solvers.Objective(moved, objective.entropy)
-    cold, warm = posed.fit(again), posed.fit(again, near=first)
+    cold = posed.fit(again)
+    warm = posed.fit(again, near=first)
 
     def steps(fit: Fit) -> int:
         return int(fit.details["solver_said"][0].rpartition("(")[2].rstrip(")"))

@@ -79,10 +79,8 @@ def demands(rng: np.random.Generator, interior: np.ndarray) -> ConstraintSet:
     scale = 10.0 ** rng.uniform(-6.0, 6.0, p)
     matrices = rng.normal(size=(p, 3, 3)) * scale[:, None, None]
     matrices = matrices + np.swapaxes(matrices, 1, 2)
-    rows, lines = (
-        rng.normal(size=(p, 4)) * scale[:, None],
-        rng.normal(size=(p, 2)) * scale[:, None],
-    )
+    rows = rng.normal(size=(p, 4)) * scale[:, None]
+    lines = rng.normal(size=(p, 2)) * scale[:, None]
     root = rng.normal(size=(3, 3))
     inside = root @ root.T + 0.1 * np.eye(3)
     middle = np.append(2.0, rng.uniform(-0.8, 0.8, 3))
@@ -132,7 +130,8 @@ def test_a_repaired_point_is_feasible_in_rational_arithmetic_and_no_deeper_than_
 
 def test_a_sum_within_its_rounding_is_decided_exactly():
     """Six products that cancel: doubles call some of them positive that are negative."""
-    rng, misled = np.random.default_rng(0), 0
+    rng = np.random.default_rng(0)
+    misled = 0
     for theta, row in rng.normal(size=(200, 2, 6)):
         exact = sum(
             Fraction(a) * Fraction(b)
@@ -244,7 +243,8 @@ def test_lower_bound_never_exceeds_a_known_optimum(seed, exponent, noise):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_multipliers_that_are_outside_by_rounding_make_a_proof_that_is_tight(seed):
-    known, rng = KnownSdp(seed, 1), np.random.default_rng(seed)
+    known = KnownSdp(seed, 1)
+    rng = np.random.default_rng(seed)
     near = known.multipliers - 1e-9 * rng.random(len(known.multipliers))
     made = optimum_proof(
         Fit(known.theta, known.objective, known.constraints, near, bound=known.bound)
@@ -281,7 +281,8 @@ def test_infeasibility_is_proved_only_where_it_is_true():
     above = build.linear("lower", "sum", [0, 1], [[1.0], [1.0]], [-3.0])  # a + b >= 3
     below = build.linear("upper", "each", [0, 1], -np.eye(2), [1.0, 1.0])  # a, b <= 1
     bound = np.full(p, 10.0)
-    demands, farkas = ConstraintSet((above, below)), np.ones(3)
+    demands = ConstraintSet((above, below))
+    farkas = np.ones(3)
     assert rigorous_bounds.proves_infeasible(demands, farkas, bound)
     touching = build.linear(
         "lower", "sum", [0, 1], [[1.0], [1.0]], [-2.0]

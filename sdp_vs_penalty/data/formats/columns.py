@@ -16,6 +16,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.recognition import (
     Table,
+    counted_from_zero,
     expanded,
     find_clock,
     parts_of,
@@ -114,6 +115,11 @@ class Header:
         found = (
             None if choice.rename else recognise_and_warn(path, names, choice, table)
         )
+        if found is None and not choice.rename and counted_from_zero(names):
+            shown = brief_names(names)
+            lacking = f"columns are counted from 0, and not alike (columns: {shown})"
+            command = _rename_command(path, ["q", "tau"])
+            raise InputError(lacking, remedy or command, what)
         rename = expanded(choice.rename or {}, names) if found is None else found.rename
         for ours, theirs in rename.items():
             for name in parts_of(theirs, names):

@@ -145,12 +145,16 @@ def recognise_and_warn(
     return found
 
 
+def counted_from_zero(names: Sequence[str]) -> bool:
+    """Whether columns that are called as ours are counted from 0."""
+    return bool({"q0", "dq0", "tau0", "qcmd0"} & set(names))
+
+
 def _has_our_names(names: Sequence[str]) -> bool:
     """Whether columns are called as in RUN.csv, counted from 1."""
     known = set(names)
-    counted_from_zero = {"q0", "tau0", "qcmd0"} & known
     return bool(
-        not counted_from_zero
+        not counted_from_zero(names)
         and "t" in known
         and {"q", "q1"} & known
         and {"tau", "tau1", "qcmd", "qcmd1"} & known

@@ -98,7 +98,7 @@ def _choose(view: View) -> None:
 _USES = (
     ("train", "identify from it"),
     ("test", "test on it"),
-    ("split", "70 % / test on the rest"),
+    ("split", "split: identify from most, test on the rest"),
     ("", "remove"),
 )
 
