@@ -95,11 +95,11 @@ class Infeasible(InputError):  # noqa: N818 (the field's word)
 
     def __init__(
         self,
-        *told: Any,
+        *arguments: Any,
         families: Sequence[str] = (),
         proof: tuple[Any, Any] | None = None,
     ) -> None:
-        super().__init__(*told)
+        super().__init__(*arguments)
         self.families, self.proof = tuple(families), proof
 
 

@@ -69,9 +69,9 @@ def opened(path: str | Path) -> None:
         return
     try:
         for file in path.iterdir() if path.is_dir() else [path]:
-            found = file.stat()
-            if stat.S_ISREG(found.st_mode):
-                inputs.add((found.st_dev, found.st_ino))
+            status = file.stat()
+            if stat.S_ISREG(status.st_mode):
+                inputs.add((status.st_dev, status.st_ino))
     except (
         OSError,
         ValueError,
@@ -90,10 +90,12 @@ def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
             path,
         )
     if size > largest:
-        most = (
+        limit_words = (
             f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
         )
-        raise InputError(f"larger than {most}", "name a smaller file, or cut it", path)
+        raise InputError(
+            f"larger than {limit_words}", "name a smaller file, or cut it", path
+        )
 
 
 @contextmanager
@@ -113,10 +115,10 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
         states = [file.stat() for file in files]
     except (OSError, ValueError) as error:
         raise unreadable(error, path) from error
-    for file, found in zip(files, states, strict=True):
-        _bounded(file, found.st_mode, found.st_size, largest)
+    for file, status in zip(files, states, strict=True):
+        _bounded(file, status.st_mode, status.st_size, largest)
     opened(path)
-    room = memory_for(sum(found.st_size for found in states))
+    room = memory_for(sum(status.st_size for status in states))
     try:
         with limited_memory(room):
             yield path
@@ -149,12 +151,12 @@ def limited_memory(room: int) -> Iterator[None]:
 
     used = pages * resource.getpagesize()
     before = {}
-    for kind, most in (
+    for kind, allowed in (
         (resource.RLIMIT_DATA, used + room),
         (resource.RLIMIT_FSIZE, room),
     ):
         soft, hard = before[kind] = resource.getrlimit(kind)
-        limits = [x for x in (most, soft, hard) if x != resource.RLIM_INFINITY]
+        limits = [x for x in (allowed, soft, hard) if x != resource.RLIM_INFINITY]
         resource.setrlimit(kind, (min(limits), hard))
     try:
         yield
@@ -174,9 +176,9 @@ def path_or_file(path: Path) -> Path | BinaryIO:
 
 
 def read_bytes(
-    path: str | Path, largest: int = LARGEST_TEXT, own: bool = False
+    path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
 ) -> bytes:
-    """A whole file. own : one that this command keeps, and may write again. Raises
+    """A whole file. is_own : one that this command keeps, and may write again. Raises
     InputError for what is no regular file, too large, or cannot be read."""
     path = Path(path)
     try:
@@ -184,23 +186,25 @@ def read_bytes(
         # does not wait.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         with open(handle, "rb") as file:
-            found = os.fstat(handle)
-            _bounded(path, found.st_mode, found.st_size, largest)
+            status = os.fstat(handle)
+            _bounded(path, status.st_mode, status.st_size, largest)
             content = file.read(largest + 1)  # some files of the system state no size
-        _bounded(path, found.st_mode, len(content), largest)
+        _bounded(path, status.st_mode, len(content), largest)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise unreadable(error, path) from error
-    if not own:
+    if not is_own:
         opened(path)
     return content
 
 
-def read_text(path: str | Path, largest: int = LARGEST_TEXT, own: bool = False) -> str:
+def read_text(
+    path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
+) -> str:
     """A whole file of UTF-8 text; arguments and errors as of :func:`read_bytes`."""
     try:
-        return read_bytes(path, largest, own).decode("utf-8-sig")
+        return read_bytes(path, largest, is_own).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
             f"not UTF-8 text ({error})", "save it as UTF-8", Path(path)
@@ -514,8 +518,8 @@ def _restored(kind: Any, value: Any) -> Any:
     if origin is tuple:
         if isinstance(value, str):
             raise TypeError(f"{value!r} is no list")
-        every = args[:1] * len(value) if args[-1] is Ellipsis else args
-        return tuple(_restored(a, x) for a, x in zip(every, value, strict=True))
+        kinds = args[:1] * len(value) if args[-1] is Ellipsis else args
+        return tuple(_restored(a, x) for a, x in zip(kinds, value, strict=True))
     if origin is Literal:
         if value not in args:
             raise ValueError(f"{value!r} is none of {', '.join(args)}")

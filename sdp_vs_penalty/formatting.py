@@ -52,11 +52,11 @@ def _table_html(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f"<table>{head}{''.join(row('td', cells) for cells in rows)}</table>"
 
 
-def axes(given: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
-    """``given`` axes, or those of a new figure. Raises InputError without matplotlib
+def axes(panels: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
+    """``panels`` axes, or those of a new figure. Raises InputError without matplotlib
     (extra [plot])."""
-    if given is not None:
-        return given
+    if panels is not None:
+        return panels
     try:
         import matplotlib.pyplot as plt
     except ImportError as error:
@@ -165,8 +165,19 @@ def error_table(
     """
     rows = []
     for j, unit in enumerate(units):
-        own = [each[j] for each in errors]
-        change = change_of(own[0], own[-1]) if len(own) > 1 else f"{r2[j]:.4f}"
+        errors_of_joint = [errors_of_model[j] for errors_of_model in errors]
+        change = (
+            change_of(errors_of_joint[0], errors_of_joint[-1])
+            if len(errors_of_joint) > 1
+            else f"{r2[j]:.4f}"
+        )
         known = number(None if floor is None else floor[j])
-        rows.append([f"{j + 1} [{plain_unit(unit)}]", *map(number, own), change, known])
+        rows.append(
+            [
+                f"{j + 1} [{plain_unit(unit)}]",
+                *map(number, errors_of_joint),
+                change,
+                known,
+            ]
+        )
     return ["joint", *names, "change" if len(errors) > 1 else "R2", "noise floor"], rows

@@ -117,13 +117,13 @@ def _here(
 
     def idle() -> Any:
         if not (free := lines.keys() - busy.keys()):
-            ours, theirs = context.Pipe()
-            lines[ours] = context.Process(
-                target=_serve, args=(function, theirs, os.getpid())
+            our_end, their_end = context.Pipe()
+            lines[our_end] = context.Process(
+                target=_serve, args=(function, their_end, os.getpid())
             )
-            lines[ours].start()
-            theirs.close()  # so that its death closes it
-            return ours
+            lines[our_end].start()
+            their_end.close()  # so that its death closes it
+            return our_end
         return free.pop()
 
     try:
@@ -187,15 +187,15 @@ class Workers:
         """Results in the order of the items, however they come; errors as of
         :func:`spread`."""
         todo = list(items)
-        found: dict[int, Result] = {}
+        result_by_place: dict[int, Result] = {}
         results: Iterable[tuple[int, Result]] = enumerate(map(function, todo))
         if self.scheduler is not None or min(self.jobs, len(todo)) > 1:
             results = spread(function, todo, self.scheduler, self.jobs)
         for k, result in results:
-            found[k] = result
+            result_by_place[k] = result
             if len(todo) > 1:
-                self.progress(f"{len(found)} of {len(todo)} done")
-        return [found[k] for k in range(len(todo))]
+                self.progress(f"{len(result_by_place)} of {len(todo)} done")
+        return [result_by_place[k] for k in range(len(todo))]
 
 
 #: This process alone.

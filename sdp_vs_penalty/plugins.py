@@ -34,10 +34,10 @@ def load_class(
     path: Iterable[str],
     base: type,
     name: str,
-    every: Callable[[], dict[str, Any]],
+    all_classes: Callable[[], dict[str, Any]],
 ) -> Any:
     """The subclass of ``base`` called ``name``, without an import of any other file
-    where it is in the file of that name; else that of ``every`` one. Raises InputError
+    where it is in the file of that name; else that of ``all_classes`` one. Raises InputError
     where there is none."""
     file = name.replace("-", "_")
     if any(module.name == file for module in iter_modules(path)):
@@ -48,14 +48,14 @@ def load_class(
                 and getattr(x, "name", None) == name
             ):
                 return x
-    require_known(kind, name, every())
-    return every()[name]
+    require_known(kind, name, all_classes())
+    return all_classes()[name]
 
 
-def by_word(found: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:
+def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:
     """Classes or modules by what each alone must have, in its order."""
     out: dict[Any, Any] = {}
-    for value, thing in found:
+    for value, thing in pairs:
         if out.setdefault(value, thing) is not thing:
             names = " and ".join(
                 getattr(x, "__name__", str(x)) for x in (out[value], thing)

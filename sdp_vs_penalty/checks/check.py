@@ -22,7 +22,7 @@ from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.search import Search
+from sdp_vs_penalty.checks.search import RepairSearch
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque, far_outside
@@ -186,7 +186,7 @@ def judge_dynamics(
         for k in logs:
             out[k] = replace(out[k], issues=(*out[k].issues, *kind))
         return out
-    search = Search(common, [*logs.values()], [out[k].issues for k in logs])
+    search = RepairSearch(common, [*logs.values()], [out[k].issues for k in logs])
     net = search.confirmed(search.run())
     stated = search.describe_faults(net)
     counted = any(f.kind == "torque in counts" for r in out for f in r.issues)

@@ -32,13 +32,13 @@ def raise_on_errors(
     warnings, a sentence each. Raises InputError where that work would be meaningless.
     """
     reports = check_data(problem, measurements, thorough=False)
-    found = [
+    issues_found = [
         (r.run, f)
         for r in reports
         for f in r.errors_and_warnings
         if not (gains and f.kind == "torque gain")
     ]
-    errors = [(run, f) for run, f in found if f.severity == "error"]
+    errors = [(run, f) for run, f in issues_found if f.severity == "error"]
     if errors:
         run, f = errors[0]
         more = (
@@ -51,16 +51,17 @@ def raise_on_errors(
             f"fix the data (`check --fix`), or {otherwise} {verb} anyway",
             run,
         )
-    for run, f in found:
+    for run, f in issues_found:
         if f.nature == FACT:
             warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
-    said = explanations_in_a_line(problem.name, found)
+    said = explanations_in_a_line(problem.name, issues_found)
     if said:
         warn(f"warning: {said}")
     hashes = [run.data_hash for run in measurements.runs()]
-    whole = reports if len(hashes) == len(reports) else []
+    reports_of_all = reports if len(hashes) == len(reports) else []
     return {
-        h: [f.to_dict() for f in r.issues] for h, r in zip(hashes, whole, strict=False)
+        h: [f.to_dict() for f in r.issues]
+        for h, r in zip(hashes, reports_of_all, strict=False)
     }
 
 
@@ -84,5 +85,8 @@ def explanations_in_a_line(problem: str, found: Sequence[tuple[str, Issue]]) -> 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:
     """Whether a model was identified from the same runs without the check."""
-    made = estimate.provenance
-    return made["data_hash"] == measurements.data_hash and made.get("checked") is False
+    provenance = estimate.provenance
+    return (
+        provenance["data_hash"] == measurements.data_hash
+        and provenance.get("checked") is False
+    )

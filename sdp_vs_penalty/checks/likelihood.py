@@ -37,7 +37,7 @@ from sdp_vs_penalty.checks.constants import (
     ROUNDS,
 )
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
-from sdp_vs_penalty.checks.repair import Event, LogTransform, Numbers, Order
+from sdp_vs_penalty.checks.repair import LogEvent, LogTransform, Numbers, Order
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
@@ -58,8 +58,8 @@ class Equations:
     gram: Array
     cross: Array
     energy: Array
-    whole: Array
-    own: Array = field(default_factory=lambda: np.zeros(0))
+    total: Array
+    channel_solution: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of(cls, full: Array, k: int) -> Equations:
@@ -70,15 +70,24 @@ class Equations:
         )
         # A joint that rests in these rows has nothing of its own there.
         mine = full[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
-        own = np.linalg.solve(mine, full[..., :k, k:])
-        rest = full[..., k:, k:] - full[..., k:, :k] @ own
-        energy, whole = np.maximum(rest[..., -1, -1], 0.0), _positive(full[..., -1, -1])
-        return cls(rest[..., :-1, :-1], rest[..., :-1, -1], energy, whole, own)
+        channel_solution = np.linalg.solve(mine, full[..., :k, k:])
+        remainder = full[..., k:, k:] - full[..., k:, :k] @ channel_solution
+        energy, total = (
+            np.maximum(remainder[..., -1, -1], 0.0),
+            _positive(full[..., -1, -1]),
+        )
+        return cls(
+            remainder[..., :-1, :-1],
+            remainder[..., :-1, -1],
+            energy,
+            total,
+            channel_solution,
+        )
 
     @classmethod
     def together(cls, logs: Sequence[Equations]) -> Equations:
         """The joints of several logs (1, n, ...) side by side, to fit one arm to them."""
-        names = "gram", "cross", "energy", "whole"
+        names = "gram", "cross", "energy", "total"
         return cls(
             *(
                 np.concatenate([getattr(x, name) for x in logs], axis=1)
@@ -91,7 +100,10 @@ class Equations:
         own ones they go with, leave of rows with such Gram matrices (..., n, w, w)."""
         v = np.append(theta, -np.ones((*theta.shape[:-1], 1)), axis=-1)[..., None]
         v = np.concatenate(
-            [-self.own @ v, np.broadcast_to(v, (*full.shape[:-2], *v.shape[-2:]))],
+            [
+                -self.channel_solution @ v,
+                np.broadcast_to(v, (*full.shape[:-2], *v.shape[-2:])),
+            ],
             axis=-2,
         )
         return np.asarray(np.sum(v * (full @ v), axis=(-2, -1)))
@@ -104,17 +116,17 @@ class Equations:
             "...j,...js->...s", weights, self.cross
         )
 
-    def fitted(self, asked: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def fitted(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
         """(..., s) parameters at the maximum of L, by reweighting each joint, and (...,
-        n) squared residuals there, at least FLOOR of the whole; asked (n,) : which
+        n) squared residuals there, at least FLOOR of the whole; chosen (n,) : which
         joints move."""
-        left = self.whole
+        left = self.total
         for _ in range(ROUNDS):
-            gram, cross = self.normal(asked / left)
+            gram, cross = self.normal(chosen / left)
             theta = solve(gram, cross[..., None])[..., 0]
             bent = (self.gram @ theta[..., None, :, None])[..., 0] - 2.0 * self.cross
             left = self.energy + np.einsum("...js,...s->...j", bent, theta)
-            left = np.maximum(left, FLOOR * self.whole)
+            left = np.maximum(left, FLOOR * self.total)
         return theta, left
 
 
@@ -168,8 +180,8 @@ class Likelihood:
         parameters."""
         held = 2.0 * self.data.cutoff * float(np.ptp(self.data.motion.t))
         score = self.score(self.none)
-        asked = len(score.theta) + self.n * self.data.own.shape[2]
-        return 1.0 - asked / max(held * len(self.joints), 1.0)
+        n_parameters = len(score.theta) + self.n * self.data.own_columns.shape[2]
+        return 1.0 - n_parameters / max(held * len(self.joints), 1.0)
 
     def channels(self, repair: LogTransform) -> Array:
         """(n, M) the torque as repaired, 0 where it is not asked for."""
@@ -191,8 +203,8 @@ class Likelihood:
     def _shifted(self, lead: float) -> tuple[Array, Array]:
         """(M, n) all channels and their rates, so much later [s]."""
         torque = self.data.torque
-        late = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
-        return torque(late), torque(late, 1)
+        instants = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
+        return torque(instants), torque(instants, 1)
 
     def motion(
         self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
@@ -272,11 +284,11 @@ class Likelihood:
             torque = torque - np.array(repair.lacks) * self.nominal(repair, 0.0)
         return torque
 
-    def _made_basis(self, order: Order, events: tuple[Event, ...]) -> Array:
+    def _made_basis(self, order: Order, events: tuple[LogEvent, ...]) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on
         others."""
         data = self.data
-        own = np.arange(self.n)[:, None]
+        joint_index = np.arange(self.n)[:, None]
         shapes = [
             (
                 data.laws[e.at][[order[e.joint]]]
@@ -286,10 +298,10 @@ class Likelihood:
             for e in events
         ]
         shapes = [
-            x * (own == e.joint)[:, :, None]
+            x * (joint_index == e.joint)[:, :, None]
             for e, x in zip(events, shapes, strict=True)
         ]
-        columns = np.concatenate([data.own[list(order)], *shapes], axis=2)
+        columns = np.concatenate([data.own_columns[list(order)], *shapes], axis=2)
         columns = columns * data.heard.T[list(order)][:, :, None]
         columns = columns / nonzero_or_one(
             np.linalg.norm(columns, axis=1, keepdims=True)
@@ -323,12 +335,12 @@ class Likelihood:
             [np.einsum("jms,jm->js", x.apart, z) for x, z in zip(rows, y, strict=True)]
         )
         rests = [x.rest(z[:, :, None])[:, :, 0] for x, z in zip(rows, y, strict=True)]
-        energy, whole = (np.sum(np.square(x), axis=2) for x in (rests, y))
-        theta, left = Equations(gram, cross, energy, whole := _positive(whole)).fitted(
+        energy, total = (np.sum(np.square(x), axis=2) for x in (rests, y))
+        theta, left = Equations(gram, cross, energy, total := _positive(total)).fitted(
             self.moving
         )
-        both = zip(rows, y, theta, left, whole, strict=True)
-        return [ArmFit(self, *found) for found in both]
+        both = zip(rows, y, theta, left, total, strict=True)
+        return [ArmFit(self, *fit_parts) for fit_parts in both]
 
     def score(self, repair: LogTransform) -> ArmFit:
         """One arm fitted to one repair."""
@@ -353,9 +365,9 @@ class Likelihood:
             gram[:, :s, :s] += others[0]
             cross[:, :s] += others[1]
         arms = solve(gram, cross[..., None])[..., 0]
-        whole = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
+        total = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
         return arms, np.maximum(
-            PARTS * rests.left_of(parts, arms[:, None]) / whole, FLOOR
+            PARTS * rests.left_of(parts, arms[:, None]) / total, FLOOR
         )
 
     def alone(self, repair: LogTransform) -> Array:
@@ -379,13 +391,13 @@ class Likelihood:
 
             change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b)."""
         score = self.score(now)
-        here, slopes = (
+        residual_now, slopes = (
             self.unexplained(now, score.theta),
             np.zeros((self.n, self.data.count, len(ats))),
         )
         for r, at in enumerate(ats):
             slopes[..., r] = (
-                self.unexplained(at(values[r] + h[r]), score.theta) - here
+                self.unexplained(at(values[r] + h[r]), score.theta) - residual_now
             ) / h[r]
         sizes = np.linalg.norm(slopes, axis=(0, 1))
         parts, k = self.parts(now, PARTS, -slopes / nonzero_or_one(sizes))
@@ -393,18 +405,18 @@ class Likelihood:
         s = gram.shape[-1] - len(ats)
         full = np.concatenate([gram, cross[:, :, None]], axis=2)
         arm = solve(full[:, :s, :s], full[:, :s, s:])
-        beside = full[:, s:, s:] - full[:, s:, :s] @ arm
-        own, whole = (
-            np.einsum("pkk->pk", x[..., :-1]) for x in (beside, full[:, s:, s:])
+        remainder = full[:, s:, s:] - full[:, s:, :s] @ arm
+        channel_part, total = (
+            np.einsum("pkk->pk", x[..., :-1]) for x in (remainder, full[:, s:, s:])
         )
         change, spread = jackknifed(
-            beside[..., -1]
-            / np.maximum(own + RIDGE * whole, 1e-300)
+            remainder[..., -1]
+            / np.maximum(channel_part + RIDGE * total, 1e-300)
             / nonzero_or_one(sizes)
         )
-        seen = sizes > FLOOR * np.linalg.norm(score.channels)
-        seen &= own.sum(axis=0) > FLOOR * whole.sum(axis=0)
-        return change, np.where(seen, spread, np.inf)
+        is_determined = sizes > FLOOR * np.linalg.norm(score.channels)
+        is_determined &= channel_part.sum(axis=0) > FLOOR * total.sum(axis=0)
+        return change, np.where(is_determined, spread, np.inf)
 
     def predicts(self, before: Array, after: Array) -> float:
         """By how many standard errors the second of what two repairs leave (PARTS, n)
@@ -422,9 +434,11 @@ class RepairedRows:
         self.of, self.repair = of, repair
         self.basis, self.raw = of._basis(repair.order, repair.events), of.raw(repair)
         left = self.rest(self.raw)
-        seen = np.linalg.norm(left, axis=1) > 1e-6 * np.linalg.norm(self.raw, axis=1)
+        is_visible = np.linalg.norm(left, axis=1) > 1e-6 * np.linalg.norm(
+            self.raw, axis=1
+        )
         self.apart = (
-            left * seen[:, None]
+            left * is_visible[:, None]
         )  # rounding errors of the others are no columns
         self.gram = np.swapaxes(self.apart, 1, 2) @ self.apart
 
@@ -438,8 +452,8 @@ class RepairedRows:
         weight's mean product with the weight of a plausible arm."""
         of, repair = self.of, self.repair
         ddq, weight = of.motion(repair).ddq, of.shared(repair, 0.0, 0.0)
-        made = of.shared(repair, 0.0, 1.0) - weight, weight
-        both = zip(made, (ddq, of.nominal(self.repair, 0.0)), strict=True)
+        torque = of.shared(repair, 0.0, 1.0) - weight, weight
+        both = zip(torque, (ddq, of.nominal(self.repair, 0.0)), strict=True)
         return (
             np.array([np.tensordot(along, x, ((1, 0), (0, 1))) for x, along in both])
             / of.data.count
@@ -456,17 +470,17 @@ class ArmFit:
     channels: Array
     theta: Array
     left: Array
-    whole: Array
+    total: Array
 
     @cached_property
     def shares(self) -> Array:
         """(n,) share of each channel's energy that is left over."""
-        return self.left / self.whole
+        return self.left / self.total
 
     @property
     def unexplained(self) -> float:
         """The same of all joints that move together."""
-        return float(self.left[self.of.moving].sum() / self.whole[self.of.moving].sum())
+        return float(self.left[self.of.moving].sum() / self.total[self.of.moving].sum())
 
     @cached_property
     def score(self) -> float:
@@ -495,9 +509,9 @@ class ArmFit:
         shared = np.swapaxes(self.rows.apart, 1, 2) @ x
         normal = np.tensordot(self.weights, self.rows.gram, 1)
         taken = self.weights[:, None] * np.sum(shared * solve(normal, shared), axis=1)
-        whole = np.sum(x**2, axis=1)
-        seen = np.maximum(whole - taken, 1e-3 * whole) * self.left[:, None]
-        return np.asarray(np.log1p(pull / np.maximum(seen, 1e-280)))
+        energy = np.sum(x**2, axis=1)
+        visible_energy = np.maximum(energy - taken, 1e-3 * energy) * self.left[:, None]
+        return np.asarray(np.log1p(pull / np.maximum(visible_energy, 1e-280)))
 
     @cached_property
     def samples(self) -> float:
@@ -540,31 +554,31 @@ class ArmFit:
         spread = np.append(noise[0], [noise[1].sum(), 0.0])
         spread += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = value / np.sqrt(np.maximum(spread, 1e-300))
-        asked = np.append(self.of.moving, [True, True])
+        chosen = np.append(self.of.moving, [True, True])
         loudest = np.full(len(z), LOUDEST)
         loudest[-2] = LOUDEST_INERTIA
-        return float(np.maximum(log_ndtr(z), -loudest)[asked].sum())
+        return float(np.maximum(log_ndtr(z), -loudest)[chosen].sum())
 
 
-def _positive(whole: Array) -> Array:
+def _positive(energy: Array) -> Array:
     """(..., n) energies of torques, none of them 0."""
     return np.maximum(
-        whole, 1e-12 * whole.max(axis=-1, keepdims=True, initial=0.0) + 1e-280
+        energy, 1e-12 * energy.max(axis=-1, keepdims=True, initial=0.0) + 1e-280
     )
 
 
-def jackknifed(found: Array) -> tuple[Array, Array]:
+def jackknifed(estimates: Array) -> tuple[Array, Array]:
     """Numbers and their standard deviations, from their values (PARTS, ...) without one
     part each."""
-    return np.mean(found, axis=0), np.sqrt((PARTS - 1) * np.var(found, axis=0))
+    return np.mean(estimates, axis=0), np.sqrt((PARTS - 1) * np.var(estimates, axis=0))
 
 
 def solve(gram: Array, right: Array) -> Array:
     """(..., s, r) (G + ridge)^-1 B with columns of G (..., s, s) scaled to one; zero
     for those that are not there."""
     norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
-    seen = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
-    scale = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)[..., None]
+    nonzero = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
+    scale = np.where(nonzero, 1.0 / np.where(nonzero, norms, 1.0), 0.0)[..., None]
     unit = scale * gram * np.swapaxes(scale, -1, -2)
-    np.einsum("...ii->...i", unit)[...] += np.where(seen, RIDGE, 1.0)
+    np.einsum("...ii->...i", unit)[...] += np.where(nonzero, RIDGE, 1.0)
     return np.asarray(scale * np.linalg.solve(unit, scale * right))

@@ -36,12 +36,12 @@ def issues_of_run(windows: Sequence[tuple[str, Sequence[Issue]]]) -> list[Issue]
     An issue of several windows is listed once, in the words of the first of them where
     it is gravest, and offers no repair.
     """
-    found: dict[tuple[str, str], list[tuple[Issue, str]]] = {}
+    issues_by_kind: dict[tuple[str, str], list[tuple[Issue, str]]] = {}
     for name, issues in windows:
         for issue in issues:
-            places = found.setdefault((issue.kind, issue.where), [])
+            places = issues_by_kind.setdefault((issue.kind, issue.where), [])
             places.append((issue, name))
-    return [_in_windows(places, len(windows)) for places in found.values()]
+    return [_in_windows(places, len(windows)) for places in issues_by_kind.values()]
 
 
 def _in_windows(places: Sequence[tuple[Issue, str]], n_windows: int) -> Issue:

@@ -56,7 +56,7 @@ class RegressionData:
     """At M instants of one log at which the arm moves.
 
     motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over
-    time; own : (n, M, k) columns that each joint's own motion makes; laws : those of
+    time; own_columns : (n, M, k) columns that each joint's own motion makes; laws : those of
     LAWS, as many; heard : (M, n) 1 where a joint slides, 0 where its torque is not
     asked; moving : (n,); shared : the effects whose columns joints share, independent :
     which of these say all that the others do, however the arm is mounted; largest :
@@ -67,7 +67,7 @@ class RegressionData:
     independent: tuple[int, ...]
     motion: Motion
     torque: CubicSpline
-    own: Array
+    own_columns: Array
     laws: dict[str, Array]
     heard: Array
     moving: NDArray[np.bool_]
@@ -80,16 +80,24 @@ class RegressionData:
 
     def some(self, rows: slice) -> RegressionData:
         """The same at some of the instants."""
-        motion, own = self.motion.part(rows), self.own[:, rows]
+        motion, own_columns = self.motion.part(rows), self.own_columns[:, rows]
         laws = {name: x[:, rows] for name, x in self.laws.items()}
-        return replace(self, motion=motion, own=own, laws=laws, heard=self.heard[rows])
+        return replace(
+            self,
+            motion=motion,
+            own_columns=own_columns,
+            laws=laws,
+            heard=self.heard[rows],
+        )
 
     def with_laws(self, torque: Array) -> RegressionData:
         """With LAWS, and friction that a torque (M, n) bears, among the own columns."""
         load, dq = np.abs(torque), self.motion.dq
         borne = [load * np.tanh(dq / w) for w in COULOMB_WIDTHS[:2]]
         columns = [np.stack([x.T for x in borne], axis=2), *self.laws.values()]
-        return replace(self, own=np.concatenate([self.own, *columns], axis=2))
+        return replace(
+            self, own_columns=np.concatenate([self.own_columns, *columns], axis=2)
+        )
 
     @classmethod
     def together(cls, logs: Sequence[RegressionData]) -> RegressionData:
@@ -108,9 +116,9 @@ class RegressionData:
             times.append(log.torque.x + shift)
             torques.append(log.torque(log.torque.x))
             begin = max(float(times[-1][-1]), float(motion.t[-1] + shift)) + 1.0
-            zeros = np.zeros((*some.own.shape[:2], len(logs) - 1))
+            zeros = np.zeros((*some.own_columns.shape[:2], len(logs) - 1))
             zeros[:, :, k - 1 : k] = 1.0 if k else 0.0
-            owns.append(np.concatenate([some.own, zeros], axis=2))
+            owns.append(np.concatenate([some.own_columns, zeros], axis=2))
         first = logs[0]
         laws = {
             name: np.concatenate([some.laws[name] for some, _ in parts], axis=1)
@@ -122,7 +130,7 @@ class RegressionData:
             first,
             motion=joined([motion for _, motion in parts]),
             torque=spline,
-            own=np.concatenate(owns, axis=1),
+            own_columns=np.concatenate(owns, axis=1),
             laws=laws,
             heard=np.concatenate(heard),
             moving=np.any([log.moving for log in logs], axis=0),
@@ -164,29 +172,40 @@ class RegressionData:
                 )
                 grid.append((part.clock(at), filters.torque(part, at)))
         states, columns = zip(*pieces, strict=True)
-        motion, own = joined(states), np.concatenate(columns, axis=1)
+        motion, own_columns = joined(states), np.concatenate(columns, axis=1)
         times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
         spline = CubicSpline(times, torque)
         moving = moving_joints(run) & (
             np.ptp(run.tau, axis=0) > 0.0
         )  # and its channel is not dead
         slides = np.abs(motion.dq) > SLIDES * np.sqrt(np.mean(motion.dq**2, axis=0))
-        asked = np.flatnonzero(np.any(slides[:, moving], axis=1))
-        if not len(asked):
+        moving_rows = np.flatnonzero(np.any(slides[:, moving], axis=1))
+        if not len(moving_rows):
             raise InputError(
                 "no joint both moves and has a torque that changes",
                 "record such a run",
                 run.names[0],
             )
         # Where all have stopped nothing is asked of any joint.
-        motion, heard = motion.part(asked), slides[asked].astype(float)
+        motion, heard = motion.part(moving_rows), slides[moving_rows].astype(float)
         largest = np.abs(run.tau).max(axis=0)
-        own, lacking = own[:, asked], dict[str, Array]()
+        own_columns, lacking = own_columns[:, moving_rows], dict[str, Array]()
         for name, law in reversed(LAWS.items()):  # the last columns
-            own, lacking[name] = np.split(own, [-len(law(motion))], axis=2)
+            own_columns, lacking[name] = np.split(
+                own_columns, [-len(law(motion))], axis=2
+            )
         free = _independent(shared)
         return cls(
-            shared, free, motion, spline, own, lacking, heard, moving, largest, cutoff
+            shared,
+            free,
+            motion,
+            spline,
+            own_columns,
+            lacking,
+            heard,
+            moving,
+            largest,
+            cutoff,
         )
 
 
@@ -210,23 +229,23 @@ def _piece(
     columns += [np.tanh(dense.dq / w) for w in COULOMB_WIDTHS]
     columns += _bristles(dense, TRAVELS["gear"])
     columns += [column for law in LAWS.values() for column in law(dense)]
-    own = np.stack([(low_pass @ c).T for c in columns], axis=2)
-    return dense.part(local), own
+    own_columns = np.stack([(low_pass @ c).T for c in columns], axis=2)
+    return dense.part(local), own_columns
 
 
 def split(model: Model) -> tuple[list[JointEffect], Model | None]:
     """Frictions of every joint by its own motion; the model without all that has one
     column on every joint, made by that joint's motion: the links, couplings."""
-    every = list(range(model.robot.n))
-    own = [
+    all_joints = list(range(model.robot.n))
+    own_effects = [
         e
         for e in model.effects
-        if isinstance(e, JointEffect) and list(e.joints) == every
+        if isinstance(e, JointEffect) and list(e.joints) == all_joints
     ]
-    rest = tuple(e for e in model.effects if e not in own)
-    return [e for e in own if "friction" in e.name], Model(
-        model.robot, rest
-    ) if rest else None
+    shared_effects = tuple(e for e in model.effects if e not in own_effects)
+    return [e for e in own_effects if "friction" in e.name], Model(
+        model.robot, shared_effects
+    ) if shared_effects else None
 
 
 def on_robot(model: Model, robot: Robot) -> Model:
@@ -243,8 +262,8 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
         return ()
     gravity = tuple(np.random.default_rng(0).normal(size=3).tolist())
     model = on_robot(shared, replace(shared.robot, gravity=gravity))
-    few = 2 * len(model.parameters) // shared.robot.n + 1
-    q, dq, ddq = (states[:few] for states in shared.robot.random_states)
+    n_rows = 2 * len(model.parameters) // shared.robot.n + 1
+    q, dq, ddq = (states[:n_rows] for states in shared.robot.random_states)
     return structure(
-        np.concatenate(model.dense_columns(Motion(np.zeros(few), q, dq, ddq)))
+        np.concatenate(model.dense_columns(Motion(np.zeros(n_rows), q, dq, ddq)))
     )[1]

@@ -29,7 +29,7 @@ Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Event:
+class LogEvent:
     """What one joint's torque has beside the arm's: a drift over the whole log, a step
     at a time ``at`` [s], or a law of its own motion, by name."""
 
@@ -64,7 +64,7 @@ class LogTransform:
     bend: Numbers
     rate: float = 1.0
     reversed: bool = False
-    events: tuple[Event, ...] = ()
+    events: tuple[LogEvent, ...] = ()
 
     @classmethod
     def none(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
@@ -102,7 +102,7 @@ class LogTransform:
         }
         return replace(self, **swapped)
 
-    def with_event(self, event: Event) -> LogTransform:
+    def with_event(self, event: LogEvent) -> LogTransform:
         """With one more event; itself where it has it."""
         return (
             self
@@ -110,7 +110,7 @@ class LogTransform:
             else replace(self, events=(*self.events, event))
         )
 
-    def without(self, event: Event) -> LogTransform:
+    def without(self, event: LogEvent) -> LogTransform:
         """But for an event."""
         return replace(self, events=tuple(e for e in self.events if e != event))
 
@@ -161,9 +161,9 @@ class LogTransform:
             np.array(self.scale) / self.rate,
         )
         dq = None if run.dq is None else run.dq[:, list(self.order)] * speed
-        for j, late in enumerate(self.lead):
-            if late:
-                tau[:, j] = np.interp(t + late, t, tau[:, j])
+        for j, lead in enumerate(self.lead):
+            if lead:
+                tau[:, j] = np.interp(t + lead, t, tau[:, j])
         keep = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
         t, q, tau = (
             t[0] + self.rate * (t - t[0]),

@@ -63,9 +63,11 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
             unexplained_percent=100.0 * dark,
         )
     elif log.spare > 0.0:
-        times, least = c.CONTRADICTS
-        odd = score.shares > np.maximum(times * log.alone(repair), least)
-        joints = np.flatnonzero(log.moving & odd)
+        times, share_limit = c.CONTRADICTS
+        is_unexplained = score.shares > np.maximum(
+            times * log.alone(repair), share_limit
+        )
+        joints = np.flatnonzero(log.moving & is_unexplained)
         what = "cannot belong to the same arm as the other joints' torques"
         if not len(joints) and total > 200.0 * c.TYPICAL[log.problem.torque_side]:
             joints = np.array([np.argmax(np.where(log.moving, score.left, 0.0))])
@@ -98,18 +100,18 @@ def _event(log: Likelihood, repair: LogTransform, score: ArmFit) -> Iterator[Iss
     known = [t[0], t[-1], *(e.at for e in repair.events if isinstance(e.at, float))]
     for j in log.joints:
         error = np.abs(score.residual[j])
-        at, most = float(t[np.argmax(error)]), float(error.max())
+        at, largest = float(t[np.argmax(error)]), float(error.max())
         elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
         if (
             np.min(np.abs(np.subtract(known, at))) > 3.0 * _WIDTH
-            and most > c.TIMES * elsewhere > 0.0
+            and largest > c.TIMES * elsewhere > 0.0
         ):
             yield explanation(
                 kind="one-off event",
                 severity="warning",
                 joints=[j],
                 what=f"a one-off event at t = {at:.3g} s (a knock, a contact, a lost"
-                f" packet): the error is {most:.3g} {log.problem.robot.torque_units[j]}"
+                f" packet): the error is {largest:.3g} {log.problem.robot.torque_units[j]}"
                 f" in joint {j + 1}, over {c.TIMES:g} times that at any other moment.",
                 certainty="likely: an effect of the arm itself would recur",
                 remedy=f"exclude {_WIDTH:g} s around it",
@@ -136,16 +138,18 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     effort = np.array(
         [j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints]
     )
-    each = log.data.largest[list(repair.tau_order)] * np.abs(repair.gain) / effort
-    over, odd = (
-        float(np.max(each, initial=-1.0, where=each > 0.0)),
-        np.flatnonzero(each > c.EFFORT[1]),
+    share_of_effort = (
+        log.data.largest[list(repair.tau_order)] * np.abs(repair.gain) / effort
+    )
+    over, too_large = (
+        float(np.max(share_of_effort, initial=-1.0, where=share_of_effort > 0.0)),
+        np.flatnonzero(share_of_effort > c.EFFORT[1]),
     )
     convert = (
         "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
     )
-    if 0 < len(odd) <= 0.3 * log.n:
-        times = formatting.words([f"{x:.3g}" for x in each[odd]])
+    if 0 < len(too_large) <= 0.3 * log.n:
+        times = formatting.words([f"{x:.3g}" for x in share_of_effort[too_large]])
         what = (
             f"the torque of {{where}} is {times} times what the joint is made for: in"
             " another unit."
@@ -153,7 +157,7 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         yield explanation(
             kind="torque unit",
             severity="warning",
-            joints=odd,
+            joints=too_large,
             what=what,
             certainty=sure,
             remedy=convert,
@@ -166,12 +170,12 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     )
     if not np.isfinite(high):
         low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
-    least, most, measured = (
+    smallest, largest, measured = (
         1e-2,
         1.0,
         over,
     )  # beside the effort limits where no mass is known
-    told = f"{over:.3g} times what the joints are made for"
+    description = f"{over:.3g} times what the joints are made for"
     large = small = False
     if known:  # least and largest ratio of measured to nominal torque
         rows, arm = (
@@ -179,15 +183,17 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             (log.filter_gain(repair).T * log.nominal(repair)).T[:, :, None],
         )
         measured = _size(channels) / _size(arm)
-        least, most = (
+        smallest, largest = (
             max(low, 0.1 * high) / masses / c.EFFORT[1],
             high / masses * c.EFFORT[1],
         )
-        told = f"{measured:.3g} times what an arm of {weighs} kg needs"
+        description = f"{measured:.3g} times what an arm of {weighs} kg needs"
         # Upright axes bear friction, and no weight: without it they have to be too
         # large as well.
-        made = _size(rows.apart @ log.score(repair).theta) / _size(rows.rest(arm))
-        large, small = min(measured, made) > most, measured < least
+        model_ratio = _size(rows.apart @ log.score(repair).theta) / _size(
+            rows.rest(arm)
+        )
+        large, small = min(measured, model_ratio) > largest, measured < smallest
     far = over > c.EFFORT[1]
     kind, where, mend = "torque unit", "all torque channels", None
     right = "if right, correct the problem's masses"
@@ -198,7 +204,11 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         remedy = "correct total_mass in problem.toml (the inertials of a URDF)"
     elif large or (far and not known):
         factor = next(
-            (u for u in UNITS if far and u < 0.1 and least <= measured * u <= most),
+            (
+                u
+                for u in UNITS
+                if far and u < 0.1 and smallest <= measured * u <= largest
+            ),
             None,
         )
         why, remedy = "their unit is not N m", f"{convert}; {right}"
@@ -228,7 +238,7 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         )
     else:
         return
-    what, ratio = f"the torques are {told}: {why}.", measured if known else None
+    what, ratio = f"the torques are {description}: {why}.", measured if known else None
     yield explanation(
         kind=kind,
         severity="warning",
@@ -254,7 +264,7 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     place = np.eye(n_joints)[:, None, :] * ones
     columns = np.concatenate([weight, place], axis=2).reshape(n_joints * n_rows, -1)
     y = score.channels.reshape(-1)
-    size = np.repeat(np.sqrt(np.maximum(score.whole, 1e-280)), n_rows)
+    size = np.repeat(np.sqrt(np.maximum(score.total, 1e-280)), n_rows)
     columns, y = columns / size[:, None], y / size
     left = y - columns @ np.linalg.lstsq(columns, y, rcond=1e-9)[0]
     shares = np.sum(left.reshape(n_joints, n_rows) ** 2, axis=1)
@@ -361,26 +371,34 @@ def compare_runs(
         np.mean([s.score(r).samples for s, r in zip(fits, repairs, strict=True)])
     )
     runs = [Equations.of(*s.parts(r, 1)) for s, r in zip(fits, repairs, strict=True)]
-    asked = np.stack([s.moving for s in fits])
-    alone = np.concatenate([x.fitted(a)[1] for x, a in zip(runs, asked, strict=True)])
-    (theta,), left = Equations.together(runs).fitted(asked.ravel())
-    one = left.reshape(asked.shape)
-    lost = np.where(asked, np.log(one / alone), 0.0)
-    times = float(np.exp(0.5 * lost.sum() / max(asked[0].sum(), 1)))
+    moving = np.stack([s.moving for s in fits])
+    separate_losses = np.concatenate(
+        [x.fitted(a)[1] for x, a in zip(runs, moving, strict=True)]
+    )
+    (theta,), left = Equations.together(runs).fitted(moving.ravel())
+    one = left.reshape(moving.shape)
+    lost = np.where(moving, np.log(one / separate_losses), 0.0)
+    times = float(np.exp(0.5 * lost.sum() / max(moving[0].sum(), 1)))
     # Friction is never quite the same again.
     if 0.5 * samples * lost.sum() < 3.0 * c.ODDS or times < max(worse, c.TIMES_BETTER):
         return
     usual = {"torque gain": c.CALIBRATED_GAIN, "encoder offset": c.CALIBRATED}
-    weights, causes = np.where(asked, 1.0 / one, 0.0), []
-    for odd in sorted(np.argsort(lost.sum(axis=1))[-2:].tolist()):  # of two runs either
-        log, repair = fits[odd], repairs[odd]
-        rest = [runs[k].normal(weights[k]) for k in range(len(runs)) if k != odd]
-        others = tuple(np.concatenate(x).sum(axis=0) for x in zip(*rest, strict=True))
+    weights, causes = np.where(moving, 1.0 / one, 0.0), []
+    for run_number in sorted(
+        np.argsort(lost.sum(axis=1))[-2:].tolist()
+    ):  # of two runs either
+        log, repair = fits[run_number], repairs[run_number]
+        other_runs = [
+            runs[k].normal(weights[k]) for k in range(len(runs)) if k != run_number
+        ]
+        others = tuple(
+            np.concatenate(x).sum(axis=0) for x in zip(*other_runs, strict=True)
+        )
         none = log.raw(repair)[:, :, :0]
-        before = log.jackknife_errors(repair, weights[odd], none, others)[1]
+        before = log.jackknife_errors(repair, weights[run_number], none, others)[1]
         for kind, j, more in (("another arm", -1, none), *_changes(log, repair, theta)):
             arms, after = log.jackknife_errors(
-                repair, weights[odd], more, others if j >= 0 else None
+                repair, weights[run_number], more, others if j >= 0 else None
             )
             gain = float(np.log(before / after)[:, log.moving].sum()) * (
                 1.0 if j >= 0 else 0.5
@@ -388,24 +406,28 @@ def compare_runs(
             x, spread = map(float, jackknifed(arms[:, -max(more.shape[2], 1)]))
             certain = abs(x) > max(c.SIGMAS * spread, usual.get(kind, 0.0))
             if j < 0 or (certain and _can_be(log, kind, j, x)):
-                causes.append((gain, odd, kind, j, x, log.predicts(before, after)))
-    _, odd, kind, j, x, sure = max(causes, key=lambda cause: cause[0])
+                causes.append(
+                    (gain, run_number, kind, j, x, log.predicts(before, after))
+                )
+    _, run_number, kind, j, x, sure = max(causes, key=lambda cause: cause[0])
     # Of a number, whose interval tells as well, half as clear a prediction is enough.
     if sure < c.SIGMAS * (1.0 if j < 0 else 0.5):
         return
-    unit = fits[odd].problem.robot.position_units[j]
-    away = f"{np.degrees(-x):.2g} degrees" if unit == "rad" else f"{-x:.2g} {unit}"
+    unit = fits[run_number].problem.robot.position_units[j]
+    difference = (
+        f"{np.degrees(-x):.2g} degrees" if unit == "rad" else f"{-x:.2g} {unit}"
+    )
     figures = {
-        "run": names[odd],
+        "run": names[run_number],
         "j": j + 1,
         "x": 1.0 + x if kind == "torque gain" else x,
     }
     what, remedy = (
-        text.format(**figures, away=away, unit=unit) for text in _WORDS[kind]
+        text.format(**figures, away=difference, unit=unit) for text in _WORDS[kind]
     )
     joints = [] if j < 0 else [j]
     yield (
-        odd,
+        run_number,
         Issue(
             kind=kind,
             severity="warning",
@@ -417,7 +439,7 @@ def compare_runs(
             repair=None,
             figures={
                 "joints": [k + 1 for k in joints],
-                "run": names[odd],
+                "run": names[run_number],
                 "size": x,
                 "times": times,
             },
@@ -446,12 +468,12 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     repair = replace(
         repair, events=tuple(e for e in repair.events if not isinstance(e.at, float))
     )
-    few = (
+    too_few = (
         log.data.count < 4 * c.PARTS
     )  # each of the two has parts of its own, that are left out
     if (
         repair.events
-        or few
+        or too_few
         or log.spare <= 0.0
         or _dark(log.score(repair)) > c.UNRELATED
     ):
@@ -490,14 +512,14 @@ def _changes(
 ) -> Iterator[tuple[str, int, Array]]:
     """Kind, joint and columns (n, M, r) of what may be different in a run, beside an
     arm's torque."""
-    torque, here = log.raw(repair) @ theta, log.unexplained(repair, theta)
+    torque, residual = log.raw(repair) @ theta, log.unexplained(repair, theta)
     for j in log.joints:
         yield "torque gain", j, (torque * np.eye(log.n)[j][:, None])[:, :, None]
         shifted = repair.with_entries("zero", (j,), repair.zero[j] + 0.01)
         yield (
             "encoder offset",
             j,
-            (here - log.unexplained(shifted, theta))[:, :, None] / 0.01,
+            (residual - log.unexplained(shifted, theta))[:, :, None] / 0.01,
         )
     if log.data.shared is not None:
         last = log.columns(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]

@@ -23,7 +23,7 @@ from sdp_vs_penalty.checks.repair import LogTransform
 TOLD_BY_A_POOR_MOTION = "degrees", "sign", "mounting", "events"
 
 
-class Search:
+class RepairSearch:
     """Of the rows of all runs together; logs : of each run, in which what is found has
     to hold as well; facts : what is known of each run already."""
 
@@ -87,25 +87,30 @@ class Search:
         gives back at most what it takes of ``now``: what does not reach the odds so is
         not looked at."""
         score, screen = self.log.score(now), self.log.screen
-        made = (t.proposals(self.log, now, score) for t in self.faults)
-        asked = [r for r in dict.fromkeys(r for some in made for r in some) if r != now]
-        here, scores = (
+        proposed = (t.proposals(self.log, now, score) for t in self.faults)
+        new_repairs = [
+            r for r in dict.fromkeys(r for some in proposed for r in some) if r != now
+        ]
+        score_now, scores = (
             screen.score(now),
-            dict(zip(asked, screen.scores(asked), strict=True)),
+            dict(zip(new_repairs, screen.scores(new_repairs), strict=True)),
         )
         self._known_of(sorted(scores.values(), key=lambda s: s.score)[:1])
-        least = c.ODDS - self.likelihood(score, now) + self.posterior(now)
+        threshold = c.ODDS - self.likelihood(score, now) + self.posterior(now)
         gain = {
-            r: 0.5 * self.samples * (here.score - s.score) for r, s in scores.items()
+            r: 0.5 * self.samples * (score_now.score - s.score)
+            for r, s in scores.items()
         }
         more, before = (
             {r: max(x, 0.0) for r, x in gain.items()},
-            self.likelihood(here, now),
+            self.likelihood(score_now, now),
         )
-        near = [r for r in asked if gain[r] + more[r] > least]  # before its cost
+        near = [
+            r for r in new_repairs if gain[r] + more[r] > threshold
+        ]  # before its cost
         value = {r: self.likelihood(scores[r], r) - before for r in near}
         order = sorted(
-            (r for r in near if value[r] + more[r] > least),
+            (r for r in near if value[r] + more[r] > threshold),
             key=lambda r: -round(value[r]),
         )
         tied = [r for r in order if _same_fit(r, now)]
@@ -120,8 +125,8 @@ class Search:
         """The best composition with one thing more, or None where none is believed."""
         refined = [self.refined(r, now) for r in self.proposals(now)]
         self._known_of([self.log.score(r) for r in refined])
-        least = self.posterior(now) + c.ODDS
-        likely = [r for r in refined if self.posterior(r) >= least]
+        threshold = self.posterior(now) + c.ODDS
+        likely = [r for r in refined if self.posterior(r) >= threshold]
 
         def rank(repair: LogTransform) -> int:
             """What explains as much by a law, which arms have, comes before a fault."""
@@ -149,19 +154,19 @@ class Search:
         before, after = (
             fits.jackknife_errors(r, fits.score(r).weights)[1] for r in (now, repair)
         )
-        least = c.SIGMAS * (
+        threshold = c.SIGMAS * (
             0.5 if len(fits.joints) > 1 and all(e.number for e in new) else 1.0
         )
         # Where the fit is the same, physics alone may tell.
         if _same_fit(repair, now):
             gain = self.posterior(repair) - self.posterior(now)
             told = not self.is_poor and gain > c.LOUDEST_INERTIA
-            return told and fits.predicts(before, after) > -least
+            return told and fits.predicts(before, after) > -threshold
         if self._signs_alone(new) and not self.is_poor:
             # Friction that drives its joint tells, whatever the fit.
-            return fits.predicts(before, after) > -0.5 * least
+            return fits.predicts(before, after) > -0.5 * threshold
         is_law = all(e.severity == "note" for e in new)
-        return fits.predicts(before, after) > least and (
+        return fits.predicts(before, after) > threshold and (
             is_law or self.beats_physics(fits, repair, now)
         )
 
@@ -230,11 +235,11 @@ class Search:
         if 2.0 * spread > max(number.tolerance, number.widest):
             return False
         far = max(number.search_radius, reach)
-        here, *sides = self.log.scores(
+        score_now, *sides = self.log.scores(
             [number.at(number.value + x) for x in (0.0, -far, far)]
         )
         return (
-            self.samples * (min(s.score for s in sides) - here.score)
+            self.samples * (min(s.score for s in sides) - score_now.score)
             >= (0.5 * c.SIGMAS) ** 2
         )
 
@@ -259,21 +264,27 @@ class Search:
         first order on all; round ones where arms differ as much."""
         from scipy.optimize import minimize_scalar
 
-        known, found = self.numbers(now), self.numbers(repair)
-        if found.keys() <= known.keys():
+        known, sizes = self.numbers(now), self.numbers(repair)
+        if sizes.keys() <= known.keys():
             return repair
-        for name in sorted(found, key=lambda name: name in known):
+        for name in sorted(sizes, key=lambda name: name in known):
             number = self.numbers(repair)[name]
             ends = (
                 number.value - number.search_radius,
                 number.value + number.search_radius,
             )
-            few = lambda x, at=number.at: self.log.screen.score(at(float(x))).score  # noqa: E731
-            settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
-            least = minimize_scalar(
-                few, bounds=ends, method="bounded", options=settings
+            screened_score = lambda x, at=number.at: (  # noqa: E731
+                self.log.screen.score(at(float(x))).score
             )
-            best = float(least.x) if least.fun < few(number.value) else number.value
+            settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
+            minimum = minimize_scalar(
+                screened_score, bounds=ends, method="bounded", options=settings
+            )
+            best = (
+                float(minimum.x)
+                if minimum.fun < screened_score(number.value)
+                else number.value
+            )
             change, far = (
                 self.step(replace(number, value=best))[0],
                 0.9 * number.tolerance,

@@ -79,15 +79,15 @@ def table(
     numbers; the first, which is never wrapped, holds the names to type."""
     if title:
         say(title, style="italic")
-    made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    grid = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     for k, heading in enumerate(headings):
         side: Any = "left" if k < words else "right"
-        made.add_column(
+        grid.add_column(
             _shown(heading), justify=side, no_wrap=not 0 < k < words, overflow="fold"
         )
     for row in rows:
-        made.add_row(*map(_shown, row))
-    out.print(made)
+        grid.add_row(*map(_shown, row))
+    out.print(grid)
 
 
 def details(headings: Sequence[str], row: Sequence[str]) -> None:

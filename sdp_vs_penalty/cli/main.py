@@ -85,18 +85,18 @@ def _require_memory() -> None:
 
 def _help() -> str:
     """The program's, without importing a verb."""
-    said = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
-    said += ["--debug shows the traceback of an error, of any verb.", ""]
+    lines = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
+    lines += ["--debug shows the traceback of an error, of any verb.", ""]
     for purpose, verbs in VERBS.items():
-        said.append(f"{purpose}:")
+        lines.append(f"{purpose}:")
         for name in verbs:
             file = Path(__file__).parent / "verbs" / f"{name.replace('-', '_')}.py"
-            told = file.read_text().partition("def verb(")[2].split('"""')[1]
-            line = f"{name:15} {' '.join(told.partition(chr(10) * 2)[0].split())}"
-            said.append(
+            docstring = file.read_text().partition("def verb(")[2].split('"""')[1]
+            line = f"{name:15} {' '.join(docstring.partition(chr(10) * 2)[0].split())}"
+            lines.append(
                 textwrap.fill(line, 80, initial_indent="  ", subsequent_indent=18 * " ")
             )
-    return "\n".join(said)
+    return "\n".join(lines)
 
 
 def named(name: str) -> Callable[..., None]:
@@ -120,13 +120,13 @@ def _run(words: Sequence[str]) -> None:
             "python -OO drops the docstrings that options come from", "use -O"
         )
     verb = named(first)
-    given = Parser(first, verb).given(words[1:])
-    _require_different({name: x for name, x in given.items() if name in OUTPUTS})
-    for name, value in given.items():
+    arguments = Parser(first, verb).given(words[1:])
+    _require_different({name: x for name, x in arguments.items() if name in OUTPUTS})
+    for name, value in arguments.items():
         if name not in OUTPUTS:
             for path in _paths(value):
                 opened(path)
-    verb(**given)
+    verb(**arguments)
 
 
 def _require_different(outputs: Mapping[str, Any]) -> None:
@@ -156,8 +156,8 @@ def _complain(message: object) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: exit code 0, 2 for what the user can mend, 130 after
     Ctrl-C."""
-    asked = list(sys.argv[1:] if arguments is None else arguments)
-    given = [word for word in asked if word != "--debug"]
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    words_without_debug = [word for word in words if word != "--debug"]
     # Matrices here have a hundred columns: threads of the linear algebra cost more than
     # they bring, and where cores are busy they wait for each other (a check of 0.5 s
     # took 20 s).
@@ -180,14 +180,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     code = 0
     try:
         with protecting():
-            _run(given)
+            _run(words_without_debug)
     except BrokenPipeError:
         # Whoever read our output has closed it; the interpreter would complain at exit
         # otherwise.
         sys.stdout = None  # type: ignore[assignment]
         code = 1
     except (Exception, KeyboardInterrupt) as error:
-        if len(given) < len(asked):
+        if len(words_without_debug) < len(words):
             for line in traceback.format_exc().splitlines():
                 print(printable(line), file=sys.stderr)
         message, code = explain(error)

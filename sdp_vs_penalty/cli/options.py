@@ -58,14 +58,14 @@ def _told(lines: str) -> dict[str, Any]:
     out = {}
     for line in re.sub(r"\n +", " ", lines).strip().splitlines():
         head, _, text = line.partition(": ")
-        first, *rest = head.split()
+        first, *tail = head.split()
         flags = [
             w.rstrip(",")
-            for w in (first, *rest)
+            for w in (first, *tail)
             if w.startswith("-") and first.startswith("-")
         ]
-        limits = {w[:2]: json.loads(w[2:]) for w in rest if w[:2] in (">=", "<=")}
-        words = " ".join(w for w in rest if w not in flags and w[:2] not in limits)
+        limits = {w[:2]: json.loads(w[2:]) for w in tail if w[:2] in (">=", "<=")}
+        words = " ".join(w for w in tail if w not in flags and w[:2] not in limits)
         name = first.rstrip(",").removeprefix("--").partition("/")[0].replace("-", "_")
         flags = [flag.partition("/")[0] for flag in flags]
         out[name] = flags, words, text, (limits.get(">="), limits.get("<="))
@@ -98,8 +98,8 @@ class Parser(argparse.ArgumentParser):
     parameter, as argparse holds them. Raises InputError for words that are none."""
 
     def __init__(self, name: str, verb: Callable[..., None]) -> None:
-        text, _, rest = inspect.cleandoc(verb.__doc__ or "").partition("Example: ")
-        example, _, lines = rest.partition("\n")
+        text, _, tail = inspect.cleandoc(verb.__doc__ or "").partition("Example: ")
+        example, _, lines = tail.partition("\n")
         super().__init__(
             f"sdp-vs-penalty {name}",
             description="\n\n".join(
@@ -109,12 +109,12 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
-        told, kinds = (
+        option_lines, kinds = (
             _told(SHARED) | _told(inspect.cleandoc(lines)),
             get_type_hints(verb),
         )
         self.options = {
-            p.name: self._declared(p, kinds[p.name], *told[p.name.rstrip("_")])
+            p.name: self._declared(p, kinds[p.name], *option_lines[p.name.rstrip("_")])
             for p in inspect.signature(verb).parameters.values()
         }
         some = [o for o in self.options.values() if not o.option_strings]

@@ -44,17 +44,19 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         verdict(fit.verdict)
     certificate(result)
     if gains := result.details.get("gains"):
-        told = (
+        details = (
             f"{g:.3f} ± {s:.2g}"
             for g, s in zip(gains["gain"], gains["std"], strict=True)
         )
-        say(f"gains of the torque channels, from the known load: {', '.join(told)}")
+        say(f"gains of the torque channels, from the known load: {', '.join(details)}")
     if law := result.details.get("servo"):
         servo(result, law)
     if loop := result.details.get("loop"):
         shares = ", ".join(f"{100.0 * x:.3g} %" for x in loop["share"])
-        late = f"{1e3 * loop['delay']:.2g} ms late"
-        say(f"the servos' law, {late}, makes {shares} of the joints' logged torque")
+        delay_words = f"{1e3 * loop['delay']:.2g} ms late"
+        say(
+            f"the servos' law, {delay_words}, makes {shares} of the joints' logged torque"
+        )
         gains = [
             (k, g["value"], f"{NORMAL_95 * g['std']:.2g}", g["unit"])
             for k, g in loop["gains"].items()
@@ -69,43 +71,48 @@ def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
         comparison([fit], result.robot.torque_units, "RMSE on these measurements")
 
 
-def servo(result: Estimate, told: dict[str, Any]) -> None:
+def servo(result: Estimate, servo_details: dict[str, Any]) -> None:
     """The law of the servos that stood for a torque, its gains, and what sets the
     scale."""
-    errors = ", ".join(f"{law} {x:.4g}" for law, x in told["held_out"].items())
-    late = (
-        f"commands act {1e3 * told['delay']:.2g} ms late"
-        if told["delay"] > 0.0
+    errors = ", ".join(f"{law} {x:.4g}" for law, x in servo_details["held_out"].items())
+    delay_words = (
+        f"commands act {1e3 * servo_details['delay']:.2g} ms late"
+        if servo_details["delay"] > 0.0
         else "no delay"
     )
     say(
-        f"servo law, in place of a torque: {told['law']}, {late}"
+        f"servo law, in place of a torque: {servo_details['law']}, {delay_words}"
         + (f" (held-out error over the least: {errors})" * bool(errors))
     )
-    say(f"scale: {told['scale']}")
-    if told.get("motion"):
+    say(f"scale: {servo_details['scale']}")
+    if servo_details.get("motion"):
         units = result.robot.position_units
         apart = (
-            f"{1e3 * x:.3g} m{u}" for x, u in zip(told["motion"], units, strict=True)
+            f"{1e3 * x:.3g} m{u}"
+            for x, u in zip(servo_details["motion"], units, strict=True)
         )
         say(
             "motion simulated from the command, RMS from the measured:"
             f" {', '.join(apart)}"
         )
-    model, error = result.model, told.get("scale_error", 0.0)
+    model, error = result.model, servo_details.get("scale_error", 0.0)
     # The gain that stands for the scale is as uncertain as what set it.
-    every = zip(model.parameters, result.theta, result.uncertainty.std, strict=True)
+    parameters = zip(
+        model.parameters, result.theta, result.uncertainty.std, strict=True
+    )
     gains = []
     for p, x, s in (
-        own for own, drive in zip(every, model.drives, strict=True) if drive
+        drive_parameters
+        for drive_parameters, drive in zip(parameters, model.drives, strict=True)
+        if drive
     ):
-        half, given = (
+        half, stated = (
             NORMAL_95 * (error * x if p.name in model.known else s),
             p.name in model.known,
         )
         # Where half its interval holds zero, no motion of this log tells a gain.
         spread = f"{half:.2g}" if half < abs(x) else "not determined"
-        gains.append((p.name, x, "given" if given and not error else spread, p.unit))
+        gains.append((p.name, x, "given" if stated and not error else spread, p.unit))
     _gains("Gains; kd holds viscous friction too", gains)
 
 
@@ -116,13 +123,16 @@ def _gains(title: str, gains: Sequence[tuple[str, float, str, str]]) -> None:
     table(title, ["gain", "value", "+-", "unit"], rows)
 
 
-def verdict(said: Verdict, name: str = "") -> None:
+def verdict(verdict_record: Verdict, name: str = "") -> None:
     """The grade with its reason, the weakest of three lines, then the other two."""
-    say(f"{name}: {said.headline}" if name else said.headline, style="bold")
-    for line in said.lines[1:]:
+    say(
+        f"{name}: {verdict_record.headline}" if name else verdict_record.headline,
+        style="bold",
+    )
+    for line in verdict_record.lines[1:]:
         paragraph(f"{line.about} ({line.grade}): {line.text}")
-    if said.remark:
-        paragraph(said.remark)
+    if verdict_record.remark:
+        paragraph(verdict_record.remark)
 
 
 def certificate(result: Estimate) -> None:
@@ -155,9 +165,9 @@ def certificate(result: Estimate) -> None:
         )
         lines.append((name, text))
     elif base:
-        sure, own = len(base) - len(prior), result.sources.count("data")
+        sure, n_own = len(base) - len(prior), result.sources.count("data")
         text = (
-            f"{sure} of {len(base)} base parameters, {own} of {len(result.theta)}"
+            f"{sure} of {len(base)} base parameters, {n_own} of {len(result.theta)}"
             " standard"
         )
         lines.append((name, text))
@@ -189,10 +199,10 @@ def comparison(
         or [f"RMSE [{k}]" for k, _ in enumerate(numbered, start=1)]
         or ["RMSE"]
     )
-    made = formatting.error_table(
+    error_rows = formatting.error_table(
         heads, [r.rmse for r in results], last.noise_floor, units, last.r2
     )
-    table(f"{title} below {number(last.band_hz)} Hz", *made)
+    table(f"{title} below {number(last.band_hz)} Hz", *error_rows)
     for k, result in enumerate(numbered, start=1):
         say(f"[{k}] {result.name}")
 
@@ -207,12 +217,12 @@ def where_it_fails(
     say(
         f"Where {model} fails (held-out shares of the error's variance)", style="italic"
     )
-    told = [f for f in failures if dependences(f) or f.orders]
-    for f in told:
+    explained = [f for f in failures if dependences(f) or f.orders]
+    for f in explained:
         paragraph(f"joint {f.joint}: {' '.join(sentences(f, units[f.joint - 1]))}")
-    if rest := [f for f in failures if f not in told]:
+    if unexplained := [f for f in failures if f not in explained]:
         paragraph(
-            f"{formatting.joints([f.joint for f in rest])}: {sentences(rest[0], '')[0]}"
+            f"{formatting.joints([f.joint for f in unexplained])}: {sentences(unexplained[0], '')[0]}"
         )
 
 
@@ -220,37 +230,37 @@ def failure_tables(failures: Sequence[JointFailure]) -> None:
     """All figures of :func:`where_it_fails`."""
     rows = []
     for f in failures:
-        own = {
+        shares_of_joint = {
             "RMSE": f.rmse,
             "noise floor": f.noise_floor,
             "RMS ratio at reversals": f.reversal_lift,
         }
         shares = {"all that repeats": f.explainable_share, **f.held_out_shares}
-        own |= {
+        shares_of_joint |= {
             f"{name} [%]": None if x is None else 100.0 * x
             for name, x in shares.items()
         }
-        rows.append([str(f.joint), *map(number, own.values())])
+        rows.append([str(f.joint), *map(number, shares_of_joint.values())])
     title = (
         "Residual of each joint; per cent: of its variance, by a smooth function of"
         " ..., held out"
     )
-    heads, *lines = zip(["", *own], *rows, strict=True)
+    heads, *lines = zip(["", *shares_of_joint], *rows, strict=True)
     table(title, heads, lines)
 
 
 def diagnosis(
-    result: Diagnosis, units: Sequence[str], found: bool, verbose: bool = False
+    result: Diagnosis, units: Sequence[str], has_findings: bool, verbose: bool = False
 ) -> None:
     """The verdict, the history of effects with the falling error, and what is left.
 
-    found : whether there is anything to be added; verbose : the weak findings at the
+    has_findings : whether there is anything to be added; verbose : the weak findings at the
     end as well.
     """
     from sdp_vs_penalty.diagnosis.findings import event_lines
 
     say(result.headline, style="bold")
-    if result.unexplained_sentence or not found:
+    if result.unexplained_sentence or not has_findings:
         paragraph(result.advice)
     for retune in result.retuned:
         why = "; ".join(retune.remarks)
@@ -291,8 +301,8 @@ def runs_that_decide(result: Diagnosis, model: Path) -> None:
     """The runs that would tell a finding from what fits as well, or a weak one from
     nothing."""
     for k, finding in enumerate(without_trailing_weak(result.effects), start=1):
-        if told := finding.telling_run(str(model), k):
-            say(f"Finding {k}, the run that would tell: {told}")
+        if command := finding.telling_run(str(model), k):
+            say(f"Finding {k}, the run that would tell: {command}")
 
 
 def _findings(
@@ -309,23 +319,23 @@ def _findings(
     names = ["model", "retuned"][: 1 + retuned]
     marks = ("" if f.rating == "confident" else f" {f.rating}" for f in shown)
     names += [*(f"+ {k}.{mark}" for k, mark in enumerate(marks, start=1)), noise]
-    each = zip(names, [*errors, result.noise_floor], strict=True)
-    rows = [(name, *map(number, row)) for name, row in each]
+    errors_by_joint = zip(names, [*errors, result.noise_floor], strict=True)
+    rows = [(name, *map(number, row)) for name, row in errors_by_joint]
     joints = [str(j + 1) for j in range(len(units))]
     table(f"{title}, refitted at each step", ("with", *joints), rows)
-    said: set[str] = set()
+    physics_said: set[str] = set()
     for k, finding in enumerate(shown, start=1):
         head, _, physics = finding.explanation.partition(". ")
-        rest = "" if finding.effect in said else f". {physics}"
-        if rest == "" and finding.indistinguishable_from:
-            rest = (
+        physics_words = "" if finding.effect in physics_said else f". {physics}"
+        if physics_words == "" and finding.indistinguishable_from:
+            physics_words = (
                 f". Indistinguishable from {', '.join(finding.indistinguishable_from)}"
                 " in these data."
             )
-        said.add(finding.effect)
+        physics_said.add(finding.effect)
         why = "; ".join(finding.remarks)
         why = f" {finding.rating.capitalize()}: {why}." if why else ""
-        paragraph(f"{k}. {head}{rest}{why}")
+        paragraph(f"{k}. {head}{physics_words}{why}")
     if len(shown) < len(result.effects):
         more = ", ".join(f.text.partition("@")[0] for f in result.effects[len(shown) :])
         paragraph(f"further weak candidates: {more}")
@@ -341,9 +351,9 @@ def before_after(
     before: Comparison, after: Comparison, units: Sequence[str], what: str
 ) -> None:
     """What became of each joint's error, the verdict after, and both errors as a table."""
-    said = changes(before.rmse, after.rmse, after.noise_floor)
-    said = said or "no joint's error changed by more than 5 %."
-    say(f"On {what}: {said}", style="bold")
+    sentence = changes(before.rmse, after.rmse, after.noise_floor)
+    sentence = sentence or "no joint's error changed by more than 5 %."
+    say(f"On {what}: {sentence}", style="bold")
     verdict(after.verdict)
     comparison([before, after], units, names=("before", "after"))
     errors = (

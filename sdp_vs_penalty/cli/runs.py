@@ -81,10 +81,10 @@ def runs_from_options(
     """The runs, or a black box's answers, behind --data: whole, and what --window
     leaves of them."""
     windows, robot = time_windows(window), problem.robot
-    whole = load_answers(list(data), joints=robot.n) or load_measurements(
+    runs = load_answers(list(data), joints=robot.n) or load_measurements(
         *data, joints=robot.n, names=robot.joint_names
     )
-    return whole, windowed(whole, windows) if isinstance(whole, Measurements) else whole
+    return runs, windowed(runs, windows) if isinstance(runs, Measurements) else runs
 
 
 def parsed_known_load(text: str) -> tuple[Path, float]:
@@ -107,14 +107,14 @@ def parsed_known(text: str | None) -> dict[str, float]:
     >>> parsed_known("kp2=600")
     {'kp2': 600.0}
     """
-    given = pairs("--known", text or None) or {}
-    found = {name: numbers("--known", x, 1)[0] for name, x in given.items()}
-    for name, value in found.items():
+    texts = pairs("--known", text or None) or {}
+    values = {name: numbers("--known", x, 1)[0] for name, x in texts.items()}
+    for name, value in values.items():
         if not 0.0 < abs(value) < math.inf:
             raise InputError(
                 f"--known {name}={value:g} is no scale", "give a value that is not zero"
             )
-    return found
+    return values
 
 
 def words(data: Sequence[Path], window: str | None) -> list[str]:
@@ -142,9 +142,12 @@ def next_diagnosis(
 ) -> None:
     """The diagnosis of a model on the runs that it was identified from, judged on those
     given."""
-    train, given = estimate.provenance.get("data", ["TRAIN.csv"]), words(data, window)
-    test = [] if train == given else ["--test", data[0]]
-    test += [] if train == given or window is None else ["--test-window", window]
+    train, data_words = (
+        estimate.provenance.get("data", ["TRAIN.csv"]),
+        words(data, window),
+    )
+    test = [] if train == data_words else ["--test", data[0]]
+    test += [] if train == data_words or window is None else ["--test-window", window]
     console.next_step(
         ["diagnose", model, "--data", *train, *test, "--json", "findings.json"]
     )
@@ -165,17 +168,17 @@ def runs_for(
         raise InputError(f"--test-window {test_window!r}", remedy)
 
     def loaded(*paths: Path) -> Measurements:
-        given = load_measurements(*paths, names=robot.joint_names)
-        estimate.require_joints(given, given.names[0])
-        check_plausible(robot, given)
-        return given
+        runs = load_measurements(*paths, names=robot.joint_names)
+        estimate.require_joints(runs, runs.names[0])
+        check_plausible(robot, runs)
+        return runs
 
-    whole = measured = loaded(*data)
+    all_runs = measured = loaded(*data)
     tested = None if test is None else loaded(test)
     if tested is not None and tested.data_hash not in {
         run.data_hash for run in measured.runs()
     }:
-        whole = concatenate([measured, tested])
+        all_runs = concatenate([measured, tested])
     held_out = None if tested is None else windowed(tested, judge)
     judged = measured if tested is None else tested
-    return Runs(windowed(measured, train), held_out, whole, judged)
+    return Runs(windowed(measured, train), held_out, all_runs, judged)

@@ -52,10 +52,10 @@ def fetch(
     download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
     for path, rows in ((root / name / file.name, file.rows) for file in chosen.files):
         if rows is not None:
-            said = (
+            sentence = (
                 f"only rows {rows[0]} to {rows[1]} are used: the others hold no samples"
             )
-            warnings.warn(f"{path}: {said}", Remark, stacklevel=2)
+            warnings.warn(f"{path}: {sentence}", Remark, stacklevel=2)
     paths = []
     for run, measurements in converted(name, root / name).items():
         path = root / name / "runs" / f"{run}.csv"
@@ -110,10 +110,10 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
-    kept = os.environ.get(DATA_VARIABLE)
+    folder_given = os.environ.get(DATA_VARIABLE)
     for file in chosen.files:
-        have = Path(kept or folder) / chosen.name / file.name
-        if kept and have.is_file() and not (folder / file.name).exists():
+        have = Path(folder_given or folder) / chosen.name / file.name
+        if folder_given and have.is_file() and not (folder / file.name).exists():
             write_bytes(folder / file.name, read_bytes(have, LARGEST_RUN))
     for file in chosen.files:
         address, loader = chosen.address(file, base), pooch.HTTPDownloader(timeout=30)

@@ -111,9 +111,9 @@ def _one(
 ) -> Measurements:
     word, label = "sample", None
     if isinstance(part, Measurements):
-        found = without_traces(without_held(part, names))
+        run_read = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
-        found, label = read_run(part, joints, names), part
+        run_read, label = read_run(part, joints, names), part
         word = getattr(format_of(Path(part)) or csv, "SAMPLE", word)
     else:
         columns = _columns(part)
@@ -126,12 +126,12 @@ def _one(
                 "no measurements", remedy, what.replace("...", given(part))
             )
         header = Header.of(f"run{number}", list(columns), what=what, remedy=_REMEDY)
-        found = without_traces(without_held(header.run(columns), names))
-        if joints is not None and found.n != joints:
-            raise other_robot(found.n, joints, what, names=names or ())
-    for run in found.runs() if usable else ():
+        run_read = without_traces(without_held(header.run(columns), names))
+        if joints is not None and run_read.n != joints:
+            raise other_robot(run_read.n, joints, what, names=names or ())
+    for run in run_read.runs() if usable else ():
         check_usable(label or run.names[0], run, word)
-    return found
+    return run_read
 
 
 def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
@@ -166,15 +166,15 @@ def run_files(path: str | Path) -> list[Path]:
         ]
     pattern = any(c in str(path) for c in "*?[") and "\0" not in str(path)
     if pattern and not os.path.exists(path):
-        found = sorted(map(Path, glob.glob(str(path))))
-        if not found:
+        paths = sorted(map(Path, glob.glob(str(path))))
+        if not paths:
             raise InputError("no file matches this pattern", "check its name", path)
-        return found
+        return paths
     return [path]
 
 
 def windowed(
-    whole: Measurements, windows: Sequence[tuple[float, float]]
+    full_run: Measurements, windows: Sequence[tuple[float, float]]
 ) -> Measurements:
     """Of each run its windows (start, stop) [s after its beginning], each a run of its
     own.
@@ -182,9 +182,9 @@ def windowed(
     Raises InputError naming the run of which a window leaves nothing.
     """
     if list(windows) == [(0.0, np.inf)]:
-        return whole
-    made = []
-    for run, (start, stop) in product(whole.runs(), windows):
+        return full_run
+    windows_cut = []
+    for run, (start, stop) in product(full_run.runs(), windows):
         end = "its end" if np.isinf(stop) else f"{stop:g} s"
         part = run.window(start, stop)
         if part.samples < 2:
@@ -192,8 +192,8 @@ def windowed(
             what = f"no samples between {start:g} s and {end}: {lasts}"
             raise InputError(what, "choose a window inside it", run.names[0])
         name = f"{run.names[0]}, {start:.4g} s to {end}"
-        made.append(part if len(windows) == 1 else replace(part, names=(name,)))
-    return concatenate(made)
+        windows_cut.append(part if len(windows) == 1 else replace(part, names=(name,)))
+    return concatenate(windows_cut)
 
 
 def read_run(

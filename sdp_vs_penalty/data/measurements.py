@@ -59,13 +59,13 @@ class Measurements(Shown):
         """Measurements of the blocks (N, n) that there are, by the names of their
         columns in a file."""
         q, tau = groups["q"], groups.get("tau")
-        told = {
+        commanded = {
             name: groups[name] for name in (*COMMANDED, *SIMULATED) if name in groups
         }
         if tau is None:
-            tau = told.get("tauff", np.broadcast_to(0.0, q.shape))
+            tau = commanded.get("tauff", np.broadcast_to(0.0, q.shape))
         dq, warm = groups.get("dq"), groups.get("temp")
-        return cls(t, q, tau, dq, run, names, warm, told, "tau" in groups)
+        return cls(t, q, tau, dq, run, names, warm, commanded, "tau" in groups)
 
     @property
     def n(self) -> int:
@@ -170,16 +170,18 @@ class Measurements(Shown):
                 "identify from it (the servo's law stands for its torque), or log"
                 " tau1..taun"
             )
-            told = f"{what} needs a torque, and this log holds commands alone"
-            raise InputError(told, remedy, self.names[0])
+            problem = f"{what} needs a torque, and this log holds commands alone"
+            raise InputError(problem, remedy, self.names[0])
 
     @property
     def data_hash(self) -> str:
         """SHA-256 over the numbers (not the file), so that the format does not matter."""
         arrays = []
         for run in self.runs():
-            told = [run.commanded[name] for name in COMMANDED if name in run.commanded]
-            arrays += [run.t, run.q, run.tau, *told]
+            commanded = [
+                run.commanded[name] for name in COMMANDED if name in run.commanded
+            ]
+            arrays += [run.t, run.q, run.tau, *commanded]
         return digest(arrays)
 
 
@@ -188,13 +190,13 @@ class Runs:
     """train : to identify from, test : to judge on, windows of what was measured; None
     without a test.
 
-    whole : all of that, each run once, in which a search measures the noise;
+    all_runs : all of that, each run once, in which a search measures the noise;
     judged_recordings : of what errors are shown of, without windows.
     """
 
     train: Measurements
     test: Measurements | None
-    whole: Measurements
+    all_runs: Measurements
     judged_recordings: Measurements
 
     @property
@@ -227,18 +229,20 @@ def without_traces(measured: Measurements) -> Measurements:
 
     Whatever the unit, no sensor resolves 1e-30, and filters that fade out leave less.
     """
-    found, least = {"t": measured.t, **measured.groups}, 1e-30
-    odd = {
+    groups, smallest = {"t": measured.t, **measured.groups}, 1e-30
+    tiny = {
         name: concatenate_chunks(
-            np.where(np.abs(x) < least, 0.0, x) for _, x in iter_chunks(block)
+            np.where(np.abs(x) < smallest, 0.0, x) for _, x in iter_chunks(block)
         )
-        for name, block in found.items()
-        if any(np.any((np.abs(x) < least) & (x != 0.0)) for _, x in iter_chunks(block))
+        for name, block in groups.items()
+        if any(
+            np.any((np.abs(x) < smallest) & (x != 0.0)) for _, x in iter_chunks(block)
+        )
     }
-    found |= odd
+    groups |= tiny
     return (
-        Measurements.of(found.pop("t"), found, measured.names, measured.run)
-        if odd
+        Measurements.of(groups.pop("t"), groups, measured.names, measured.run)
+        if tiny
         else measured
     )
 
@@ -246,13 +250,13 @@ def without_traces(measured: Measurements) -> Measurements:
 def gathered(pieces: Iterable[Measurements]) -> Measurements:
     """One run from consecutive pieces of it, at least one; on the disk where there are
     many."""
-    whole: dict[str, AppendableArray] = {}
+    arrays: dict[str, AppendableArray] = {}
     for piece in pieces:
         first = piece
         for name, block in {"t": piece.t, **piece.groups}.items():
-            whole.setdefault(name, AppendableArray()).append(block)
-    found = {name: block.array() for name, block in whole.items()}
-    return Measurements.of(found["t"], found, first.names)
+            arrays.setdefault(name, AppendableArray()).append(block)
+    columns = {name: block.array() for name, block in arrays.items()}
+    return Measurements.of(columns["t"], columns, first.names)
 
 
 def concatenate(several: Sequence[Measurements]) -> Measurements:
@@ -262,9 +266,9 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         return several[0]
     runs = [run for part in several for run in part.runs()]
     if len({run.n for run in runs}) > 1:
-        each = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
+        widths = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
         raise InputError(
-            f"the runs have different numbers of joints: {each}",
+            f"the runs have different numbers of joints: {widths}",
             "name runs of one robot",
         )
     silent = next((r for r in runs if not r.torque_logged), None)

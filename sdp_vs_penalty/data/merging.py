@@ -48,7 +48,7 @@ def merge_columns(
     order = np.argsort(clock[base], kind="stable")
     base = base[order] if np.any(np.diff(order) < 0) else base
     within = half_period(clock[base])
-    kept, places = np.ones(len(base), bool), dict[str, NDArray[np.intp]]()
+    is_kept, places = np.ones(len(base), bool), dict[str, NDArray[np.intp]]()
     for name in columns:
         rows = np.flatnonzero(filled[name] & np.isfinite(clock))
         rows = rows[np.argsort(clock[rows], kind="stable")]
@@ -60,5 +60,7 @@ def merge_columns(
             continue
         nearest, near = nearest_rows(clock[base], clock[rows], within)
         places[name] = rows[nearest]
-        kept &= near
-    return base[kept], {name: x[places[name][kept]] for name, x in columns.items()}
+        is_kept &= near
+    return base[is_kept], {
+        name: x[places[name][is_kept]] for name, x in columns.items()
+    }

@@ -89,11 +89,11 @@ def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, floa
 def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
     """Joints farther outside their ranges than an encoder's zero or a turn brings them:
     twice their travel on a straight axis."""
-    most = [
+    largest = [
         math.tau if j.kind == "revolute" else 2.0 * (j.upper - j.lower)
         for j in robot.joints
     ]
-    return tuple(np.flatnonzero(_beyond(robot, q) > most).tolist())
+    return tuple(np.flatnonzero(_beyond(robot, q) > largest).tolist())
 
 
 def _place(run: Measurements, k: int) -> str:
@@ -174,13 +174,13 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     channels = (iter_chunks(x, overlap=1) for x in (run.t, run.q, run.dq))
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
         for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-            way, told = (
+            way, logged = (
                 np.diff(q, axis=0),
                 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None],
             )
             sums += [
                 np.sum(x * y, axis=0)
-                for x, y in ((told, told), (way, way), (way, told))
+                for x, y in ((logged, logged), (way, way), (way, logged))
             ]
     for j, (energy, way, common) in enumerate(sums.T.tolist()):
         if robot.joints[j].kind != "revolute" or not 0.0 < energy * way < np.inf:

@@ -43,12 +43,12 @@ def iter_chunks(
 
 def digest(arrays: Iterable[NDArray[Any]]) -> str:
     """SHA-256 over the numbers and shapes of arrays."""
-    found = hashlib.sha256()
+    hasher = hashlib.sha256()
     for array in arrays:
-        found.update(repr(array.shape).encode())
+        hasher.update(repr(array.shape).encode())
         for _, part in iter_chunks(array):
-            found.update(np.ascontiguousarray(part, dtype="<f8").data)
-    return found.hexdigest()
+            hasher.update(np.ascontiguousarray(part, dtype="<f8").data)
+    return hasher.hexdigest()
 
 
 @dataclass
@@ -99,8 +99,8 @@ class DiskCache:
         """How to read a value again: arrays from the file, also those within lists and
         dataclasses; everything else is kept as it is."""
         if isinstance(value, list):
-            each = [self.put(x) for x in value]
-            return lambda: [read() for read in each]
+            readers = [self.put(x) for x in value]
+            return lambda: [read() for read in readers]
         if is_dataclass(value) and not isinstance(value, type):
             known = {
                 f.name: self.put(getattr(value, f.name))
@@ -120,10 +120,10 @@ class DiskCache:
         shape, dtype, size = rows.shape, rows.dtype, rows.nbytes
 
         def read() -> NDArray[Any]:
-            found = np.frombuffer(
+            flat = np.frombuffer(
                 os.pread(self._file.fileno(), size, start), dtype
             ).reshape(shape)
-            return found.T if turned else found
+            return flat.T if turned else flat
 
         return read
 
@@ -150,7 +150,7 @@ def _room() -> Iterator[None]:
 
 def concatenate_chunks(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
     """Arrays one after the other, in memory or in a file as their size demands."""
-    whole = AppendableArray()
+    joined = AppendableArray()
     for array in arrays:
-        whole.append(array)
-    return whole.array()
+        joined.append(array)
+    return joined.array()

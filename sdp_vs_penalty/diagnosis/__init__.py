@@ -13,11 +13,11 @@ __getattr__ = lazy_exports(
     held_out="HeldOut",
     nuisances="Nuisance",
     remaining="least_squares_refit remainder spectral_lines",
-    score="EvidenceScorer Fit ScoredEffect",
+    score="EvidenceScorer WhiteFit ScoredEffect",
     search="Search",
     **{
         "curves.curve": "Curve",
-        "curves.bases": "Columns",
+        "curves.bases": "CurveColumns",
         "curves.measure": "measured_curves",
     },
 )

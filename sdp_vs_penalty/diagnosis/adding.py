@@ -29,7 +29,11 @@ from sdp_vs_penalty.estimation.identify import (
     parameter_sources,
     versions,
 )
-from sdp_vs_penalty.estimation.sensitivity import free_constants, sensitivities, settled
+from sdp_vs_penalty.estimation.sensitivity import (
+    fit_constants_jointly,
+    free_constants,
+    sensitivities,
+)
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
 from sdp_vs_penalty.estimation.uncertainty import beside_held
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -87,12 +91,12 @@ def add(
         if isinstance(effects, str)
         else ",".join(e if isinstance(e, str) else e.text for e in effects)
     )
-    wanted = parse_effects(texts, estimate.robot)
-    if not wanted:
+    new_effects = parse_effects(texts, estimate.robot)
+    if not new_effects:
         raise InputError(
             "No effect to add", "name one, such as presliding_hysteresis:7"
         )
-    added, retuned = _retunes(estimate, wanted, frozen)
+    added, retuned = _retunes(estimate, new_effects, frozen)
     if frozen and diagnosed:
         # What has changed of a held model's own effects only identifying them again
         # takes in.
@@ -135,16 +139,16 @@ def add(
     if frozen:
         made = _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
         return _with_noise_of(estimate, made)
-    found = identified([*_own(estimate, retuned), *new])
+    extended = identified([*_own(estimate, retuned), *new])
     together = joint_optimum_of_constants(
-        found, [e for e in added if not all_given(e)], filtered
+        extended, [e for e in added if not all_given(e)], filtered
     )
     if together is None:
-        return _with_noise_of(estimate, found)
+        return _with_noise_of(estimate, extended)
     model, shapes = together
-    found = identified(model.effects)
-    details = {**found.details, "shapes": [s.to_dict() for s in shapes]}
-    return _with_noise_of(estimate, replace(found, details=details))
+    extended = identified(model.effects)
+    details = {**extended.details, "shapes": [s.to_dict() for s in shapes]}
+    return _with_noise_of(estimate, replace(extended, details=details))
 
 
 def _with_noise_of(estimate: Estimate, made: Estimate) -> Estimate:
@@ -155,7 +159,7 @@ def _with_noise_of(estimate: Estimate, made: Estimate) -> Estimate:
 
 
 def _retunes(
-    estimate: Estimate, wanted: Sequence[Effect], frozen: bool
+    estimate: Estimate, new_effects: Sequence[Effect], frozen: bool
 ) -> tuple[list[Effect], list[ShapeEstimate]]:
     """The effects that are new to the model, and the constants of those that it has
     already."""
@@ -166,12 +170,12 @@ def _retunes(
         if not e.several
     }
     new, retuned = list[Effect](), list[ShapeEstimate]()
-    for effect in wanted:
-        own = [there.get((effect.name, j)) for j in effect.joints]
-        if frozen or not effect.given or not all(own):
+    for effect in new_effects:
+        present = [there.get((effect.name, j)) for j in effect.joints]
+        if frozen or not effect.given or not all(present):
             new.append(effect)
             continue
-        for joint, old in zip(effect.joints, own, strict=True):
+        for joint, old in zip(effect.joints, present, strict=True):
             assert old is not None
             for key in effect.given:
                 who = effect.name, joint, key, old.shape[key], effect.shape[key]
@@ -208,14 +212,14 @@ def _add_frozen(
 ) -> Estimate:
     """Fit only the new effects, under their own constraints, to what the model leaves."""
     problem = estimate.problem
-    own = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
+    model_of_new = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
     model = replace(
         estimate.model, effects=(*estimate.model.effects, *new), reference=None
     )
     known = (
         estimate.theta if estimate.model.reference is None else estimate.model.reference
     )
-    estimator, part = estimator_beside(estimate), np.zeros(len(own.parameters))
+    estimator, part = estimator_beside(estimate), np.zeros(len(model_of_new.parameters))
     for _ in range(
         2 if model.needs_reference else 1
     ):  # what is new passes torque channels as well
@@ -223,15 +227,17 @@ def _add_frozen(
             model = replace(model, reference=np.append(known, part))
         progress("compressing the measurements")
         left = compress(runs, model).given_first(estimate.theta)
-        task = task_beside(estimate, own, left, seed, progress)
+        task = task_beside(estimate, model_of_new, left, seed, progress)
         progress("estimating the new effects")
         fit = estimator.fit(task)
         part, certificate = certify(task, fit)
     theta = np.concatenate([estimate.theta, part])
-    base = base_rows(problem, own)
+    base = base_rows(problem, model_of_new)
     # The new effects' intervals hold their shape constants' errors and those of what
     # was kept.
-    constants = sensitivities(own.effects, [part[k] for k in own.indices])
+    constants = sensitivities(
+        model_of_new.effects, [part[k] for k in model_of_new.indices]
+    )
     reference = model.reference
     if reference is not None:
         reference = np.append(
@@ -295,7 +301,7 @@ def all_given(effect: Effect) -> bool:
 
 def estimate_constants(
     estimate: Estimate,
-    wanted: Sequence[Effect],
+    new_effects: Sequence[Effect],
     measurements: Measurements,
     frozen: bool,
 ) -> list[Effect]:
@@ -303,7 +309,7 @@ def estimate_constants(
     where so."""
     out: list[Effect] = []
     search: Search | None = None
-    for effect in wanted:
+    for effect in new_effects:
         if all_given(effect):
             out.append(effect)
             continue
@@ -326,10 +332,10 @@ def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
     """One joint's effect with the shape that scores most; given ones stay."""
     fixed = _given_constants(effect)
     start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
-    given = {key: effect.shape[key] for key in fixed}
+    constants_given = {key: effect.shape[key] for key in fixed}
     forms = [
         Candidate((effect.name, joint), one)
-        for one in effect.candidates(effect.robot, joint, start, **given)
+        for one in effect.candidates(effect.robot, joint, start, **constants_given)
     ]
     best = dict[tuple[Hashable, ...], ScoredEffect]()
     for term in sorted(
@@ -337,17 +343,17 @@ def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
         key=lambda t: t.evidence,
     ):
         best[term.form.discrete_choice] = term
-    found = (search.refined(search.fit, term, fixed) for term in best.values())
-    return max(found, key=lambda t: t.evidence).form.effect
+    best_terms = (search.refined(search.fit, term, fixed) for term in best.values())
+    return max(best_terms, key=lambda t: t.evidence).form.effect
 
 
 def joint_optimum_of_constants(
-    found: Estimate, added: Sequence[Effect], runs: FilteredRuns
+    extended: Estimate, added: Sequence[Effect], runs: FilteredRuns
 ) -> tuple[Model, list[ShapeEstimate]] | None:
     """The model with its own estimated constants and those of what was ``added`` on the
     same joints at their joint optimum, and its own as `identify` states them; None
     where none of these moves."""
-    shapes = list(map(ShapeEstimate.from_dict, found.details.get("shapes", ())))
+    shapes = list(map(ShapeEstimate.from_dict, extended.details.get("shapes", ())))
     new = {
         (e.name, j, key)
         for e in added
@@ -357,12 +363,19 @@ def joint_optimum_of_constants(
         if key not in e.given
     }
     joints = {j for _, j, _ in new}
-    own = {(s.effect, s.joint, s.shape): s for s in shapes if s.joint in joints}
-    wanted = {key for key in new if key[1] in {j for _, j, _ in own}}.union(own)
-    if not wanted:
+    own_constants = {
+        (s.effect, s.joint, s.shape): s for s in shapes if s.joint in joints
+    }
+    keys_to_estimate = {
+        key for key in new if key[1] in {j for _, j, _ in own_constants}
+    }.union(own_constants)
+    if not keys_to_estimate:
         return None
-    best = settled(
-        found.model, wanted, lambda model: compress(runs, model), found.weighting
+    best = fit_constants_jointly(
+        extended.model,
+        keys_to_estimate,
+        lambda model: compress(runs, model),
+        extended.weighting,
     )
     effects, std = best.model.effects, best.std
     values = {
@@ -370,13 +383,13 @@ def joint_optimum_of_constants(
     }
     if not any(
         abs(np.log(values[k] / s.after)) > IMPLAUSIBLE_SIGMAS * std[k]
-        for k, s in own.items()
+        for k, s in own_constants.items()
     ):
         return None
     out = [
         (
             replace(s, after=values[k], std=values[k] * std[k])
-            if (k := (s.effect, s.joint, s.shape)) in own
+            if (k := (s.effect, s.joint, s.shape)) in own_constants
             else s
         )
         for s in shapes

@@ -83,15 +83,15 @@ class Candidate:
 
     def bounds(self, name: str) -> tuple[float, float] | None:
         """Within which a shape constant is looked for; wider for the model's own."""
-        found = (
+        limits = (
             self.effect.shapes[name]
             .on(self.effect.robot.joints[self.effect.joints[0]].kind)
             .bounds
         )
         return (
-            (found[0], max(found[1], TURNS[-1]))
-            if self.replaces_own_constant and found
-            else found
+            (limits[0], max(limits[1], TURNS[-1]))
+            if self.replaces_own_constant and limits
+            else limits
         )
 
 
@@ -172,12 +172,14 @@ def list_candidates(data: WhiteData) -> Library:
         *_own_forms(data),
     ):
         if white := _white(data, form):
-            alike = (
+            group_key = (
                 form.n_coefficients,
                 depends(form.effect),
                 form.key if form.replaces_own_constant else None,
             )
-            groups.setdefault((tuple(sorted(white)), alike), []).append((form, white))
+            groups.setdefault((tuple(sorted(white)), group_key), []).append(
+                (form, white)
+            )
     batches = tuple(
         Batch.of(joints, *zip(*group, strict=True))
         for (joints, _), group in groups.items()
@@ -206,14 +208,14 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Candidat
     start = min(float(s.motion.t[0]) for s in rows.segments)
     warm = all(s.motion.temperature is not None for s in rows.segments)
     motors = all(s.motion.motors is not None for s in rows.segments)
-    seen = [rows.seen(joint) for joint in range(rows.n)]
+    coverage = [rows.seen(joint) for joint in range(rows.n)]
     stands = np.mean(rows.still > 0.5, axis=0) > STANDS
 
     def tells(effect: Effect) -> bool:
         """Whether what it needs was measured, and nothing else passes for it, whatever
         its size."""
         measured = warm or not effect.needs_temperature
-        return measured and not effect.looks_like(0.0, seen[effect.joints[0]])
+        return measured and not effect.looks_like(0.0, coverage[effect.joints[0]])
 
     for name, kind in effect_types().items():
         if (kind.frozen_only and not frozen) or (kind.needs_motors and not motors):
@@ -221,15 +223,15 @@ def _forms(rows: SegmentedRuns, model: Model, frozen: bool) -> Iterator[Candidat
         for joint in (None,) if kind.whole_robot else range(rows.n):
             key = (name, joint)
             if key not in taken and (kind.at_rest != "holds" or stands[joint]):
-                every = kind.candidates(model.robot, joint, start)
-                yield from (Candidate(key, e) for e in every if tells(e))
+                effects_to_try = kind.candidates(model.robot, joint, start)
+                yield from (Candidate(key, e) for e in effects_to_try if tells(e))
 
 
 def _own_forms(data: WhiteData) -> Iterator[Candidate]:
     """The model's own effects with other values of the shape constants that are
     estimated."""
     joints = data.estimate.robot.joints
-    for key, (effect, _) in data.own.items():
+    for key, (effect, _) in data.own_effects.items():
         for name in effect.estimated:
             now, grid = (
                 effect.shape[name],

@@ -317,18 +317,22 @@ def compare_filtered(
     models = {
         name: plant(m) if m.model.drives.any() else m for name, m in models.items()
     }
-    given = measurements
+    all_measurements = measurements
     if noise_from is not None:
-        _, given = driven(first, as_measurements(noise_from))
-    shown = runs if given is measurements else FilteredRuns.of(given, settings)
+        _, all_measurements = driven(first, as_measurements(noise_from))
+    shown = (
+        runs
+        if all_measurements is measurements
+        else FilteredRuns.of(all_measurements, settings)
+    )
     floor = _noise_floor(first, shown)
-    said = subsample_sentence(
-        window_subsample(given, settings),
-        given,
+    remark = subsample_sentence(
+        window_subsample(all_measurements, settings),
+        all_measurements,
         "errors are those of all samples, noise and dependences of",
     )
     judged = [_judged(name, model, runs, floor) for name, model in models.items()]
-    return Comparisons(replace(one, judged_on=said) for one in judged)
+    return Comparisons(replace(one, judged_on=remark) for one in judged)
 
 
 def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, str]:
@@ -379,9 +383,9 @@ def _judged(
     for run in runs.runs:
         for rows in run.rows(model.model):
             modelled, motion = predicted(rows, model.theta), rows.motion
-            found = (motion.t, motion.q, motion.dq, rows.torque, modelled)
-            for kept, x in zip(series.values(), found, strict=True):
-                kept.append(x)
+            arrays = (motion.t, motion.q, motion.dq, rows.torque, modelled)
+            for parts, x in zip(series.values(), arrays, strict=True):
+                parts.append(x)
             for effect in model.model.effects:
                 beyond = effect.outside(replace(motion, torque=modelled)).sum()
                 first = effect.parameters[0].name
@@ -421,21 +425,21 @@ def predicted(rows: Rows, theta: Array) -> Array:
     return np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
 
 
-def still_missing(found: Diagnosis, estimate: Estimate) -> str:
+def still_missing(diagnosis: Diagnosis, estimate: Estimate) -> str:
     """What a diagnosis of this model, or of one that it grew from, has found that the
     model lacks."""
     there = {(e.name, j + 1) for e in estimate.model.effects for j in e.joints}
-    whole = {e.name for e in estimate.model.effects if e.whole_robot}
+    whole_robot_effects = {e.name for e in estimate.model.effects if e.whole_robot}
     left = [
         f"{f.effect} on {formatting.joints(f.joints)}" if f.joints else f.effect
-        for f in found.effects
-        if f.effect not in whole
+        for f in diagnosis.effects
+        if f.effect not in whole_robot_effects
         and not (f.joints and {(f.effect, j) for j in f.joints} <= there)
     ]
     if left:
         return f"Found and not added: {'; '.join(left)}."
     return (
         "All effects that `diagnose` found are in the model."
-        if found.effects
-        else found.headline
+        if diagnosis.effects
+        else diagnosis.headline
     )

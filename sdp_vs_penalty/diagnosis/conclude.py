@@ -43,7 +43,7 @@ from sdp_vs_penalty.diagnosis.remaining import (
     outliers,
     remainder,
 )
-from sdp_vs_penalty.diagnosis.score import Fit, ScoredEffect
+from sdp_vs_penalty.diagnosis.score import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.whitening import (
     Moved,
@@ -82,34 +82,36 @@ class SearchOutcome:
     curves: tuple[Measured, ...] = ()
 
 
-def what_is_left(search: Search, odd: NDArray[np.bool_] | None = None) -> Remainder:
-    """Of the rows beside all terms of a search; odd (M, n) : its outliers, if they are
+def what_is_left(
+    search: Search, outlier_mask: NDArray[np.bool_] | None = None
+) -> Remainder:
+    """Of the rows beside all terms of a search; outlier_mask (M, n) : its outliers, if they are
     known."""
     data, fit = search.data, search.fit
     residual = least_squares_refit(data, [t.form.effect for t in search.terms])[1]
-    if odd is None:
-        odd = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
-    return remainder(data, fit, residual, odd)
+    if outlier_mask is None:
+        outlier_mask = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
+    return remainder(data, fit, residual, outlier_mask)
 
 
 def conclude(
-    found: SearchOutcome, gain_errors: Array, new_share: float | None, seed: int
+    outcome: SearchOutcome, gain_errors: Array, new_share: float | None, seed: int
 ) -> Diagnosis:
     """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque
     channels' gains; new_share : of the test run's motion; seed : of the draws of a
     curve's band."""
-    search, data = found.search, found.search.data
+    search, data = outcome.search, outcome.search.data
     rows, noise = data.rows, data.noise
-    left, residual = found.left, found.left.residual
+    left, residual = outcome.left, outcome.left.residual
     nameless = {j: float(left.beyond[j]) for j in left.joints_unexplained}
-    unnamed = {*nameless, *(c.joint for c in found.curves)}
-    happened = events(data, found.left.outlier_rows, residual, sorted(unnamed))
-    held_out, offered = found.held_out, found.offered
-    own = len(offered) - len(search.terms)
+    unnamed = {*nameless, *(c.joint for c in outcome.curves)}
+    happened = events(data, outcome.left.outlier_rows, residual, sorted(unnamed))
+    held_out, offered = outcome.held_out, outcome.offered
+    n_own = len(offered) - len(search.terms)
     errors = np.array(
-        [held_out.errors(offered[:k]) for k in range(own, len(offered) + 1)]
+        [held_out.errors(offered[:k]) for k in range(n_own, len(offered) + 1)]
     )
-    doubt = torque_errors(data, found.estimate, gain_errors)
+    doubt = torque_errors(data, outcome.estimate, gain_errors)
     moved = data.constant_error_columns(
         [t.form.effect for t in search.terms], [t.beta for t in search.terms]
     )
@@ -117,37 +119,40 @@ def conclude(
     sizes = [size_of_term(search, t, near, doubt, moved) for t in search.terms]
     findings = [
         _finding(
-            *both, reasons_for_doubt(found, *both, errors[k : k + 2]), errors[k : k + 2]
+            *both,
+            reasons_for_doubt(outcome, *both, errors[k : k + 2]),
+            errors[k : k + 2],
         )
         for k, both in enumerate(zip(search.terms, sizes, strict=True))
     ]
     # Data left out have the last word on those that are sure, too, as a whole.
     sure = [
-        *offered[:own],
+        *offered[:n_own],
         *(
             k
-            for k, f in zip(offered[own:], findings, strict=True)
+            for k, f in zip(offered[n_own:], findings, strict=True)
             if f.torque_is_certain
         ),
     ]
-    alone = set(sure).difference(held_out.drop_harmful(sure))
-    for i, k in enumerate(offered[own:]):
-        if k in alone:
+    harmful_together = set(sure).difference(held_out.drop_harmful(sure))
+    for i, k in enumerate(offered[n_own:]):
+        if k in harmful_together:
             why = *findings[i].remarks, REASONS["alone"]
             findings[i] = replace(findings[i], confidence="weak", remarks=why)
     retuned = tuple(
         retune(
             replace(s, std=constant_std(search, moved, s)),
-            found.estimate.robot,
+            outcome.estimate.robot,
             held_out.errors([i for i in offered if i != k]),
             errors[-1],
-            k in alone,
+            k in harmful_together,
         )
-        for k, s in zip(offered, found.shapes, strict=False)
+        for k, s in zip(offered, outcome.shapes, strict=False)
     )
     floor = noise.floor if data.known else np.zeros(data.n)
     curves = tuple(
-        c.told(seed + k, float(floor[c.joint])) for k, c in enumerate(found.curves)
+        c.to_curve(seed + k, float(floor[c.joint]))
+        for k, c in enumerate(outcome.curves)
     )
     known: Literal["effect_missing", "nothing_missing"]
     known = "effect_missing" if findings else "nothing_missing"
@@ -204,14 +209,14 @@ def _finding(
 
 
 def reasons_for_doubt(
-    found: SearchOutcome, term: ScoredEffect, known: Size, errors: Array
+    outcome: SearchOutcome, term: ScoredEffect, known: Size, errors: Array
 ) -> dict[str, str]:
     """Why a finding is weak, with what is said of it; errors (2, n) : held out, before
     and after it."""
-    search, effect, on = found.search, term.form.effect, sorted(term.joints)
+    search, effect, on = outcome.search, term.form.effect, sorted(term.joints)
     # An exponent's error changes the number, and hardly the torque.
-    size, std = size_of(effect, known.beta, known.given)
-    rows, left, plausible = search.data.rows, found.left, effect.plausible
+    size, std = size_of(effect, known.beta, known.covariance_given_constants)
+    rows, left, plausible = search.data.rows, outcome.left, effect.plausible
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
     looks_like = effect.looks_like(size, rows.seen(effect.joints[0]))
     gained = errors[0] ** 2 - errors[1] ** 2
@@ -235,19 +240,19 @@ def reasons_for_doubt(
             )
         ),
         "looks_like": bool(looks_like),
-        "curve": any(term in o.replaced for o in found.curves),
+        "curve": any(term in o.replaced for o in outcome.curves),
     }
     reasons = {**REASONS, "looks_like": looks_like}
     return {name: reasons[name] for name, true in holds.items() if true}
 
 
-def _rival_name(own: Effect, other: Effect) -> str:
+def _rival_name(effect: Effect, other: Effect) -> str:
     """The rival's name; with its joint, or its constants, where that alone would be the
     finding's."""
-    if other.name == own.name:
+    if other.name == effect.name:
         return (
             other.text
-            if other.joints == own.joints
+            if other.joints == effect.joints
             else f"{other.name}:{other.joints[0] + 1}"
         )
     return other.name
@@ -255,11 +260,11 @@ def _rival_name(own: Effect, other: Effect) -> str:
 
 def _shared(search: Search, term: ScoredEffect) -> float:
     """Of a term's energy beside the model's columns what other terms make."""
-    alone, beside = (
+    energy_alone, energy_beside = (
         search.score.fit(others, search.fit).energy(term)
         for others in ([], [t for t in search.terms if t != term])
     )
-    return 1.0 - beside / max(alone, 1e-300)
+    return 1.0 - energy_beside / max(energy_alone, 1e-300)
 
 
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:
@@ -284,13 +289,13 @@ def remarks(
     data: WhiteData, residual: Array, held_out: str, new_share: float | None
 ) -> tuple[str, ...]:
     """Sentences about the diagnosis as a whole."""
-    said = (
+    sentences = (
         _NOISE.get(data.noise.source),
         _standstill(data, residual),
         repeatability_warning(new_share),
         _FOLDS if held_out == "folds" else None,
     )
-    return tuple(text for text in said if text)
+    return tuple(text for text in sentences if text)
 
 
 #: What is said of a noise that no repetition shows, by its source; and of errors
@@ -318,16 +323,16 @@ _FOLDS = (
 def _standstill(data: WhiteData, residual: Array) -> str:
     """Where most of what is left (M, n) is of standstill."""
     keep, moves = data.rows.keep, data.rows.keep & (data.rows.still <= STILL)
-    every, moving = (np.sum(residual**2 * x, axis=0) for x in (keep, moves))
-    mostly = [int(j) + 1 for j in np.flatnonzero(every > 2.0 * moving)]
+    all_energy, moving = (np.sum(residual**2 * x, axis=0) for x in (keep, moves))
+    mostly = [int(j) + 1 for j in np.flatnonzero(all_energy > 2.0 * moving)]
     if not mostly:
         return ""
     moving = np.sqrt(moving / np.maximum(moves.sum(axis=0), 1))
-    said = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
+    values_in_words = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
     return (
         f"Most of the error that is left on {formatting.joints(mostly)} is of"
         " standstill, where dry friction holds any torque up to its own: in motion it"
-        f" is {said} N m or N."
+        f" is {values_in_words} N m or N."
     )
 
 
@@ -338,22 +343,26 @@ class Size:
 
     beta: Array
     covariance: Array
-    given: Array
+    covariance_given_constants: Array
 
 
 def constant_std(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> float:
     """Standard deviation of a constant of the model beside the findings; infinite where
     the rows do not bound it."""
     for change, columns in moved:
-        own = change.effect
-        if own.name == s.effect and s.joint in own.joints and s.shape in change.keys:
+        effect = change.effect
+        if (
+            effect.name == s.effect
+            and s.joint in effect.joints
+            and s.shape in change.keys
+        ):
             left = search.fit.residual_of(search.fit.scaled(columns))[
                 :, :, change.keys.index(s.shape)
             ]
-            told = float(np.sum(left**2))
+            information = float(np.sum(left**2))
             return (
-                s.after * prior_deviation(own, s.shape) / told**0.5
-                if told > 1.0
+                s.after * prior_deviation(effect, s.shape) / information**0.5
+                if information > 1.0
                 else np.inf
             )
     return np.inf
@@ -362,7 +371,7 @@ def constant_std(search: Search, moved: Sequence[Moved], s: ShapeEstimate) -> fl
 def size_of_term(
     search: Search,
     term: ScoredEffect,
-    fit_with_tolerances: Fit,
+    fit_with_tolerances: WhiteFit,
     errors: Array,
     moved: Sequence[Moved],
 ) -> Size:
@@ -390,21 +399,23 @@ def size_of_term(
     sums = cluster_sums(data.clusters, scores)
     # As many degrees of freedom as there are clusters, less those that the fit has
     # taken.
-    every = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
-    inside = [max(every, key=lambda u: float(np.sum(u**2)))]
+    scaled_sums = (u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0)) for u in sums)
+    inside = [max(scaled_sums, key=lambda u: float(np.sum(u**2)))]
     if errors.shape[2]:
         doubt = fit.residual_of(fit.scaled(dict(enumerate(errors))))
         inside.append(np.tensordot(T, doubt, axes=((0, 1), (0, 1))))
     through = inverse @ np.hstack(inside)
     covariance = through @ through.T
-    least = inverse @ (A - np.diag(prior)) @ inverse
+    smallest_covariance = inverse @ (A - np.diag(prior)) @ inverse
     variances = np.diagonal(covariance)
-    grown = np.maximum(variances, np.diagonal(least)) / np.maximum(variances, 1e-300)
+    grown = np.maximum(variances, np.diagonal(smallest_covariance)) / np.maximum(
+        variances, 1e-300
+    )
     covariance = covariance * np.sqrt(grown[:, None] * grown)
-    given = np.linalg.pinv(
+    covariance_given_constants = np.linalg.pinv(
         np.linalg.pinv(covariance, hermitian=True)[:k, :k], hermitian=True
     )
-    return Size(beta, covariance[:k, :k], given)
+    return Size(beta, covariance[:k, :k], covariance_given_constants)
 
 
 def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
@@ -431,21 +442,27 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
 
 
 def retune(
-    s: ShapeEstimate, robot: Robot, before: Array, after: Array, alone: bool = False
+    s: ShapeEstimate,
+    robot: Robot,
+    before: Array,
+    after: Array,
+    is_harmful: bool = False,
 ) -> Retune:
     """before, after (n,) : held-out errors of all findings without the new constant,
-    and with it; alone : whether it does harm beside the sure findings alone."""
+    and with it; is_harmful : whether it does harm beside the sure findings alone."""
     shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
     values = [shape.format_with_unit(v, kind) for v in (s.after, s.before)]
     unit = plain_unit(robot.torque_units[s.joint])
     errors = float(before[s.joint]), float(after[s.joint])
-    said = (
+    explanation = (
         f"joint {s.joint + 1}: {s.effect} has {s.shape} = {values[0]}, not {values[1]}"
     )
-    said += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+    explanation += f"; held-out error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
     remarks = ["it lies at the end of the range in which it was looked for"] * s.at_end
-    remarks += [REASONS["alone"]] * alone
-    return Retune(s, "weak" if remarks else "confident", *errors, said, tuple(remarks))
+    remarks += [REASONS["alone"]] * is_harmful
+    return Retune(
+        s, "weak" if remarks else "confident", *errors, explanation, tuple(remarks)
+    )
 
 
 # In words.

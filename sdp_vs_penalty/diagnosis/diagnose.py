@@ -68,34 +68,36 @@ def diagnose(
     Raises InputError where model and measurements do not belong together or nothing is left after
     filtering.
     """
-    given = as_estimate(estimate, "diagnose(estimate=...)")
+    model_given = as_estimate(estimate, "diagnose(estimate=...)")
 
     def logged(source: Source, argument: str, what: str) -> Measurements:
-        found = as_measurements(
-            source, names=given.robot.joint_names, what=f"diagnose({argument}=...)"
+        runs = as_measurements(
+            source,
+            names=model_given.robot.joint_names,
+            what=f"diagnose({argument}=...)",
         )
-        given.require_joints(found, what)
-        return found
+        model_given.require_joints(runs, what)
+        return runs
 
     recording = logged(measurements, "measurements", "measurements")
     test_as_given = test
     test = None if test is None else logged(test, "test", "test run")
-    settings = given.preprocessing.resolve(recording)
-    estimate, recording = driven(given, recording)
+    settings = model_given.preprocessing.resolve(recording)
+    estimate, recording = driven(model_given, recording)
 
     def windows(run: Measurements) -> Measurements:
-        return window_subsample(driven(given, run)[1], settings)
+        return window_subsample(driven(model_given, run)[1], settings)
 
     progress("filtering the runs")
-    searched, whole = window_subsample(recording, settings), None
+    searched, noise_rows = window_subsample(recording, settings), None
     looked = subsample_sentence(searched, recording, "effects were searched for in")
     test = None if test is None else windows(test)
     rows = diagnosis_rows(searched, estimate, settings)
     if noise_from is not None:
         noisy = windows(logged(noise_from, "noise_from", "runs for the noise"))
-        whole = with_estimate(segmented(noisy, settings), estimate)
+        noise_rows = with_estimate(segmented(noisy, settings), estimate)
     progress("noise, and columns of all candidates")
-    data = whiten_rows(rows, estimate, frozen, whole)
+    data = whiten_rows(rows, estimate, frozen, noise_rows)
     search = Search(data, list_candidates(data))
     search.run(progress)
     before = list[set[Key]]()
@@ -111,7 +113,7 @@ def diagnose(
         search.run(progress)
     progress("held-out errors")
     unseen = None if test is None else diagnosis_rows(test, estimate, settings)
-    found = accept_on_held_out_data(search, HeldOutData(estimate, unseen, frozen))
+    outcome = accept_on_held_out_data(search, HeldOutData(estimate, unseen, frozen))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
@@ -121,107 +123,116 @@ def diagnose(
     if (
         frozen and record is not None
     ):  # a frozen model has seen what it was identified from, too
-        seen = estimate.training_motion
-        record = None if seen is None else record.joined(seen)
+        known_motion = estimate.training_motion
+        record = None if known_motion is None else record.joined(known_motion)
     share = None
     if record is not None and test is not None:
         share = record.new_share(FilteredRuns.of(test, settings))
-    done = conclude(found, gain_errors, share, seed)
+    done = conclude(outcome, gain_errors, share, seed)
     judged = judged_recordings or test_as_given or measurements
-    floor, _ = noise_floor(given, logged(judged, "judged_recordings", "judged runs"))
+    floor, _ = noise_floor(
+        model_given, logged(judged, "judged_recordings", "judged runs")
+    )
     done = done if floor is None else replace(done, noise_floor=floor)
     return replace(done, remarks=(looked, *done.remarks)) if looked else done
 
 
 def accept_on_held_out_data(search: Search, judge: HeldOutData) -> SearchOutcome:
     """Findings and constants in order that data left out do not speak against."""
-    first, own = judge.first, [t for t in search.terms if t.form.replaces_own_constant]
+    first, own_constants = (
+        judge.first,
+        [t for t in search.terms if t.form.replaces_own_constant],
+    )
 
     def refit_beside(
-        kept: Sequence[ScoredEffect], findings: Sequence[ScoredEffect]
+        kept_constants: Sequence[ScoredEffect], findings: Sequence[ScoredEffect]
     ) -> tuple[Estimate, Search]:
         """Findings beside the model with other constants of its own."""
-        effects = with_shapes(first.model.effects, changed(kept, first.model))
+        effects = with_shapes(first.model.effects, changed(kept_constants, first.model))
         now = (
             replace(first, model=replace(first.model, effects=effects))
-            if kept
+            if kept_constants
             else first
         )
-        found = copy(search)
-        found.terms = [*findings]
-        if own:
-            found = found.beside_model(now)
+        refitted_search = copy(search)
+        refitted_search.terms = [*findings]
+        if own_constants:
+            refitted_search = refitted_search.beside_model(now)
         while True:
             if (
-                kept
-                or found.delays_torque
-                or any(depends(t.form.effect) for t in found.terms)
+                kept_constants
+                or refitted_search.delays_torque
+                or any(depends(t.form.effect) for t in refitted_search.terms)
             ):
-                found = found.refer_to_current_model()
-            left = found.drop_disfavoured(found.terms)
-            if len(left.terms) == len(found.terms):
+                refitted_search = refitted_search.refer_to_current_model()
+            left = refitted_search.drop_disfavoured(refitted_search.terms)
+            if len(left.terms) == len(refitted_search.terms):
                 return left.data.estimate, left
-            found = left  # no part of the torque that others delay
+            refitted_search = left  # no part of the torque that others delay
 
     now, final = refit_beside(
-        own, [t for t in search.terms if not t.form.replaces_own_constant]
+        own_constants, [t for t in search.terms if not t.form.replaces_own_constant]
     )
-    terms = [*own, *sorted(final.terms, key=lambda t: -t.evidence)]
+    terms = [*own_constants, *sorted(final.terms, key=lambda t: -t.evidence)]
     effects = [t.form.effect for t in terms]
     held_out = judge.held_out_errors(
         final.data.rows, effects, replace(first, theta=now.theta)
     )
     # Evidence against a noise that is guessed proves nothing by itself.
     order = held_out.drop_harmful(range(len(terms)), needed=not search.data.known)
-    kept, left_in = (
-        [terms[k] for k in order if (k < len(own)) is x] for x in (True, False)
+    kept_constants, left_in = (
+        [terms[k] for k in order if (k < len(own_constants)) is x]
+        for x in (True, False)
     )
     if len(order) < len(terms):
-        now, final = refit_beside(kept, left_in)
+        now, final = refit_beside(kept_constants, left_in)
     else:  # in the order of evidence
         final = final.drop_disfavoured(left_in)
     left = what_is_left(final)
     if (
         left.joints_unexplained and left.outlier_rows.any()
     ):  # what happens once is no evidence, if it is that alone
-        beside = final.beside_model(now, left.outlier_rows)
-        beside = beside.drop_disfavoured(beside.terms)
-        rest = what_is_left(beside, left.outlier_rows)
-        if len(rest.joints_unexplained) < len(left.joints_unexplained):
-            final, left = beside, rest
-    shapes, stay = tuple(changed(kept, first.model)), {t.text for t in final.terms}
-    order = [k for k in order if k < len(own) or terms[k].text in stay]
-    found = SearchOutcome(first, now, shapes, final, left, held_out, tuple(order))
+        without_outliers = final.beside_model(now, left.outlier_rows)
+        without_outliers = without_outliers.drop_disfavoured(without_outliers.terms)
+        left_without_outliers = what_is_left(without_outliers, left.outlier_rows)
+        if len(left_without_outliers.joints_unexplained) < len(left.joints_unexplained):
+            final, left = without_outliers, left_without_outliers
+    shapes, stay = (
+        tuple(changed(kept_constants, first.model)),
+        {t.text for t in final.terms},
+    )
+    order = [k for k in order if k < len(own_constants) or terms[k].text in stay]
+    outcome = SearchOutcome(first, now, shapes, final, left, held_out, tuple(order))
     parts = in_parts(final)
     if not left.joints_above_noise and not parts:
-        return found
+        return outcome
     curves = measured_curves(
         final, left.joints_above_noise, parts, folds_of(final.data.rows, THIRDS)
     )
-    return _with_curves(found, curves, judge) if curves else found
+    return _with_curves(outcome, curves, judge) if curves else outcome
 
 
 def _with_curves(
-    found: SearchOutcome, curves: Sequence[Measured], judge: HeldOutData
+    outcome: SearchOutcome, curves: Sequence[Measured], judge: HeldOutData
 ) -> SearchOutcome:
     """Those curves that lower their joint's held-out error by more than what is minor,
     raise no other's, and whose tables the test run does not leave; each with what it
     does to the errors."""
-    named, out = [t.form.effect for t in found.search.terms], list[Measured]()
+    named, out = [t.form.effect for t in outcome.search.terms], list[Measured]()
     places = range(len(named), len(named) + len(curves))
     effects = [*named, *(c.table for c in curves)]
     by_fold = {k: c.by_fold for k, c in zip(places, curves, strict=True)}
     held = judge.held_out_errors(
-        found.search.data.rows, effects, found.estimate, by_fold
+        outcome.search.data.rows, effects, outcome.estimate, by_fold
     )
     before, taken = held.errors(range(len(named))), list[int]()
     for k, curve in zip(places, curves, strict=True):
         gone = {t for c in (*out, curve) for t in c.replaced}
-        terms = [i for i, t in enumerate(found.search.terms) if t not in gone]
+        terms = [i for i, t in enumerate(outcome.search.terms) if t not in gone]
         after, on = held.errors([*terms, *taken, k]), [curve.joint]
         helps = lowers(before[on], after[on]) and harm(before, after) < MINOR
         # Most of the test run has to be where the table is no constant.
         if helps and judge.outside(curve.table) <= MOSTLY_NEW:
             out.append(replace(curve, before=float(before[curve.joint]), errors=after))
             before, taken = after, [*taken, k]
-    return replace(found, curves=tuple(out))
+    return replace(outcome, curves=tuple(out))

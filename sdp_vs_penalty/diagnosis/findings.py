@@ -245,10 +245,10 @@ class Diagnosis(Shown, JsonRecord):
             and (not confident or f.torque_is_certain)
         )
         retuned = tuple(r for r in self.retuned if not confident or r.torque_is_certain)
-        whole = numbers is None and all(
+        is_whole = numbers is None and all(
             any(f is g for g in chosen) for f in self.effects
         )
-        curves = self.curves if whole else ()
+        curves = self.curves if is_whole else ()
         if not chosen and not retuned and not curves:
             kind = "finding"
             if confident and self.effects:
@@ -262,8 +262,8 @@ class Diagnosis(Shown, JsonRecord):
     @property
     def sure(self) -> tuple[Finding | Retune, ...]:
         """Constants and findings whose torque is sure: what to add."""
-        every: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
-        return tuple(f for f in every if f.torque_is_certain)
+        candidates: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
+        return tuple(f for f in candidates if f.torque_is_certain)
 
     @property
     def noise_known(self) -> bool:
@@ -474,10 +474,10 @@ def rating_counts(found: Sequence[Finding | Retune]) -> str:
     return formatting.words(counts) if counts else ""
 
 
-def _named(found: Sequence[Finding | Retune]) -> str:
+def _named(findings: Sequence[Finding | Retune]) -> str:
     """Effects with the joints that each is found on."""
     joints: dict[str, set[int]] = {}
-    for f in found:
+    for f in findings:
         joints.setdefault(f.effect, set()).update(f.joints)
     return "; ".join(
         f"{effect} on {formatting.joints(sorted(where))}" if where else effect
@@ -532,8 +532,13 @@ class Retune(Rated):
 
     def to_dict(self) -> dict[str, Any]:
         """std is null where the data bound the constant on one side only."""
-        own = super().to_dict()
-        return {**own.pop("estimate"), **own, "kind": "retune", "text": self.text}
+        fields_of_retune = super().to_dict()
+        return {
+            **fields_of_retune.pop("estimate"),
+            **fields_of_retune,
+            "kind": "retune",
+            "text": self.text,
+        }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -541,14 +546,16 @@ class Retune(Rated):
         return super().from_dict({**data, "estimate": {"at_end": False, **data}})
 
 
-def event_lines(events: Sequence[Any], every: bool = False, most: int = 3) -> list[str]:
-    """A line an event; one for all of them where they are more than ``most``, unless
-    ``every``.
+def event_lines(
+    events: Sequence[Any], show_all: bool = False, most_lines: int = 3
+) -> list[str]:
+    """A line an event; one for all of them where they are more than ``most_lines``, unless
+    ``show_all``.
 
     events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz]
     or None.
     """
-    if len(events) > most and not every:
+    if len(events) > most_lines and not show_all:
         where = formatting.joints(sorted({e.joint for e in events}))
         hums = sum(e.frequency is not None for e in events)
         hum = f", {hums} of them a hum" if hums else ""

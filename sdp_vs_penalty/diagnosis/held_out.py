@@ -38,7 +38,7 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 
 @dataclass(frozen=True)
-class Split:
+class HeldOutSplit:
     """Rows to fit to, and rows to judge on, in the columns of a model and of effects;
     of a frozen model: what it leaves, in those of the effects."""
 
@@ -73,7 +73,7 @@ class HeldOut:
 
     estimate: Estimate
     frozen: bool
-    splits: Sequence[Split]
+    splits: Sequence[HeldOutSplit]
     source: str
     _known: dict[tuple[int, ...], Array] = field(default_factory=dict)
 
@@ -92,27 +92,31 @@ class HeldOut:
         for _, splits in groupby(self.splits, key=lambda s: [id(e) for e in s.effects]):
             alike = list(splits)
             columns = alike[0].columns_of(self.estimate, chosen)
-            trains = [s.train.keeping(columns.kept) for s in alike]
+            trains = [s.train.keeping(columns.cache) for s in alike]
             fits = fitted_parameters(
                 self.estimate, columns.own, columns.new, trains, self.frozen
             )
             for split, theta in zip(alike, fits, strict=True):
-                yield split.test.keeping(columns.kept).joint_losses(theta)
+                yield split.test.keeping(columns.cache).joint_losses(theta)
 
-    def drop_harmful(self, every: Sequence[int], needed: bool = False) -> list[int]:
+    def drop_harmful(
+        self, candidates: Sequence[int], needed: bool = False
+    ) -> list[int]:
         """Of effects those that do no harm beside all others, and lower an error where
         that is ``needed``: the least useful of those that do is left out, and the rest
         is asked again."""
-        kept = list(every)
-        while kept:
-            now = self.errors(kept)
-            without = {k: self.errors([i for i in kept if i != k]) for k in kept}
+        accepted = list(candidates)
+        while accepted:
+            now = self.errors(accepted)
+            without = {
+                k: self.errors([i for i in accepted if i != k]) for k in accepted
+            }
             harms = {k: harm(e, now) for k, e in without.items()}
-            worst = max(kept, key=harms.__getitem__)
+            worst = max(accepted, key=harms.__getitem__)
             if harms[worst] < (-MINOR if needed else MINOR):
                 break
-            kept.remove(worst)
-        return kept
+            accepted.remove(worst)
+        return accepted
 
 
 def lowers(before: Array, after: Array) -> bool:
@@ -144,50 +148,53 @@ class HeldOutData:
         """Errors of models fitted to the rows that were searched, on the test run, or
         to all folds but one, on that one; by_fold : at an effect's place, what rows
         outside of each fold make of it."""
-        own = () if self.frozen else estimate.model.effects
-        parameters = tuple(p for e in (*own, *effects) for p in e.parameters)
+        own_effects = () if self.frozen else estimate.model.effects
+        parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
 
         def table(rows: SegmentedRuns, effects: Sequence[Effect]) -> Array:
             """(n, M, p + 1) columns and torque."""
             columns = [spread_columns(rows, e) for e in effects]
             torque = rows.residual if self.frozen else rows.torque
-            every = [
+            blocks = [
                 model_columns(rows, estimate, self.frozen),
                 *columns,
                 torque.T[:, :, None],
             ]
-            return np.concatenate(every, axis=2)
+            return np.concatenate(blocks, axis=2)
 
         def compressed(both: Array, keep: NDArray[np.bool_]) -> Regression:
             """Of the rows keep (M, n)."""
             parts = [x[mine] for x, mine in zip(both, keep.T, strict=True)]
             triangles = [triangular([x]) if len(x) else x for x in parts]
-            every = np.arange(len(parameters))
+            all_columns = np.arange(len(parameters))
             pairs = zip(triangles, parts, strict=True)
             factors = tuple(
-                Factor(j, 0, every, x, len(part)) for j, (x, part) in enumerate(pairs)
+                Factor(j, 0, all_columns, x, len(part))
+                for j, (x, part) in enumerate(pairs)
             )
             return Regression(
                 parameters, rows.n, ((0, 0.0, 0.0),), factors, oversampling=1.0
             )
 
-        whole, every = table(rows, effects), tuple(effects)
+        all_rows, all_effects = table(rows, effects), tuple(effects)
         if self.test is not None:
             test = self.test.with_model(*rows.attached)
             there = compressed(table(test, effects), test.keep)
-            only = Split(every, compressed(whole, rows.keep), there, self.frozen)
+            only = HeldOutSplit(
+                all_effects, compressed(all_rows, rows.keep), there, self.frozen
+            )
             return HeldOut(estimate, self.frozen, (only,), "test")
-        fold, splits, shaped = folds_of(rows, THIRDS), list[Split](), every
+        fold, splits, shaped = folds_of(rows, THIRDS), list[HeldOutSplit](), all_effects
         for f in range(fold.max() + 1):
             if by_fold:
                 shaped = tuple(
                     by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)
                 )
-                whole = table(rows, shaped)
+                all_rows = table(rows, shaped)
             out = (fold == f)[:, None]
-            train = compressed(whole, rows.keep & ~out)
-            left_out = compressed(whole, rows.keep & out)
-            splits.append(Split(shaped, train, left_out, self.frozen))
+            train = compressed(all_rows, rows.keep & ~out)
+            left_out = compressed(all_rows, rows.keep & out)
+            splits.append(HeldOutSplit(shaped, train, left_out, self.frozen))
         return HeldOut(estimate, self.frozen, splits, "folds")
 
     def outside(self, effect: Effect) -> float:
@@ -195,11 +202,13 @@ class HeldOutData:
         without one."""
         if self.test is None:
             return 0.0
-        away = [
+        outside_shares = [
             s.low_pass @ effect.outside(s.motion).astype(float)
             for s in self.test.segments
         ]
-        return float(np.mean(np.concatenate(away)[self.test.keep.any(axis=1)] > 0.5))
+        return float(
+            np.mean(np.concatenate(outside_shares)[self.test.keep.any(axis=1)] > 0.5)
+        )
 
 
 def with_replaced_joints(
@@ -213,14 +222,14 @@ def with_replaced_joints(
     out, left = list[Effect](), list[bool]()
     for e in effects:
         stay = [j for j in e.joints if (e.name, j) not in others]
-        whole = len(stay) == len(e.joints)
+        keeps_all = len(stay) == len(e.joints)
         left += (
             [True] * len(e.parameters)
-            if whole
+            if keeps_all
             else [p.joint - 1 in stay for p in e.parameters]
         )
         if stay:
-            out.append(e if whole else type(e)(e.robot, stay, **e.shape))
+            out.append(e if keeps_all else type(e)(e.robot, stay, **e.shape))
     return out, left
 
 
@@ -233,23 +242,23 @@ def estimator_beside(estimate: Estimate) -> Estimator:
 
 def task_beside(
     estimate: Estimate,
-    own: Model,
+    own_model: Model,
     left: Regression,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Task:
-    """What fits only the new effects ``own``, under their own constraints; left : what
+    """What fits only the new effects ``own_model``, under their own constraints; left : what
     the model leaves, in their columns."""
     problem, weights = estimate.problem, np.ones(estimate.robot.n)
     for _ in range(2):
-        data = with_plausible(left.least_squares(weights), own, left.oversampling)
+        data = with_plausible(left.least_squares(weights), own_model, left.oversampling)
         weights = joint_weights(left, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])
     return Task(
-        own,
+        own_model,
         data,
-        ConstraintSet(problem.constraints(own).convex),
-        problem.parameter_bound(own),
-        problem.nominal(own),
+        ConstraintSet(problem.constraints(own_model).convex),
+        problem.parameter_bound(own_model),
+        problem.nominal(own_model),
         problem.box,
         None,
         seed,
@@ -260,18 +269,18 @@ def task_beside(
 
 def fitted_parameters(
     estimate: Estimate,
-    own: Sequence[Effect],
+    own_effects: Sequence[Effect],
     new: Sequence[Effect],
     data: Sequence[Regression],
     frozen: bool,
 ) -> list[Array]:
-    """(p,) parameters of an estimate's ``own`` effects and ``new`` ones for each of
+    """(p,) parameters of an estimate's ``own_effects`` effects and ``new`` ones for each of
     some ``data`` in their columns; frozen : of the new ones alone, from rows of what
     the model leaves.
     """
-    if not (own or new):
+    if not (own_effects or new):
         return [np.zeros(0) for _ in data]
-    model = Model(estimate.robot, (*own, *new), gains=estimate.model.gains)
+    model = Model(estimate.robot, (*own_effects, *new), gains=estimate.model.gains)
     tasks = list[Task]()
     for rows in data:
         if frozen:

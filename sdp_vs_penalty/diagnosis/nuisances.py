@@ -44,18 +44,18 @@ def law_misfit_columns(
     """(M, k) white columns of what the law of an effect with parameters beta may get
     wrong, by joint whose torque it changes."""
     rows, out = data.rows, dict[int, Array]()
-    made = spread_columns(rows, effect) @ beta
-    moved = np.zeros((*made.shape, 0))
+    torque = spread_columns(rows, effect) @ beta
+    moved = np.zeros((*torque.shape, 0))
     if free_constants(effect):
         moved = spread_columns(rows, ShapeSensitivity(effect, beta))
-    joints = np.flatnonzero(made.any(axis=1)).tolist()
+    joints = np.flatnonzero(torque.any(axis=1)).tolist()
     for j in joints:
-        every = (
+        states = (
             rows.t - rows.t.mean(),
             rows.dq[:, j],
             rows.q[:, j] - rows.q[:, j].mean(),
         )
-        t, v, q = (x / nonzero_or_one(np.abs(x).max()) for x in every)
+        t, v, q = (x / nonzero_or_one(np.abs(x).max()) for x in states)
         factors = [
             t,
             v,
@@ -67,6 +67,6 @@ def law_misfit_columns(
             *([np.ones(len(v))] if len(joints) > 1 else []),
         ]
         out[j] = data.white(
-            np.column_stack([*(made[j] * g for g in factors), moved[j]]), j
+            np.column_stack([*(torque[j] * g for g in factors), moved[j]]), j
         )
     return out

@@ -25,7 +25,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     MINOR,
     SPECTRUM_NOISE_FACTOR,
 )
-from sdp_vs_penalty.diagnosis.score import Fit
+from sdp_vs_penalty.diagnosis.score import WhiteFit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import plausible_sizes
@@ -62,14 +62,18 @@ class Remainder:
 
 
 def remainder(
-    data: WhiteData, fit: Fit, residual: Array, odd: NDArray[np.bool_]
+    data: WhiteData, fit: WhiteFit, residual: Array, outlier_mask: NDArray[np.bool_]
 ) -> Remainder:
     """residual (M, n) [N m or N], white in ``fit``; outlier_rows (M, n) : rows of events, left
     out."""
     rows, noise = data.rows, data.noise
     white = (fit.residual * fit.level[:, None]).T
     keep = (
-        rows.keep & (white != 0.0) & (noise.worth > 0.5) & (rows.still <= STILL) & ~odd
+        rows.keep
+        & (white != 0.0)
+        & (noise.worth > 0.5)
+        & (rows.still <= STILL)
+        & ~outlier_mask
     )
     slides = keep & (rows.slow <= SLOW)
     leverage = np.sum(fit.basis**2, axis=2).T
@@ -89,15 +93,22 @@ def remainder(
         floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
         raised = raised[squares[raised] > more * floor[raised] ** 2]
     beyond = np.sqrt(np.maximum(squares - floor**2, 0.0))
-    least = np.full(len(variance), SPECTRUM_NOISE_FACTOR**2 * more)
+    smallest_variance = np.full(len(variance), SPECTRUM_NOISE_FACTOR**2 * more)
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
-        least = more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
+        smallest_variance = (
+            more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
+        )
     with np.errstate(divide="ignore", invalid="ignore"):
         variance *= (noise.floor / floor) ** 2
-    matters = raised[variance[raised] > least[raised]]
+    matters = raised[variance[raised] > smallest_variance[raised]]
     share = mean(white**2, keep) - 1.0
     return Remainder(
-        share, beyond, tuple(raised.tolist()), tuple(matters.tolist()), residual, odd
+        share,
+        beyond,
+        tuple(raised.tolist()),
+        tuple(matters.tolist()),
+        residual,
+        outlier_mask,
     )
 
 
@@ -126,8 +137,8 @@ def least_squares_refit(
         A = np.vstack([(white / level[:, None, None]).reshape(-1, p), prior])
         norms = np.linalg.norm(A, axis=0)
         unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-        wanted = np.append(target / level[:, None], -prior @ first)
-        theta = first + np.linalg.lstsq(A / unit, wanted, rcond=1e-8)[0] / unit
+        right_side = np.append(target / level[:, None], -prior @ first)
+        theta = first + np.linalg.lstsq(A / unit, right_side, rcond=1e-8)[0] / unit
         left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(
             data.count, 1.0
         )
@@ -151,25 +162,27 @@ class Event(JsonRecord):
 
 
 def events(
-    data: WhiteData, odd: Mask, residual: Array, named: Sequence[int]
+    data: WhiteData, outlier_mask: Mask, residual: Array, named: Sequence[int]
 ) -> list[Event]:
     """The events of a final model. residual (M, n) [N m or N] : what it leaves; outlier_rows (M,
     n) : its outliers; named : the joints (from 0) on which something without a name is
     left, whose peaks are no events."""
-    rows, mask = data.rows, odd.copy()
+    rows, mask = data.rows, outlier_mask.copy()
     mask[:, list(named)] = False
-    whole = replace(rows, masked=np.zeros((0, 0), bool))
-    found = []
+    unmasked_rows = replace(rows, masked=np.zeros((0, 0), bool))
+    events_found = []
     for j in range(rows.n):
-        for piece in whole.pieces[j]:
-            own = piece[mask[piece, j]]
-            apart = np.flatnonzero(np.diff(rows.t[own]) > 2.0 * SAME_PHASE) + 1
-            for group in np.split(own, apart) if len(own) else ():
+        for piece in unmasked_rows.pieces[j]:
+            event_rows = piece[mask[piece, j]]
+            apart = np.flatnonzero(np.diff(rows.t[event_rows]) > 2.0 * SAME_PHASE) + 1
+            for group in np.split(event_rows, apart) if len(event_rows) else ():
                 group = _core_of_event(group, residual[:, j])
-                found.append(
+                events_found.append(
                     Event(j + 1, float(rows.t[group[0]]), float(rows.t[group[-1]]))
                 )
-    return sorted(found + _hums(data, residual), key=lambda e: (e.t_start, e.joint))
+    return sorted(
+        events_found + _hums(data, residual), key=lambda e: (e.t_start, e.joint)
+    )
 
 
 def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
@@ -181,8 +194,8 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
         int(np.searchsorted(np.cumsum(squares[order]), (1.0 - MINOR) * squares.sum()))
         + 1
     )
-    kept = np.sort(order[:count])
-    return group[kept[0] : kept[-1] + 1]
+    core_rows = np.sort(order[:count])
+    return group[core_rows[0] : core_rows[-1] + 1]
 
 
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
@@ -194,14 +207,16 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         # The noise may be larger than was thought; its median does not see an event.
         steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
         degrees = float(noise.degrees[j])
-        found = local_excess(steady, rows.pieces[j], rows.n, degrees)
-        if found.any() and noise.source != REPETITION:
+        is_outlier = local_excess(steady, rows.pieces[j], rows.n, degrees)
+        if is_outlier.any() and noise.source != REPETITION:
             # It stands out of the joint's own error, where no repetition tells that
             # from noise.
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
-            found &= lone_windows(white[:, j], rows.pieces[j], slow, rows.rate, rows.n)
-        if found.sum() < RARE * rows.keep[:, j].sum():
-            out[:, j] = found
+            is_outlier &= lone_windows(
+                white[:, j], rows.pieces[j], slow, rows.rate, rows.n
+            )
+        if is_outlier.sum() < RARE * rows.keep[:, j].sum():
+            out[:, j] = is_outlier
     return out | _unrepeated_rows(data, residual)
 
 
@@ -237,16 +252,16 @@ def _hums(data: WhiteData, residual: Array) -> list[Event]:
     rows, repeats = data.rows, data.noise.repeats
     slow = rows.slow > SLOW  # reversals are harmonics of the motion
     if repeats:
-        left, found = differences(rows, repeats), consecutive(repeats)
+        left, pieces_of_repeats = differences(rows, repeats), consecutive(repeats)
         slow = np.concatenate([slow[r.rows] for r in repeats])
     else:
         left = residual
     left = np.where(slow, 0.0, left)
     out = []
     for j in range(rows.n):
-        every = found if repeats else rows.pieces[j]
-        longest = max((len(p) for p in every), default=0)
-        series = [left[p, j] for p in every if 2 * len(p) > longest]
+        pieces = pieces_of_repeats if repeats else rows.pieces[j]
+        longest = max((len(p) for p in pieces), default=0)
+        series = [left[p, j] for p in pieces if 2 * len(p) > longest]
         # What the low-pass folds has no flat surroundings.
         lines = [
             f for f in spectral_lines(series, rows.rate, rows.n) if f < rows.cutoff
@@ -293,6 +308,6 @@ def spectral_lines(
     limit = float(special.chdtri(2 * pooled, FALSE_EVENT / (len(power) * tests)))
     # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
     limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
-    found = (excess > limit) & (frequency > lowest)
-    peaks = found & (excess >= ndimage.maximum_filter1d(excess, 7))
+    is_line = (excess > limit) & (frequency > lowest)
+    peaks = is_line & (excess >= ndimage.maximum_filter1d(excess, 7))
     return [float(f) for f in frequency[peaks]]

@@ -120,18 +120,18 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Fit:
+class WhiteFit:
     """The model and some terms fitted to white rows, each joint's divided by its
     ``level`` (n,).
 
-    kept : the columns that take part; whitener (p, r) : the columns A W, divided by the
+    columns_kept : the columns that take part; whitener (p, r) : the columns A W, divided by the
     levels, are orthonormal; theta (p,) : coefficients; residual (n, M) : what they
     leave; rss, degrees (n,) : squared error in units of the noise, and rows less the
     joint's share of the rank.
     """
 
     design: Design
-    kept: tuple[int, ...]
+    columns_kept: tuple[int, ...]
     whitener: Array
     theta: Array
     level: Array
@@ -139,7 +139,7 @@ class Fit:
     rss: Array
     degrees: Array
     floor: float
-    apart: dict[Key, Fit] = field(default_factory=dict)
+    apart: dict[Key, WhiteFit] = field(default_factory=dict)
     moved: dict[tuple[str, int], Array] = field(default_factory=dict)
 
     @property
@@ -185,31 +185,33 @@ class EvidenceScorer:
     def __init__(
         self, data: WhiteData, n_candidates: int, laws: Mapping[Key, int] | None = None
     ) -> None:
-        self.data, self.looked, self.laws = data, max(n_candidates, 1), laws or {}
+        self.data, self.n_candidates, self.laws = data, max(n_candidates, 1), laws or {}
         self.floor = 1.0 if data.known else 1e-12
-        self.alike = Counter(name for name, _ in self.laws)
+        self.laws_by_effect = Counter(name for name, _ in self.laws)
 
     @cached_property
     def _basis(self) -> tuple[Array, Array, dict[Key | None, list[int]]]:
         """(n, M, r) a basis of the model's columns, with those of effects whose
         constant may be another one by themselves; its products (n, r, r); and where
         whose stand."""
-        X, own = self.data.X, self.data.own
+        X, own_columns = self.data.X, self.data.own_effects
         n, M, _ = X.shape
-        alone = [column for _, column in own.values()]
-        B = orthonormal(np.delete(X, alone, axis=2).reshape(n * M, -1))
+        separate_columns = [column for _, column in own_columns.values()]
+        B = orthonormal(np.delete(X, separate_columns, axis=2).reshape(n * M, -1))
         r = B.shape[1]
-        B = np.concatenate([B.reshape(n, M, r), _unit(X[:, :, alone])], axis=2)
+        B = np.concatenate(
+            [B.reshape(n, M, r), _unit(X[:, :, separate_columns])], axis=2
+        )
         at: dict[Key | None, list[int]] = {None: list(range(r))}
         return (
             B,
             B.transpose(0, 2, 1) @ B,
-            at | {key: [r + k] for k, key in enumerate(own)},
+            at | {key: [r + k] for k, key in enumerate(own_columns)},
         )
 
     def fit(
-        self, terms: Sequence[ScoredEffect | Nuisance], near: Fit | None = None
-    ) -> Fit:
+        self, terms: Sequence[ScoredEffect | Nuisance], near: WhiteFit | None = None
+    ) -> WhiteFit:
         """The model with the terms, each joint's rows weighted by what is left of them;
         near : a fit whose columns serve where they hold the terms', and at whose levels
         it begins."""
@@ -223,24 +225,29 @@ class EvidenceScorer:
             for t in terms
             if isinstance(t, ScoredEffect) and t.form.replaces_own_constant
         }
-        own = [
+        model_columns_kept = [
             i
             for key, columns in design.model.items()
             if key not in others
             for i in columns
         ]
-        kept = (*own, *sorted(i for t in terms for i in design.at[t.text]))
+        columns_kept = (
+            *model_columns_kept,
+            *sorted(i for t in terms for i in design.at[t.text]),
+        )
         return self._fitted(
-            design, kept, np.ones(len(design.y)) if near is None else near.level
+            design, columns_kept, np.ones(len(design.y)) if near is None else near.level
         )
 
-    def without(self, fit: Fit, form: Candidate) -> Fit:
+    def without(self, fit: WhiteFit, form: Candidate) -> WhiteFit:
         """A fit, at its levels, without what a form stands in the place of; itself
         where that is nothing."""
         if not form.replaces_own_constant:
             return fit
         if form.key not in fit.apart:
-            left = tuple(i for i in fit.kept if i not in fit.design.model[form.key])
+            left = tuple(
+                i for i in fit.columns_kept if i not in fit.design.model[form.key]
+            )
             fit.apart[form.key] = self._fitted(fit.design, left, fit.level, rounds=1)
         return fit.apart[form.key]
 
@@ -271,9 +278,9 @@ class EvidenceScorer:
         G = np.zeros((n, ends[-1], ends[-1]))
         G[:, :r, :r] = gram
         for j in range(n):
-            own = [i for t in terms if j in t.columns for i in at[t.text]]
-            cross = A[j].T @ A[j][:, own]
-            G[j][:, own], G[j][own] = cross, cross.T
+            columns_on_joint = [i for t in terms if j in t.columns for i in at[t.text]]
+            cross = A[j].T @ A[j][:, columns_on_joint]
+            G[j][:, columns_on_joint], G[j][columns_on_joint] = cross, cross.T
         scale = np.ones(ends[-1])
         scale[r:] = 1.0 / nonzero_or_one(
             np.sqrt(np.sum(np.diagonal(G, axis1=1, axis2=2), axis=0)[r:])
@@ -290,16 +297,19 @@ class EvidenceScorer:
 
     def _fitted(
         self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20
-    ) -> Fit:
+    ) -> WhiteFit:
         """rounds : of coefficients and levels in turn, at most; each raises the
         likelihood, and six were the most on three arms; one: at the levels as they are.
         """
-        kept = np.array(columns, int)
-        G, pull = design.gram.take(kept, 1).take(kept, 2), design.pull[:, kept]
-        each = G.reshape(len(G), -1)
+        columns_kept = np.array(columns, int)
+        G, pull = (
+            design.gram.take(columns_kept, 1).take(columns_kept, 2),
+            design.pull[:, columns_kept],
+        )
+        flat_gram = G.reshape(len(G), -1)
         square, degrees = np.sum(design.y**2, axis=1), self.data.count + design.extra
         for _ in range(rounds):
-            L = _triangle((level**-2.0 @ each).reshape(G.shape[1:]))
+            L = _triangle((level**-2.0 @ flat_gram).reshape(G.shape[1:]))
             theta = scipy.linalg.cho_solve(
                 (L, True), level**-2.0 @ pull, check_finite=False
             )
@@ -311,22 +321,26 @@ class EvidenceScorer:
             L, np.eye(len(L)), lower=True, check_finite=False
         ).T
         p = design.A.shape[2]
-        W, every = np.zeros((p, len(kept))), np.zeros(p)
-        W[kept], every[kept] = root, theta
-        residual = (design.y - design.A @ every) / last[:, None]
+        W, all_theta = np.zeros((p, len(columns_kept))), np.zeros(p)
+        W[columns_kept], all_theta[columns_kept] = root, theta
+        residual = (design.y - design.A @ all_theta) / last[:, None]
         rss = np.sum(residual**2, axis=1) * last**2
-        degrees = np.maximum(degrees - each @ (root @ root.T).ravel() / last**2, 1.0)
-        return Fit(design, columns, W, every, last, residual, rss, degrees, self.floor)
+        degrees = np.maximum(
+            degrees - flat_gram @ (root @ root.T).ravel() / last**2, 1.0
+        )
+        return WhiteFit(
+            design, columns, W, all_theta, last, residual, rss, degrees, self.floor
+        )
 
     def evidence_of(
-        self, fit: Fit, form: Candidate, columns: dict[int, Array]
+        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
     ) -> ScoredEffect:
         """A form beside a fit, the better of two: the model's constants on its joints
         stay as they are, or move with it. Another constant of the model's own effect
         stands in that one's place."""
-        beside, there = self.without(fit, form), set(fit.kept)
-        T, known = self.partial_out(beside, form, columns)
-        term = self._evidence_of(fit, beside, form, columns, T, known)
+        fit_without, there = self.without(fit, form), set(fit.columns_kept)
+        T, known = self.partial_out(fit_without, form, columns)
+        term = self._evidence_of(fit, fit_without, form, columns, T, known)
         moving = (
             []
             if form.replaces_own_constant
@@ -351,14 +365,14 @@ class EvidenceScorer:
 
     def _evidence_of(
         self,
-        least: Fit,
-        fit: Fit,
+        fit_to_beat: WhiteFit,
+        fit: WhiteFit,
         form: Candidate,
         columns: dict[int, Array],
         T: Array,
         known: Array,
     ) -> ScoredEffect:
-        """least : the fit that it has to better, fit : beside which it stands; T (n, M,
+        """fit_to_beat : the fit that it has to better, fit : beside which it stands; T (n, M,
         K) : what that leaves of its columns and of what else may move; known (K,) :
         standard deviations of sizes."""
         none, K = (
@@ -374,12 +388,12 @@ class EvidenceScorer:
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
         beta = _bounded(A, pull, low)
 
-        def gained(before: Fit, beta: Array) -> float:
+        def gained(before: WhiteFit, beta: Array) -> float:
             left = fit.residual - T @ beta
             after = fit.deviance(np.sum(left**2, axis=1) * fit.level**2)
             return float(fit.deviance(before.rss) - after - np.sum((beta / known) ** 2))
 
-        drop = gained(least, beta)
+        drop = gained(fit_to_beat, beta)
         if (
             form.n_coefficients < K
         ):  # what those would do without the form is not its merit
@@ -395,7 +409,7 @@ class EvidenceScorer:
         left, beta = fit.residual - T @ beta, beta[: form.n_coefficients]
         torque = T[:, :, : form.n_coefficients] @ beta
         if form.replaces_own_constant:  # what its other constant makes of it
-            T = least.residual_of(least.scaled(columns))
+            T = fit_to_beat.residual_of(fit_to_beat.scaled(columns))
             energy = float(np.sum(T**2))
             if not DEPENDENT**2 * float(np.sum(flat**2)) < energy:
                 return none
@@ -411,7 +425,7 @@ class EvidenceScorer:
         )
 
     def partial_out(
-        self, fit: Fit, form: Candidate, columns: dict[int, Array]
+        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
     ) -> tuple[Array, Array]:
         """(n, M, k) what a fit leaves of a form's columns, all of them weighted,
         nothing of those that the fit makes itself; and (k,) standard deviations that
@@ -422,14 +436,23 @@ class EvidenceScorer:
         T = T * (np.sum(T**2, axis=(0, 1)) > ABSORBED * energy)
         return T, self.prior(fit, form.plausible, list(columns), energy)
 
-    def n_competing_candidates(self, fit: Fit, form: Candidate) -> float:
+    def n_competing_candidates(self, fit: WhiteFit, form: Candidate) -> float:
         """Among how many candidates one is chosen: beside findings half of the odds are
         for effects that act on another joint already, as joints of an arm are built
         alike."""
-        found = {fit.design.keys[i] for i in fit.kept if i in fit.design.keys}
-        (name, joint), every = form.key, self.looked * (2.0 if found else 1.0)
-        alike = any(other == name and j != joint for other, j in found)
-        return 2.0 * self.alike[name] if alike else every
+        effects_in_fit = {
+            fit.design.keys[i] for i in fit.columns_kept if i in fit.design.keys
+        }
+        (name, joint), all_candidates = (
+            form.key,
+            self.n_candidates * (2.0 if effects_in_fit else 1.0),
+        )
+        is_on_another_joint = any(
+            other == name and j != joint for other, j in effects_in_fit
+        )
+        return (
+            2.0 * self.laws_by_effect[name] if is_on_another_joint else all_candidates
+        )
 
     def rows_worth_one(
         self, T: Array, left: Array, inverse: Array, freedom: float
@@ -443,7 +466,7 @@ class EvidenceScorer:
 
     @staticmethod
     def prior(
-        fit: Fit, plausible: Array, joints: Sequence[int], energy: Array
+        fit: WhiteFit, plausible: Array, joints: Sequence[int], energy: Array
     ) -> Array:
         """(..., k) standard deviations of coefficients about zero before anything is
         measured: what their effects say; else (NaN) that they make no more torque than
@@ -451,22 +474,29 @@ class EvidenceScorer:
 
         energy (..., k) : of the weighted columns.
         """
-        whole = float(np.sum(fit.target[joints] ** 2))
+        energy_of_torque = float(np.sum(fit.target[joints] ** 2))
         return np.where(
-            np.isnan(plausible), np.sqrt(whole / np.maximum(energy, 1e-200)), plausible
+            np.isnan(plausible),
+            np.sqrt(energy_of_torque / np.maximum(energy, 1e-200)),
+            plausible,
         )
 
-    def absorbed(self, fit: Fit, batch: Batch) -> Array:
+    def absorbed(self, fit: WhiteFit, batch: Batch) -> Array:
         """(F,) share of each form's energy that the fit's columns make; 1 where it has
         none."""
         G, _, raw = self._products(fit, batch)
-        energy, made = np.trace(raw, axis1=1, axis2=2), np.sum(G**2, axis=(0, 2))
+        energy, absorbed_energy = (
+            np.trace(raw, axis1=1, axis2=2),
+            np.sum(G**2, axis=(0, 2)),
+        )
         return np.asarray(
-            np.divide(made, energy, out=np.ones(len(energy)), where=energy > 0.0)
+            np.divide(
+                absorbed_energy, energy, out=np.ones(len(energy)), where=energy > 0.0
+            )
         )
 
     @staticmethod
-    def _products(fit: Fit, batch: Batch) -> tuple[Array, Array, Array]:
+    def _products(fit: WhiteFit, batch: Batch) -> tuple[Array, Array, Array]:
         """Of a batch's weighted columns: with a fit's (r, F, k), with what it leaves
         (F, k), and of each form's with each other (F, k, k)."""
         F, k, squares = (
@@ -484,11 +514,11 @@ class EvidenceScorer:
             raw,
         )
 
-    def screened(self, fit: Fit, batch: Batch) -> Array:
+    def screened(self, fit: WhiteFit, batch: Batch) -> Array:
         """(F,) drop of the weighted squared error less k log N, of a batch's forms."""
-        k, on, least = batch.forms[0].n_coefficients, list(batch.joints), fit
+        k, on, fit_to_beat = batch.forms[0].n_coefficients, list(batch.joints), fit
         fit = self.without(fit, batch.forms[0])
-        lost = float(np.sum((fit.rss - least.rss) / fit.level**2))
+        lost = float(np.sum((fit.rss - fit_to_beat.rss) / fit.level**2))
         price = np.log(max(float(fit.degrees[on].sum()), 3.0))
         G, pull, raw = self._products(fit, batch)
         if k == 1:
@@ -503,8 +533,8 @@ class EvidenceScorer:
         G = G.transpose(1, 2, 0)
         D = raw - G @ G.transpose(0, 2, 1)
         energy = np.diagonal(raw, axis1=1, axis2=2)
-        seen = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
-        D, pull = D * seen[:, :, None] * seen[:, None, :], pull * seen
+        is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
+        D, pull = D * is_visible[:, :, None] * is_visible[:, None, :], pull * is_visible
         known = self.prior(fit, batch.plausible, on, energy)
         A = _ridged(D + np.eye(k) * known[:, :, None] ** -2.0)
         inverse = np.linalg.inv(A)
@@ -571,7 +601,7 @@ def _bounded(A: Array, pull: Array, low: NDArray[np.bool_]) -> Array:
     target = np.linalg.solve(root.T, pull)
     from scipy.optimize import nnls  # its import takes longer than a report
 
-    found = nnls(np.hstack([root, -root[:, ~low]]), target)[0]
-    out = found[: len(low)].copy()
-    out[~low] -= found[len(low) :]
+    solution = nnls(np.hstack([root, -root[:, ~low]]), target)[0]
+    out = solution[: len(low)].copy()
+    out[~low] -= solution[len(low) :]
     return np.asarray(out)

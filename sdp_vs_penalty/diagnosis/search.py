@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.diagnosis.nuisances import Nuisance, law_misfit_columns
 from sdp_vs_penalty.diagnosis.remaining import least_squares_refit
-from sdp_vs_penalty.diagnosis.score import EvidenceScorer, Fit, ScoredEffect
+from sdp_vs_penalty.diagnosis.score import EvidenceScorer, ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -59,7 +59,7 @@ class Search:
             self._kept[text] = self.data.columns(form.effect)
         return self._kept[text]
 
-    def evidence_of(self, fit: Fit, form: Candidate) -> ScoredEffect:
+    def evidence_of(self, fit: WhiteFit, form: Candidate) -> ScoredEffect:
         return self.score.evidence_of(fit, form, self.columns(form))
 
     def beside(
@@ -72,7 +72,7 @@ class Search:
         )
 
     def refined(
-        self, fit: Fit, start: ScoredEffect, fixed: Set[str] = frozenset()
+        self, fit: WhiteFit, start: ScoredEffect, fixed: Set[str] = frozenset()
     ) -> ScoredEffect:
         """Each continuous shape constant but the fixed ones in turn where the score is
         highest, on a lattice of its scale: the same values come back in every step of
@@ -93,7 +93,7 @@ class Search:
             best = self.evidence_of(fit, best.form.with_shape(**{sized: value}))
         return best
 
-    def _along(self, fit: Fit, start: ScoredEffect, name: str) -> ScoredEffect:
+    def _along(self, fit: WhiteFit, start: ScoredEffect, name: str) -> ScoredEffect:
         effect = start.form.effect
         shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
         if shape.bounds is None:
@@ -113,18 +113,18 @@ class Search:
             if linear
             else np.log(2.0)
         )
-        seen = {0.0: start}
+        terms_by_step = {0.0: start}
 
         def at(x: float) -> ScoredEffect:
-            if x not in seen:
+            if x not in terms_by_step:
                 value = float(f"{back(u + x * spacing):.6g}")
                 if low <= value <= high:
-                    seen[x] = self.evidence_of(
+                    terms_by_step[x] = self.evidence_of(
                         fit, start.form.with_shape(**{name: value})
                     )
                 else:
-                    seen[x] = replace(start, drop=-np.inf)
-            return seen[x]
+                    terms_by_step[x] = replace(start, drop=-np.inf)
+            return terms_by_step[x]
 
         def score(x: float) -> float:
             return at(x).evidence_with_worth_of(start)
@@ -133,11 +133,11 @@ class Search:
         for step in STEPS:
             while (best := max((x, x - step, x + step), key=score)) != x:
                 x = best
-        less, most, more = (score(x + d) for d in (-step, 0.0, step))
-        if less - 2.0 * most + more < 0.0 and np.isfinite(
+        less, middle, more = (score(x + d) for d in (-step, 0.0, step))
+        if less - 2.0 * middle + more < 0.0 and np.isfinite(
             less + more
         ):  # the top of a parabola
-            top = 0.5 * (less - more) / (less - 2.0 * most + more)
+            top = 0.5 * (less - more) / (less - 2.0 * middle + more)
             x = max((x, x + step * round(16.0 * top) / 16.0), key=score)
         return at(x)
 
@@ -168,8 +168,12 @@ class Search:
         self, term: ScoredEffect, others: Sequence[ScoredEffect]
     ) -> list[Nuisance]:
         """As much of what is in every machine as is plausible, where neither says it."""
-        said = {term.form.effect.form_of, term.key[0], *(t.key[0] for t in others)}
-        return [m for name, m in self.tolerances.items() if name not in said]
+        named_effects = {
+            term.form.effect.form_of,
+            term.key[0],
+            *(t.key[0] for t in others),
+        }
+        return [m for name, m in self.tolerances.items() if name not in named_effects]
 
     @cached_property
     def tolerances(self) -> dict[str, Nuisance]:
@@ -208,22 +212,24 @@ class Search:
 
     def top_candidates(
         self,
-        fit: Fit,
+        fit: WhiteFit,
         terms: Sequence[ScoredEffect],
         on: frozenset[int] | None = None,
         beyond: float = 0.0,
-        whole: bool = False,
+        exact_joints: bool = False,
     ) -> list[ScoredEffect]:
         """The most likely form of each candidate, refined, the best first; on : some of
-        whose joints, or all of them and no others (``whole``); beyond : what has to be
+        whose joints, or all of them and no others (``exact_joints``); beyond : what has to be
         reached, nearly, to be of use."""
-        found = self._screened(fit, [t.form for t in terms], on, whole)
-        top = max((t.evidence for t in found), default=0.0)
+        terms_found = self._screened(fit, [t.form for t in terms], on, exact_joints)
+        top = max((t.evidence for t in terms_found), default=0.0)
         # A width that is far from those on the grid says little there, and all where it
         # is right.
-        least = 0.5 * max(top, beyond) - 3.0 * EVIDENCE_TO_ADD
+        threshold = 0.5 * max(top, beyond) - 3.0 * EVIDENCE_TO_ADD
         useful = (
-            t for t in found if least < t.evidence or t.form.replaces_own_constant
+            t
+            for t in terms_found
+            if threshold < t.evidence or t.form.replaces_own_constant
         )
         ranked = sorted(
             (self.refined(fit, t) for t in useful), key=lambda t: -t.evidence
@@ -239,16 +245,16 @@ class Search:
 
     def _screened(
         self,
-        fit: Fit,
+        fit: WhiteFit,
         picked: Sequence[Candidate],
         on: frozenset[int] | None,
-        whole: bool,
+        exact_joints: bool,
     ) -> list[ScoredEffect]:
         """The best form of each law on the grids, of so many candidates that take most."""
         best: dict[tuple[Hashable, ...], tuple[float, Candidate, dict[int, Array]]] = {}
         for batch in self.library.batches:
             joints = frozenset(batch.joints)
-            if on is not None and not (on == joints if whole else on & joints):
+            if on is not None and not (on == joints if exact_joints else on & joints):
                 continue
             values = self.score.screened(fit, batch)
             free = may_join(batch.forms, picked, self.data.estimate.model)
@@ -266,22 +272,24 @@ class Search:
         close = list(dict.fromkeys(form.key for _, form, _ in ranked))[
             :MAX_CANDIDATES_REFINED
         ]
-        found = [(form, z) for _, form, z in ranked if form.key in close]
-        for form, columns in found:
+        forms_found = [(form, z) for _, form, z in ranked if form.key in close]
+        for form, columns in forms_found:
             self._kept.setdefault(form.effect.text, columns)
-        return [self.score.evidence_of(fit, form, columns) for form, columns in found]
+        return [
+            self.score.evidence_of(fit, form, columns) for form, columns in forms_found
+        ]
 
     @staticmethod
-    def simplest(found: Sequence[ScoredEffect]) -> ScoredEffect | None:
+    def simplest(ranked: Sequence[ScoredEffect]) -> ScoredEffect | None:
         """Of terms, the best first, the simplest that is as good as the best."""
-        if not found:
+        if not ranked:
             return None
-        best, least = (
-            found[0],
-            EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * found[0].evidence,
+        best, margin = (
+            ranked[0],
+            EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * ranked[0].evidence,
         )
         tied = [
-            t for t in found if best.evidence - t.evidence_with_worth_of(best) < least
+            t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
         ]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
         return min(
@@ -319,32 +327,40 @@ class Search:
         return terms
 
     def score_jointly(
-        self, group: Sequence[ScoredEffect], rest: Sequence[ScoredEffect]
+        self, group: Sequence[ScoredEffect], other_terms: Sequence[ScoredEffect]
     ) -> list[ScoredEffect]:
         """Terms judged together: each beside the rest and those before it."""
-        return [self.beside(g, [*rest, *group[:i]]) for i, g in enumerate(group)]
+        return [self.beside(g, [*other_terms, *group[:i]]) for i, g in enumerate(group)]
 
     def exchange_one(self, terms: Sequence[ScoredEffect]) -> list[ScoredEffect] | None:
         """One term for another where that is as good and simpler, or better, or one for
         several; else None, and every term knows its rivals."""
         with_rivals = []
         for group in [*([t] for t in terms), *self.mergeable_groups(terms)]:
-            rest = [t for t in terms if t not in group]
+            other_terms = [t for t in terms if t not in group]
             on = frozenset[int]().union(*(t.joints for t in group))
-            fit = self.score.fit(self.with_nuisances(group[0], rest), self.fit)
-            judged = self.score_jointly(group, rest)
+            fit = self.score.fit(self.with_nuisances(group[0], other_terms), self.fit)
+            judged = self.score_jointly(group, other_terms)
             J, now = sum(t.evidence for t in judged), judged[0]
-            found = self.top_candidates(fit, rest, on, J, whole=len(group) > 1)
+            candidates_found = self.top_candidates(
+                fit, other_terms, on, J, exact_joints=len(group) > 1
+            )
             if self.in_reference.issuperset(
                 t.key for t in group
             ):  # they would explain themselves
-                found = [t for t in found if not t.form.effect.needs_torque]
+                candidates_found = [
+                    t for t in candidates_found if not t.form.effect.needs_torque
+                ]
             if len(group) == 1:
-                with_rivals.append(replace(now, rivals=self.equivalent(now, found)))
-            other = self.simplest([t for t in found if t.evidence > EVIDENCE_TO_ADD])
+                with_rivals.append(
+                    replace(now, rivals=self.equivalent(now, candidates_found))
+                )
+            other = self.simplest(
+                [t for t in candidates_found if t.evidence > EVIDENCE_TO_ADD]
+            )
             if other is None or other.key in {t.key for t in group}:
                 continue
-            old, least = group[0].form, EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
+            old, margin = group[0].form, EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
             its = (
                 other.evidence if len(group) > 1 else other.evidence_with_worth_of(now)
             )
@@ -352,10 +368,10 @@ class Search:
             simpler = len(group) > 1 or (
                 not other.form.refines(old) and ranks[0] < ranks[1]
             )
-            if J + least < its or (
-                J - least < its and (simpler or old.refines(other.form))
+            if J + margin < its or (
+                J - margin < its and (simpler or old.refines(other.form))
             ):
-                after = self.refine_and_drop([*rest, other])
+                after = self.refine_and_drop([*other_terms, other])
                 if any(
                     t.key == other.key for t in after
                 ):  # beside what is tolerated, too
@@ -376,21 +392,23 @@ class Search:
                 for t in terms
                 if t.key[0] == name and not t.form.replaces_own_constant
             ]
-            every = [*combinations(same, 2), *([same] if len(same) > 2 else [])]
+            groups = [*combinations(same, 2), *([same] if len(same) > 2 else [])]
             out += [
                 list(g)
-                for g in every
+                for g in groups
                 if frozenset().union(*(t.joints for t in g)) in sets
             ]
         return out
 
     @staticmethod
     def equivalent(
-        term: ScoredEffect, found: Sequence[ScoredEffect]
+        term: ScoredEffect, candidates_found: Sequence[ScoredEffect]
     ) -> tuple[ScoredEffect, ...]:
         """The forms that these rows do not tell from a term."""
         near = (
-            t for t in found if t.key != term.key and not t.form.replaces_own_constant
+            t
+            for t in candidates_found
+            if t.key != term.key and not t.form.replaces_own_constant
         )
         return tuple(
             t
@@ -400,13 +418,15 @@ class Search:
 
     def run(self, progress: Progress = no_progress) -> list[ScoredEffect]:
         """Add, exchange, drop until nothing changes."""
-        seen = set[tuple[str, ...]]()
+        states_before = set[tuple[str, ...]]()
         for _ in range(
             3 * len(self.library.laws)
         ):  # each joins, gives way and goes once at most
             self.fit = self.score.fit(self.with_misfits(self.terms), self.fit)
-            found = self.top_candidates(self.fit, self.terms)
-            best = self.simplest([t for t in found if t.evidence > EVIDENCE_TO_ADD])
+            candidates_found = self.top_candidates(self.fit, self.terms)
+            best = self.simplest(
+                [t for t in candidates_found if t.evidence > EVIDENCE_TO_ADD]
+            )
             if best is not None:
                 progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
             after = (
@@ -418,14 +438,14 @@ class Search:
                 break
             state = tuple(sorted(str(t.key) for t in after))
             if best is not None and (
-                state in seen or all(t.key != best.key for t in after)
+                state in states_before or all(t.key != best.key for t in after)
             ):
                 self.refused.add(best.key)
                 continue
             self.terms = after
-            if state in seen:
+            if state in states_before:
                 break
-            seen.add(state)
+            states_before.add(state)
         self.fit = self.score.fit(self.terms)
         return self.terms
 
@@ -444,9 +464,13 @@ class Search:
             self.data,
             zip(self.terms, thetas or [t.beta for t in self.terms], strict=True),
         )
-        made = [(t, theta) for t, theta in pairs if not t.form.effect.needs_torque]
+        terms_with_torque = [
+            (t, theta) for t, theta in pairs if not t.form.effect.needs_torque
+        ]
         rows = with_estimate(
-            data.rows, estimate, [(t.form.effect, theta) for t, theta in made]
+            data.rows,
+            estimate,
+            [(t.form.effect, theta) for t, theta in terms_with_torque],
         )
         if without is not None:
             rows = replace(
@@ -454,7 +478,7 @@ class Search:
             )
         data = whitened(rows, data.noise, estimate, data.frozen)
         out = Search(data, self.library)
-        out.in_reference = {t.key for t, _ in made}
+        out.in_reference = {t.key for t, _ in terms_with_torque}
         out.terms = [
             replace(t, columns=data.columns(t.form.effect)) for t in self.terms
         ]
@@ -483,9 +507,10 @@ class Search:
         ends = data.raw.shape[2] + np.cumsum(
             [0, *(t.form.n_coefficients for t in self.terms)]
         )
-        own, *thetas = np.split(theta, ends[:-1])
+        own_theta, *thetas = np.split(theta, ends[:-1])
         return self.beside_model(
-            estimate if data.frozen else replace(estimate, theta=own), thetas=thetas
+            estimate if data.frozen else replace(estimate, theta=own_theta),
+            thetas=thetas,
         )
 
     def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:
@@ -496,19 +521,19 @@ class Search:
         while True:
             out.fit = out.score.fit(out.with_misfits(terms), self.fit)
             out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
-            least = min(out.terms, key=lambda t: t.evidence, default=None)
-            if least is None or least.evidence > 0.0:
+            weakest = min(out.terms, key=lambda t: t.evidence, default=None)
+            if weakest is None or weakest.evidence > 0.0:
                 break
-            terms = [t for t in out.terms if t is not least]
+            terms = [t for t in out.terms if t is not weakest]
         out.fit = out.score.fit(out.terms)
         return out
 
 
-def changed(own: Sequence[ScoredEffect], model: Model) -> list[ShapeEstimate]:
+def changed(own_terms: Sequence[ScoredEffect], model: Model) -> list[ShapeEstimate]:
     """The constants of terms that stand in the place of a model's own effects, beside
     the model's."""
     out = []
-    for t in own:
+    for t in own_terms:
         (joint,), new = t.joints, t.form.effect
         old = next(e for e in model.effects if e.name == new.name and joint in e.joints)
         for key in (k for k in new.estimated if new.shape[k] != old.shape[k]):

@@ -69,7 +69,7 @@ _FAST = 0.75
 _HATS = 9
 
 
-class Stretch(NamedTuple):
+class FailingStretch(NamedTuple):
     """Instants [s] of a run between which an error is large, and the cause that is seen
     there."""
 
@@ -98,7 +98,7 @@ class JointFailure(JsonRecord):
     held_out_shares: dict[str, float]
     reversal_lift: float
     orders: tuple[tuple[int, float, float], ...]
-    stretches: tuple[Stretch, ...] = ()
+    stretches: tuple[FailingStretch, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; the joint counts from 1."""
@@ -109,17 +109,19 @@ class JointFailure(JsonRecord):
         }
 
 
-def dependences(failure: JointFailure, most: int = 3) -> list[tuple[str, float]]:
-    """The quantities that the error depends on, the ``most`` important, with the share
+def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
+    """The quantities that the error depends on, the ``most_named`` important, with the share
     of each."""
-    best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[:most]
+    best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[
+        :most_named
+    ]
     return [(name, share) for name, share in best if share >= CHANGES]
 
 
 def sentences(failure: JointFailure, unit: str) -> list[str]:
     """Where one joint's error is large, in words; unit : of its torque."""
-    found = dependences(failure)
-    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in found]
+    strongest = dependences(failure)
+    named = [f"{name} ({100.0 * share:.0f} %)" for name, share in strongest]
     if named:
         out = [f"The error depends most on {words(named)}."]
     else:
@@ -128,7 +130,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
             " data left out."
         ]
     near = any(s.cause == REVERSAL for s in failure.stretches)
-    if (REVERSAL in dict(found) or near) and failure.reversal_lift > 1.0:
+    if (REVERSAL in dict(strongest) or near) and failure.reversal_lift > 1.0:
         out.append(
             f"Within {NEAR:g} s of the joint's reversals it is"
             f" {failure.reversal_lift:.2g} times as large as elsewhere."
@@ -304,13 +306,13 @@ def states(rows: SegmentedRuns) -> dict[str, Array]:
     n)."""
 
     names = {POSITION: "q", VELOCITY: "dq", ACCELERATION: "ddq", "torque": "torque"}
-    found = {
+    state_by_name = {
         word: np.concatenate(
             [s.low_pass @ getattr(s.motion, name) for s in rows.segments]
         )
         for word, name in names.items()
     }
-    return found | {TIME: np.repeat(rows.t[:, None], rows.n, axis=1)}
+    return state_by_name | {TIME: np.repeat(rows.t[:, None], rows.n, axis=1)}
 
 
 def cause_columns(
@@ -333,7 +335,7 @@ def cause_columns(
         if i != j
         for name in (VELOCITY, POSITION)
     ]
-    return {name: each[j] for name, each in smooth.items()} | {
+    return {name: columns_by_joint[j] for name, columns_by_joint in smooth.items()} | {
         REVERSAL: _after_reversals(x[VELOCITY], rows),
         STANDSTILL: np.column_stack([still, still * direction]),
         HIGH_SPEED: np.column_stack([fast, fast * direction]),
@@ -356,23 +358,27 @@ def hats(x: Array, knots: Array | None = None) -> Array:
 def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
     """(M,) seconds from the nearest reversal, below zero before it, infinite where
     there is none; and the direction after it."""
-    every, segment = np.arange(len(velocity)), rows.segment
+    row_numbers, segment = np.arange(len(velocity)), rows.segment
     turns = np.sign(velocity[1:]) != np.sign(velocity[:-1])
     at = np.flatnonzero(turns & (segment[1:] == segment[:-1]))
     if not len(at):
         return np.full(len(velocity), np.inf), np.zeros(len(velocity))
     middle = 0.5 * (rows.t[at] + rows.t[at + 1])
-    sides = np.clip(np.searchsorted(at, every) + np.array([[-1], [0]]), 0, len(at) - 1)
+    sides = np.clip(
+        np.searchsorted(at, row_numbers) + np.array([[-1], [0]]), 0, len(at) - 1
+    )
     seconds = np.where(segment[at[sides]] == segment, rows.t - middle[sides], np.inf)
     best = np.argmin(np.abs(seconds), axis=0)
-    return seconds[best, every], np.sign(velocity[at[sides[best, every]] + 1])
+    return seconds[best, row_numbers], np.sign(
+        velocity[at[sides[best, row_numbers]] + 1]
+    )
 
 
 def _after_reversals(velocity: Array, rows: SegmentedRuns) -> Array:
     """Any function of the time from a reversal, and that times the direction after it."""
-    away, direction = from_reversal(velocity, rows)
-    near = np.abs(away) < FOLLOWS
-    shape = near[:, None] * hats(away, np.linspace(-FOLLOWS, FOLLOWS, _HATS))
+    rows_since, direction = from_reversal(velocity, rows)
+    near = np.abs(rows_since) < FOLLOWS
+    shape = near[:, None] * hats(rows_since, np.linspace(-FOLLOWS, FOLLOWS, _HATS))
     return np.hstack([shape, shape * direction[:, None]])
 
 
@@ -411,21 +417,21 @@ def failing_stretches(
     still: Array,
     rows: SegmentedRuns,
     shares: dict[str, float],
-) -> tuple[Stretch, ...]:
+) -> tuple[FailingStretch, ...]:
     """Where a joint's error (M,) is large, with the cause that is seen there: its RMS
     over 2 NEAR beyond the factor within which a floor may be known, or of its own RMS
     without one; for NEAR at least."""
     width = max(1, round(2.0 * NEAR * rows.rate))
     size = np.sqrt(np.convolve(error**2, np.ones(width) / width, mode="same"))
     limit = SPECTRUM_NOISE_FACTOR * (floor or float(np.sqrt(np.mean(error**2))))
-    rest = {
+    state_at = {
         name: x
         for name, x in shares.items()
         if name not in (REVERSAL, STANDSTILL, HIGH_SPEED)
     }
-    best = max(rest, key=lambda name: rest[name], default=UNNAMED)
+    best = max(state_at, key=lambda name: state_at[name], default=UNNAMED)
     names = np.array(
-        [best if rest.get(best, 0.0) >= CHANGES else UNNAMED], dtype=object
+        [best if state_at.get(best, 0.0) >= CHANGES else UNNAMED], dtype=object
     ).repeat(len(error))
     names[np.abs(velocity) > _FAST * np.abs(velocity).max()] = HIGH_SPEED
     names[np.abs(from_reversal(velocity, rows)[0]) <= NEAR] = REVERSAL
@@ -438,8 +444,8 @@ def failing_stretches(
         + 1
     )
     edges = [0, *ends.tolist(), len(names)]
-    found = [
-        Stretch(
+    stretches_found = [
+        FailingStretch(
             rows.names[rows.run[a]],
             float(rows.t[a]),
             float(rows.t[b - 1]),
@@ -448,4 +454,4 @@ def failing_stretches(
         for a, b in pairwise(edges)
         if names[a]
     ]
-    return tuple(s for s in found if s.stop - s.start >= NEAR)
+    return tuple(s for s in stretches_found if s.stop - s.start >= NEAR)

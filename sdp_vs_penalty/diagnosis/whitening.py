@@ -42,18 +42,22 @@ def diagnosis_rows(
 
 
 def with_estimate(
-    runs: SegmentedRuns, estimate: Estimate, found: Sequence[tuple[Effect, Array]] = ()
+    runs: SegmentedRuns,
+    estimate: Estimate,
+    other_effects: Sequence[tuple[Effect, Array]] = (),
 ) -> SegmentedRuns:
-    """The same runs with an estimate as the current model; found : effects beside it,
+    """The same runs with an estimate as the current model; other_effects : effects beside it,
     with their parameters, whose torque passes the channels as well."""
     model = estimate.model
 
     def beside(motion: Motion) -> Motion:
-        if not found:
+        if not other_effects:
             return motion
-        made = sum(e.torque(theta, motion) for e, theta in found)
+        torque_of_others = sum(e.torque(theta, motion) for e, theta in other_effects)
         return replace(
-            motion, torque=motion.model_torque + made * np.array(model.gains or (1.0,))
+            motion,
+            torque=motion.model_torque
+            + torque_of_others * np.array(model.gains or (1.0,)),
         )
 
     return runs.with_model(
@@ -94,7 +98,7 @@ class WhiteData:
         return self.noise.source != RESIDUAL
 
     @cached_property
-    def own(self) -> dict[tuple[str, int], tuple[Effect, int]]:
+    def own_effects(self) -> dict[tuple[str, int], tuple[Effect, int]]:
         """By name and joint the model's own effects, each alone, whose shape constant
         may be another one: with one column a joint; and where that stands in X."""
         if self.frozen:
@@ -113,23 +117,23 @@ class WhiteData:
         """What errors of the free shape constants of effects, and of the model's own
         beside them, make of white torque: what turns over another velocity looks like
         friction of another size."""
-        model, own = self.estimate.model, self.estimate.theta
+        model, theta = self.estimate.model, self.estimate.theta
         if not self.frozen:
             effects = [*effects, *model.effects]
-            thetas = [*thetas, *(own[k] for k in model.indices)]
+            thetas = [*thetas, *(theta[k] for k in model.indices)]
         return [(s, self.columns(s)) for s in sensitivities(effects, thetas)]
 
     @cached_property
     def constants(self) -> dict[tuple[str, int], Array]:
         """(M, s) by name and joint the same of the model's own effects in ``own``."""
-        every = (
+        columns_by_effect = (
             (s.effect.name, columns) for s, columns in self.constant_error_columns()
         )
         return {
             (name, j): z
-            for name, by in every
+            for name, by in columns_by_effect
             for j, z in by.items()
-            if (name, j) in self.own
+            if (name, j) in self.own_effects
         }
 
     @cached_property
@@ -162,11 +166,11 @@ def whiten_rows(
     rows: SegmentedRuns,
     estimate: Estimate,
     frozen: bool = False,
-    whole: SegmentedRuns | None = None,
+    noise_rows: SegmentedRuns | None = None,
 ) -> WhiteData:
-    """White rows with a model attached; whole : what the noise is measured in, if not
+    """White rows with a model attached; noise_rows : what the noise is measured in, if not
     these."""
-    noise = noise_of(rows, whole)
+    noise = noise_of(rows, noise_rows)
     masked = noise.suspect | before_friction_settles(rows)
     if masked.any():
         rows = replace(rows, masked=masked)

@@ -26,8 +26,8 @@ DEFAULT_EFFECTS = (
 @cache
 def effect_types() -> dict[str, type[Effect]]:
     """Every effect of the library by name, the rigid body first."""
-    found = classes(__name__, __path__, Effect)
-    return {"rigid_body": found.pop("rigid_body"), **found}
+    types = classes(__name__, __path__, Effect)
+    return {"rigid_body": types.pop("rigid_body"), **types}
 
 
 def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...]:
@@ -90,10 +90,10 @@ def __getattr__(name: str) -> Any:
     made of."""
     if name in _PARTS:
         return lazy_exports(__name__, **{_PARTS[name]: name})(name)
-    found = {kind.__name__: kind for kind in effect_types().values()}
-    if name not in found:
+    types = {kind.__name__: kind for kind in effect_types().values()}
+    if name not in types:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return found[name]
+    return types[name]
 
 
 def __dir__() -> list[str]:

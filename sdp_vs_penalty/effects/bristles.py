@@ -74,14 +74,16 @@ class StatefulEffect(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         return self.blocks_at(motion, self.bristles.along(motion))
 
-    def looks_like(self, size: float, seen: JointCoverage) -> str:
-        hidden = max(self.bristles.distances, default=np.inf) < 2.0 * seen.resolution
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        hidden = (
+            max(self.bristles.distances, default=np.inf) < 2.0 * coverage.resolution
+        )
         if self.at_rest == "turns" and hidden:
             return (
                 "it turns round within what the positions tell apart: any sharp"
                 " friction looks so"
             )
-        return super().looks_like(size, seen)
+        return super().looks_like(size, coverage)
 
 
 def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
@@ -234,8 +236,10 @@ class MaxwellSlip(StatefulEffect, JointEffect):
         return self.shape["law"] == 2.0
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        own, unit = self.parameter_name(joint), self.unit_on(joint)
-        return [(f"{own}_{i + 1}", unit) for i in range(1 if self.even else _ELEMENTS)]
+        base_name, unit = self.parameter_name(joint), self.unit_on(joint)
+        return [
+            (f"{base_name}_{i + 1}", unit) for i in range(1 if self.even else _ELEMENTS)
+        ]
 
     @property
     def bristles(self) -> Bristles:
@@ -246,9 +250,9 @@ class MaxwellSlip(StatefulEffect, JointEffect):
         return Bristles(directions, np.tile(distances, len(self.joints)), stop)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        each = np.split(z, len(self.joints), axis=1)
+        by_joint = np.split(z, len(self.joints), axis=1)
         return self.blocks_per_joint(
-            [x.mean(axis=1) for x in each] if self.even else each
+            [x.mean(axis=1) for x in by_joint] if self.even else by_joint
         )
 
 

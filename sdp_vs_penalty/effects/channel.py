@@ -63,13 +63,13 @@ class TorqueGain(JointEffect):
         out[:, list(self.joints)] /= 1.0 + theta
         return out
 
-    def looks_like(self, size: float, seen: JointCoverage) -> str:
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
         if abs(size) > _LARGEST:
             return (
                 f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong"
                 " ratio or unit"
             )
-        return super().looks_like(size, seen)
+        return super().looks_like(size, coverage)
 
 
 class DelayedTorque(Effect):
@@ -104,10 +104,10 @@ class Delay(DelayedTorque):
 
     def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         out = torque.copy()
-        for late, j in zip(
+        for delay, j in zip(
             np.broadcast_to(theta, len(self.joints)), self.joints, strict=True
         ):
-            out[:, j] = np.interp(t + late, t, torque[:, j])
+            out[:, j] = np.interp(t + delay, t, torque[:, j])
         return out
 
 
@@ -173,8 +173,8 @@ class TorqueFilter(DelayedTorque):
             passed = first_order_lag(passed[::-1], motion.t, T)[::-1]
         return np.asarray((passed - torque) / T)[:, :, None]
 
-    def looks_like(self, size: float, seen: JointCoverage) -> str:
-        if self.needs_links and seen.stands > STANDS:
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        if self.needs_links and coverage.stands > STANDS:
             return (
                 "joints stand still at reversals, where friction turns round as slowly"
                 " by itself"

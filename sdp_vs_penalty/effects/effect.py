@@ -213,8 +213,8 @@ class Effect(ABC):
     ) -> Effect:
         """The same effect with these shape constants, the others as they are; or on
         some joints only."""
-        asked = self.asked_joints if joints is None else joints
-        return type(self)(self.robot, asked, **{**self.shape, **shape})
+        joints_of_result = self.asked_joints if joints is None else joints
+        return type(self)(self.robot, joints_of_result, **{**self.shape, **shape})
 
     def __init_subclass__(cls) -> None:
         if "equation" in vars(cls) and "name" not in vars(cls):
@@ -257,8 +257,8 @@ class Effect(ABC):
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be
         left out."""
-        own, torques = np.arange(len(self.parameters)), self.torques(motion)
-        return [Block(j, own, torques[:, j]) for j in range(self.robot.n)]
+        indices, torques = np.arange(len(self.parameters)), self.torques(motion)
+        return [Block(j, indices, torques[:, j]) for j in range(self.robot.n)]
 
     def same_columns(self, other: Effect) -> bool:
         """Whether both have the same columns on every motion, as far as that shows:
@@ -346,22 +346,24 @@ class Effect(ABC):
         grids = {
             key: shape.on(kind).grid for key, shape in cls.shapes.items() if shape.grid
         }
-        every = product(*grids.values()) if cls.sought else ()
-        return [dict(zip(grids, values, strict=True)) for values in every]
+        combinations_of_values = product(*grids.values()) if cls.sought else ()
+        return [
+            dict(zip(grids, values, strict=True)) for values in combinations_of_values
+        ]
 
     @classmethod
     def candidates(
-        cls, robot: Robot, joint: int | None, start: float = 0.0, **given: float
+        cls, robot: Robot, joint: int | None, start: float = 0.0, **constants: float
     ) -> list[Effect]:
         """The effect on one joint (None: the whole robot), with each set of shape
-        constants that a search begins with; ``given`` ones stay. start : the first
+        constants that a search begins with; ``constants`` ones stay. start : the first
         instant of the measurements [s]."""
         clock = {
             key: start for key, shape in cls.shapes.items() if shape.role == "clock"
         }
         joints = None if joint is None else [joint]
         return [
-            cls(robot, joints, **{**clock, **shape, **given})
+            cls(robot, joints, **{**clock, **shape, **constants})
             for shape in cls.starts(robot, joint or 0)
         ]
 
@@ -405,10 +407,10 @@ class Effect(ABC):
         """A sentence about an effect of this size, if there is something to say."""
         return ""
 
-    def looks_like(self, size: float, seen: JointCoverage) -> str:
+    def looks_like(self, size: float, coverage: JointCoverage) -> str:
         """What a model may lack that passes for this effect of this size in what was
         seen of its joint, if there is such a thing."""
-        slow = (self.waves or np.inf) * seen.travel < 2.0 * np.pi
+        slow = (self.waves or np.inf) * coverage.travel < 2.0 * np.pi
         return (
             "less than one wave was travelled: all that changes slowly along it"
             " looks so"
@@ -449,11 +451,11 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
     other = effect.needs_torque or effect.needs_links or effect.needs_temperature
     if other or effect.needs_command or effect.needs_motors or effect.has_memory:
         return False
-    own = np.random.default_rng(0).normal(size=(3, effect.robot.n))
+    state = np.random.default_rng(0).normal(size=(3, effect.robot.n))
 
     def columns(x: float) -> list[Block]:
-        still = np.full_like(own, x)
-        q, dq = (own if s == signal else still for s in ("q", "dq"))
+        still = np.full_like(state, x)
+        q, dq = (state if s == signal else still for s in ("q", "dq"))
         return effect.blocks(Motion(still[:, 0], q, dq, still))
 
     first, second = columns(0.0), columns(0.7)
@@ -477,5 +479,8 @@ class JointEffect(Effect):
         """Of the columns (N,) or (N, k) of each of its joints."""
         wide = [x.reshape(len(x), -1) for x in columns]
         ends = accumulate((x.shape[1] for x in wide), initial=0)
-        own = starmap(np.arange, pairwise(ends))
-        return [Block(j, k, x) for j, k, x in zip(self.joints, own, wide, strict=True)]
+        parameters_by_joint = starmap(np.arange, pairwise(ends))
+        return [
+            Block(j, k, x)
+            for j, k, x in zip(self.joints, parameters_by_joint, wide, strict=True)
+        ]

@@ -84,11 +84,15 @@ class Plant:
             raise InputError(
                 "the model has no rigid_body effect", "without inertia nothing can move"
             )
-        own = model.parts
+        effects_and_indices = model.parts
         self.effects = [
-            (e, k) for e, k in own if e.name != "rigid_body" and e.forward == "torque"
+            (e, k)
+            for e, k in effects_and_indices
+            if e.name != "rigid_body" and e.forward == "torque"
         ]
-        self.channels = [(e, k) for e, k in own if e.forward == "channel"]
+        self.channels = [
+            (e, k) for e, k in effects_and_indices if e.forward == "channel"
+        ]
         links = self.theta[:, model.rigid_indices]
         different, which = np.unique(links, axis=0, return_inverse=True)
         self._rigid, self._which = (
@@ -214,7 +218,7 @@ class Plant:
     ) -> Array:
         out = np.zeros_like(motion.q)
         used = 0
-        for effect, own in effects:
+        for effect, indices in effects:
             if isinstance(effect, StatefulEffect):
                 count = len(effect.bristles.distances)
                 blocks = effect.blocks_at(motion, z[:, used : used + count])
@@ -223,7 +227,7 @@ class Plant:
                 blocks = effect.blocks(motion)
             for block in blocks:
                 out[:, block.joint] += (
-                    block.columns * theta[:, own[block.parameters]]
+                    block.columns * theta[:, indices[block.parameters]]
                 ).sum(axis=1)
         return out
 
@@ -339,20 +343,21 @@ class ServoLoop:
     def drive(self, motion: Motion) -> Array:
         """(N, n) torque of the drives [N m, N]."""
         return -sum(
-            (e.torque(own, motion) for e, own in self.drives), np.zeros_like(motion.q)
+            (e.torque(indices, motion) for e, indices in self.drives),
+            np.zeros_like(motion.q),
         )
 
     def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
         """States (W) at positions q (W, n) whose integrals are path (W, n), with the
         velocity of the command, at instants t (W,)."""
-        dq, rest = command.velocity(t), np.zeros_like(q)
-        motion = Motion(t, q, dq, rest, command=command, position_integral=path)
+        dq, zero = command.velocity(t), np.zeros_like(q)
+        motion = Motion(t, q, dq, zero, command=command, position_integral=path)
         z = (
             self.plant.remembered(motion)
             if self.plant.states
             else np.zeros((len(t), 0))
         )
-        return State(t, q, dq, rest, z, np.full_like(q, np.nan), path)
+        return State(t, q, dq, zero, z, np.full_like(q, np.nan), path)
 
     def step(self, state: State, command: Command, h: float) -> State:
         """One step of h [s] of all states, the drives' stiffness and damping implicit."""
@@ -387,9 +392,9 @@ def dry_step(
     What is negative of p (no friction) acts as the velocity before the step says.
     """
     past = before @ c.T
-    odd = np.minimum(impulse, 0.0)
-    push = push - (odd * np.tanh(past / w)) @ c
-    p = impulse - odd
+    rejected = np.minimum(impulse, 0.0)
+    push = push - (rejected * np.tanh(past / w)) @ c
+    p = impulse - rejected
     right = np.concatenate(
         [push[:, :, None], np.broadcast_to(c.T, (len(push), *c.T.shape))], axis=2
     )
@@ -421,10 +426,16 @@ def _solved(y0: Array, coupling: Array, p: Array, past: Array, w: Array) -> Arra
     miss = (
         x - g * (f := _friction(x, g, p, w)) + np.einsum("kij,kj->ki", coupling, f) - y0
     )
-    rest = np.flatnonzero(np.abs(miss).max(axis=1) > _ARRIVED * scale)
-    if len(rest):
-        x[rest] = _newton(
-            x[rest], y0[rest], coupling[rest], p[rest], w, scale[rest], 0.25
+    unsolved = np.flatnonzero(np.abs(miss).max(axis=1) > _ARRIVED * scale)
+    if len(unsolved):
+        x[unsolved] = _newton(
+            x[unsolved],
+            y0[unsolved],
+            coupling[unsolved],
+            p[unsolved],
+            w,
+            scale[unsolved],
+            0.25,
         )
         f = _friction(x, g, p, w)
     return np.clip(f, -p, p)

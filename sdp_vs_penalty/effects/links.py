@@ -60,8 +60,10 @@ class RigidBody(Effect):
             indices = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
             # Of a serial arm they follow each other: no copy.
             serial = len(links) and links == tuple(range(links[0], links[-1] + 1))
-            own = slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
-            blocks.append(Block(joint, indices, regressor[:, joint, own]))
+            link_indices = (
+                slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
+            )
+            blocks.append(Block(joint, indices, regressor[:, joint, link_indices]))
         return blocks
 
     def torque(self, theta: Array, motion: Motion) -> Array:
@@ -227,12 +229,12 @@ class BaseTilt(Effect):
         return [(f"g_{name}", "m/s^2") for name in names]
 
     def torques(self, motion: Motion) -> Array:
-        rest = np.zeros_like(motion.q)
+        zero = np.zeros_like(motion.q)
         columns = []
         for gravity in self.across:
             robot = replace(self.robot, gravity=(gravity[0], gravity[1], gravity[2]))
             columns.append(
-                robot.inverse_dynamics(motion.model_links, motion.q, rest, rest)
+                robot.inverse_dynamics(motion.model_links, motion.q, zero, zero)
             )
         return np.stack(columns, axis=2)
 
@@ -423,14 +425,14 @@ class KinematicError(Effect):
     def torques(self, motion: Motion) -> Array:
         from scipy.interpolate import CubicSpline
 
-        few = _thinned(motion)
-        q, dq, ddq = (x[few] for x in (motion.q, motion.dq, motion.ddq))
+        thinned = _thinned(motion)
+        q, dq, ddq = (x[thinned] for x in (motion.q, motion.dq, motion.ddq))
         by = self.robot.placement_derivatives(motion.model_links, q, dq, ddq)
         columns = np.stack([by[:, :, j, k] for j, k in self._places], axis=2)
         return (
             columns
-            if len(few) == len(motion.t)
-            else CubicSpline(motion.t[few], columns)(motion.t)
+            if len(thinned) == len(motion.t)
+            else CubicSpline(motion.t[thinned], columns)(motion.t)
         )
 
 
@@ -439,12 +441,12 @@ def _thinned(motion: Motion) -> NDArray[np.intp]:
     motion; all of them where they are no series, such as a simulation's states."""
     from scipy.interpolate import CubicSpline
 
-    every = np.arange(len(motion.t))
-    if len(every) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):
-        return every
+    instants = np.arange(len(motion.t))
+    if len(instants) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):
+        return instants
     for stride in (16, 8, 4, 2):
-        few = np.unique(np.append(every[::stride], every[-1]))
-        error = CubicSpline(motion.t[few], motion.ddq[few])(motion.t) - motion.ddq
+        chosen = np.unique(np.append(instants[::stride], instants[-1]))
+        error = CubicSpline(motion.t[chosen], motion.ddq[chosen])(motion.t) - motion.ddq
         if np.all(error.std(axis=0) <= _THINNED * motion.ddq.std(axis=0)):
-            return few
-    return every
+            return chosen
+    return instants

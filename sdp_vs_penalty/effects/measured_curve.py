@@ -58,28 +58,28 @@ class Variable:
         >>> [Variable("sign(dq)", 3).name, Variable("t").name, Variable("q", 4, 5, -2.0).name]
         ['sign(dq4)', 't', 'q5-2q6']
         """
-        own = f"{self.word}{self.joint + 1}"
+        name_on_joint = f"{self.word}{self.joint + 1}"
         if self.word == "t":
             return "t"
         if self.word.endswith(")"):
             return f"{self.word[:-1]}{self.joint + 1})"
         if self.other < 0:
-            return own
+            return name_on_joint
         sign, size = "-" if self.ratio < 0.0 else "+", f"{abs(self.ratio):.6g}"
-        return f"{own}{sign}{'' if size == '1' else size}{self.word}{self.other + 1}"
+        return f"{name_on_joint}{sign}{'' if size == '1' else size}{self.word}{self.other + 1}"
 
     @classmethod
     def parse(cls, text: str) -> Variable:
         """Inverse of :attr:`name`; ValueError where the text is none."""
         if text == "t":
             return cls("t")
-        if found := re.fullmatch(r"(d?q)([1-9]\d*)([+-])([\d.]*)\1([1-9]\d*)", text):
-            ratio = float(found[3] + (found[4] or "1"))
-            return cls(found[1], int(found[2]) - 1, int(found[5]) - 1, ratio)
-        found = re.fullmatch(r"([a-z(]+)([1-9]\d*)(\)?)", text)
-        if not found or found[1] + found[3] not in set(WORDS) - {"t", "none"}:
+        if match := re.fullmatch(r"(d?q)([1-9]\d*)([+-])([\d.]*)\1([1-9]\d*)", text):
+            ratio = float(match[3] + (match[4] or "1"))
+            return cls(match[1], int(match[2]) - 1, int(match[5]) - 1, ratio)
+        match = re.fullmatch(r"([a-z(]+)([1-9]\d*)(\)?)", text)
+        if not match or match[1] + match[3] not in set(WORDS) - {"t", "none"}:
             raise ValueError(f"{text!r} is no variable of a curve")
-        return cls(found[1] + found[3], int(found[2]) - 1)
+        return cls(match[1] + match[3], int(match[2]) - 1)
 
     def unit(self, torque_units: Sequence[str]) -> str:
         """From the units of the joints' torques; of a combination the first joint's."""
@@ -123,17 +123,17 @@ def _axis(
     }
 
 
-def _variable(own: Mapping[str, float], axis: str, joint: int) -> Variable | None:
+def _variable(constants: Mapping[str, float], axis: str, joint: int) -> Variable | None:
     """Of an axis of a curve of a joint (from 0), or None."""
     word, first, other = (
-        WORDS[int(own[axis]) - 1],
-        int(own[f"{axis}j"]),
-        int(own.get(f"{axis}i", 0)),
+        WORDS[int(constants[axis]) - 1],
+        int(constants[f"{axis}j"]),
+        int(constants.get(f"{axis}i", 0)),
     )
     if word == "none":
         return None
     return Variable(
-        word, first - 1 if first else joint, other - 1, own.get(f"{axis}c", 1.0)
+        word, first - 1 if first else joint, other - 1, constants.get(f"{axis}c", 1.0)
     )
 
 
@@ -165,23 +165,25 @@ class MeasuredCurve(JointEffect):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
-        own: dict[str, float] = {
+        constants: dict[str, float] = {
             k: s.default for k, s in type(self).shapes.items()
         } | shape
         if any(_is_value(key) for key in shape):
-            own = {k: v for k, v in own.items() if k in shape or not _is_value(k)}
-        keys = {int(key[1:]): key for key in own if _is_value(key)}
+            constants = {
+                k: v for k, v in constants.items() if k in shape or not _is_value(k)
+            }
+        keys = {int(key[1:]): key for key in constants if _is_value(key)}
         known = sorted(keys)
-        self._refuse(robot, own, known)
+        self._refuse(robot, constants, known)
         at = 0 if joints is None else min(joints, default=0)
         values = [keys[k] for k in known]
-        self.shapes = self._own_shapes(robot, at, own, values)
+        self.shapes = self._own_shapes(robot, at, constants, values)
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
         words = {v.word for v in self.variables(at)}
         self.needs_torque, self.follows_clock = "tau" in words, "t" in words
         self.needs_temperature = "temp" in words
-        size, there = (int(own["xn"]), int(own["yn"])), np.array(known) - 1
+        size, there = (int(constants["xn"]), int(constants["yn"])), np.array(known) - 1
         places, table = (
             np.array(list(np.ndindex(size))),
             np.full(size[0] * size[1], np.nan),
@@ -196,32 +198,43 @@ class MeasuredCurve(JointEffect):
         self._missing.flat[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
 
     def _refuse(
-        self, robot: Robot, own: Mapping[str, float], known: Sequence[int]
+        self, robot: Robot, constants: Mapping[str, float], known: Sequence[int]
     ) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""
         who = f"effect {self.name}:"
         for key in ("xn", "yn"):
-            if own[key] != int(own[key]) or not 1 <= own[key] <= _MOST:
+            if (
+                constants[key] != int(constants[key])
+                or not 1 <= constants[key] <= _MOST
+            ):
                 raise InputError(
-                    f"{who} {key} = {own[key]:g}",
+                    f"{who} {key} = {constants[key]:g}",
                     f"give a whole number from 1 to {_MOST}",
                 )
-        count = int(own["xn"] * own["yn"])
+        count = int(constants["xn"] * constants["yn"])
         if not known or not 1 <= known[0] <= known[-1] <= count:
             remedy = f"name those that are known among v1 to v{count}"
             raise InputError(f"{who} the values do not fit a table of {count}", remedy)
-        if not (own["xlow"] < own["xhigh"] and own["ylow"] < own["yhigh"]):
+        if not (
+            constants["xlow"] < constants["xhigh"]
+            and constants["ylow"] < constants["yhigh"]
+        ):
             raise InputError(
                 f"{who} a table's low end is not below its high end", "swap the ends"
             )
         for key in ("xj", "yj", "xi", "yi"):
-            if own[key] != int(own[key]) or not 0 <= own[key] <= robot.n:
+            if (
+                constants[key] != int(constants[key])
+                or not 0 <= constants[key] <= robot.n
+            ):
                 remedy = (
                     f"give one from 1 to {robot.n}, or 0 for"
                     f" {'none' if 'i' in key else 'its own'}"
                 )
-                raise InputError(f"{who} {key} = {own[key]:g} is no joint", remedy)
-            if "i" in key and own[key] and own[key[0]] not in (1.0, 2.0):
+                raise InputError(
+                    f"{who} {key} = {constants[key]:g} is no joint", remedy
+                )
+            if "i" in key and constants[key] and constants[key[0]] not in (1.0, 2.0):
                 what = f"{who} {key} adds a joint to what is no position or velocity"
                 raise InputError(
                     what, f"leave it out, or write {key[0]}=q or {key[0]}=dq"
@@ -229,31 +242,35 @@ class MeasuredCurve(JointEffect):
 
     @classmethod
     def _own_shapes(
-        cls, robot: Robot, joint: int, own: Mapping[str, float], values: Sequence[str]
+        cls,
+        robot: Robot,
+        joint: int,
+        constants: Mapping[str, float],
+        values: Sequence[str],
     ) -> dict[str, ShapeConstant]:
         """The class's that say something, with the units of this table's variables and
         of its torque."""
         out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
         for axis in "xy":
             over = (
-                _variable(own, axis, joint)
-                if own[axis] in cls.shapes[axis].choices
+                _variable(constants, axis, joint)
+                if constants[axis] in cls.shapes[axis].choices
                 else None
             )
             unit = "-" if over is None else over.unit(robot.torque_units)
             for end in ("low", "high"):
                 out[axis + end] = replace(cls.shapes[axis + end], unit=unit)
-            if not own[f"{axis}i"]:
+            if not constants[f"{axis}i"]:
                 del out[f"{axis}i"], out[f"{axis}c"]
         return out | {
-            v: ShapeConstant(own[v], robot.torque_units[joint], signed=True)
+            v: ShapeConstant(constants[v], robot.torque_units[joint], signed=True)
             for v in values
         }
 
     def variables(self, joint: int) -> tuple[Variable, ...]:
         """What the curve runs over."""
-        found = (_variable(self.shape, axis, joint) for axis in "xy")
-        return tuple(v for v in found if v is not None)
+        parsed = (_variable(self.shape, axis, joint) for axis in "xy")
+        return tuple(v for v in parsed if v is not None)
 
     @property
     def constants(self) -> str:

@@ -65,14 +65,14 @@ class Model:
     known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        seen: set[str] = set()
+        names_so_far: set[str] = set()
         for p in () if self.allow_duplicates else self.parameters:
-            if p.name in seen:
+            if p.name in names_so_far:
                 raise InputError(
                     f"parameter {p.name} appears twice",
                     f"list effect {p.effect} only once per joint",
                 )
-            seen.add(p.name)
+            names_so_far.add(p.name)
         if not self.parameters:
             raise InputError(
                 "The model has no effect", "name at least one, such as rigid_body"
@@ -141,17 +141,17 @@ class Model:
     @cached_property
     def drives(self) -> NDArray[np.bool_]:
         """(p,) which parameters are the drives'."""
-        each = [np.full(len(e.parameters), e.forward == "drive") for e in self.effects]
-        return np.concatenate(each)
+        flags = [np.full(len(e.parameters), e.forward == "drive") for e in self.effects]
+        return np.concatenate(flags)
 
     @cached_property
     def error_gains(self) -> tuple[int, ...]:
         """(n) where the gain of each joint's position error sits in theta; -1 without a
         servo."""
-        own = [(e, k) for e, k in self.parts if e.position_gains]
+        servo_parts = [(e, k) for e, k in self.parts if e.position_gains]
         at = {
             j: int(i)
-            for e, k in own
+            for e, k in servo_parts
             for j, i in zip(e.joints, k[e.position_gains], strict=True)
         }
         return tuple(at.get(j, -1) for j in range(self.robot.n))
@@ -182,7 +182,10 @@ class Model:
         """(n, N, p) the same with columns for all parameters, zero where they do not
         act on a joint."""
         return np.stack(
-            [own.dense_columns(len(self.parameters)) for own in self.columns(motion)]
+            [
+                columns_of_joint.dense_columns(len(self.parameters))
+                for columns_of_joint in self.columns(motion)
+            ]
         )
 
     def blocks(
@@ -195,20 +198,30 @@ class Model:
         """
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
-        made = {
+        computed = {
             k: e.blocks(smooth if smooth is not None and e.smooth else motion)
             for k, e in enumerate(self.effects)
             if not (depends(e) or (k in known and not self.needs_reference))
         }
-        late = {k: e for k, e in enumerate(self.effects) if depends(e)}
-        alone = bool(late) and motion.current is None
-        if alone:
+        dependent = {k: e for k, e in enumerate(self.effects) if depends(e)}
+        needs_current_model = bool(dependent) and motion.current is None
+        if needs_current_model:
             motion = replace(motion, current=self._current(self._referred))
-        made |= {k: e.blocks(motion) for k, e in late.items() if not e.needs_torque}
-        if alone:
-            motion = replace(motion, torque=self._made(made, self._referred, motion))
-        made |= {k: e.blocks(motion) for k, e in late.items() if e.needs_torque}
-        return {k: found for k, found in made.items() if k not in known}
+        computed |= {
+            k: e.blocks(motion) for k, e in dependent.items() if not e.needs_torque
+        }
+        if needs_current_model:
+            motion = replace(
+                motion, torque=self._made(computed, self._referred, motion)
+            )
+        computed |= {
+            k: e.blocks(motion) for k, e in dependent.items() if e.needs_torque
+        }
+        return {
+            k: computed_blocks
+            for k, computed_blocks in computed.items()
+            if k not in known
+        }
 
     def joined(
         self, blocks: Mapping[int, list[Block]], count: int
@@ -216,11 +229,13 @@ class Model:
         """Columns of ``count`` instants, joint by joint (n entries), of the effects'
         blocks."""
         parts = [[(np.arange(0), np.zeros((count, 0)))] for _ in range(self.robot.n)]
-        for k, own in enumerate(self.indices):
+        for k, indices in enumerate(self.indices):
             for block in blocks.get(k, ()):
-                parts[block.joint].append((own[block.parameters], block.columns))
-        each = (zip(*own, strict=True) for own in parts)
-        joints = [JointColumns(np.concatenate(i), np.hstack(c)) for i, c in each]
+                parts[block.joint].append((indices[block.parameters], block.columns))
+        pairs_by_joint = (zip(*indices, strict=True) for indices in parts)
+        joints = [
+            JointColumns(np.concatenate(i), np.hstack(c)) for i, c in pairs_by_joint
+        ]
         if self.gains is None:
             return joints
         return [
@@ -236,10 +251,10 @@ class Model:
             return list(columns), torque
         free = np.array([p.name not in self.known for p in self.parameters])
         value = self.with_known(np.zeros(len(free)))
-        given = np.column_stack([c.columns @ value[c.indices] for c in columns])
+        known_torque = np.column_stack([c.columns @ value[c.indices] for c in columns])
         return [
             replace(c, columns=c.columns * free[c.indices]) for c in columns
-        ], torque - given
+        ], torque - known_torque
 
     def with_known(self, theta: Array) -> Array:
         """theta (p,) with the values that are given."""
@@ -266,9 +281,9 @@ class Model:
         """(N, n) torque of blocks."""
         torque = np.zeros_like(motion.q)
         for k, parts in blocks.items():
-            own = theta[self.indices[k]]
+            coefficients = theta[self.indices[k]]
             for block in parts:
-                torque[:, block.joint] += block.columns @ own[block.parameters]
+                torque[:, block.joint] += block.columns @ coefficients[block.parameters]
         return torque
 
     def _current(self, theta: Array) -> CurrentModel:
@@ -285,8 +300,8 @@ class Model:
         before = self.before_channels
         torque = before.torque(theta[self.places(before)], motion)
         logged = torque if before is self else self.torque(theta, motion)
-        seen = replace(motion, torque=torque, current=self._current(theta))
-        return replace(seen, logged=logged, sign_width=self.sign_width)
+        attached = replace(motion, torque=torque, current=self._current(theta))
+        return replace(attached, logged=logged, sign_width=self.sign_width)
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
         """Modelled torque (N, n)."""

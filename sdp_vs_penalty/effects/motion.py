@@ -244,11 +244,11 @@ class Motion:
         two samples the difference over two about the same middle."""
         step = (self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
         middle, half = self.t - 0.5 * T, max(0.5 * abs(T), step)
-        ahead, back = (
+        forward, back = (
             np.column_stack([np.interp(x, self.t, tau) for tau in self.model_torque.T])
             for x in (middle + half, middle - half)
         )
-        return (ahead - back) / (2.0 * half)
+        return (forward - back) / (2.0 * half)
 
     def rates(self, values: Array) -> tuple[Array, Array, Array]:
         """Values (N, ...) at these instants, and their first and second time

@@ -37,13 +37,13 @@ def _orders(
 ) -> list[float]:
     """Waves per turn; on a prismatic joint neighbours half a wave apart over the
     travel; without one, that of a common axis."""
-    own = robot.joints[joint]
-    if own.kind != "prismatic":
+    joint_record = robot.joints[joint]
+    if joint_record.kind != "prismatic":
         return list(turns)
-    travel = own.upper - own.lower
+    travel = joint_record.upper - joint_record.lower
     step = np.pi / (travel if 0.0 < travel < np.inf else _TRAVEL)
-    every = np.arange(2.0 * step, finest, step)[:_MOST].tolist()
-    return [float(f"{k:.6g}") for k in every]  # as many digits as a written effect has
+    orders = np.arange(2.0 * step, finest, step)[:_MOST].tolist()
+    return [float(f"{k:.6g}") for k in orders]  # as many digits as a written effect has
 
 
 class TorqueRipple(JointEffect):
@@ -164,8 +164,11 @@ class PositionDependentFriction(JointEffect):
             for k, p in enumerate(parameters)
             if p.effect == "coulomb_friction"
         }
-        k, own = len(coefficients) - 1, super().constraints(indices, parameters)
-        return own + [
+        k, sign_constraints = (
+            len(coefficients) - 1,
+            super().constraints(indices, parameters),
+        )
+        return sign_constraints + [
             build.linear(
                 "sign",
                 f"{self.name} {j + 1}",

@@ -72,10 +72,10 @@ class ServoPosition(Servo):
     searched = ("T",)  # the delay; the age of the velocity is given or zero
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        own, per = self.unit_on(joint), self.robot.position_units[joint]
+        torque_unit, per = self.unit_on(joint), self.robot.position_units[joint]
         return [
-            (f"kp{joint + 1}", f"{own}/{per}"),
-            (f"kd{joint + 1}", f"{own}*s/{per}"),
+            (f"kp{joint + 1}", f"{torque_unit}/{per}"),
+            (f"kd{joint + 1}", f"{torque_unit}*s/{per}"),
         ]
 
     def blocks(self, motion: Motion) -> list[Block]:

@@ -153,12 +153,12 @@ class TransmissionFriction(StatefulEffect):
         )
         law = self.shapes["law"]
         chosen = shape.get("law", law.default)
-        own = (
+        law_constants = (
             self._OWN.get(law.written(chosen), ())[:1]
             if law.complaint(chosen) is None
             else ()
         )
-        known = {"law": law, **{key: self.shapes[key] for key in own}}
+        known = {"law": law, **{key: self.shapes[key] for key in law_constants}}
         # Ratios turn each joint's position into the first one's unit.
         units = [robot.position_units[j] for j in acting if j < robot.n]
         per = ["-" if u == units[0] else f"{units[0]}/{u}" for u in units]
@@ -253,32 +253,32 @@ class TransmissionFriction(StatefulEffect):
 
     @classmethod
     def candidates(
-        cls, robot: Robot, joint: int | None, start: float = 0.0, **given: float
+        cls, robot: Robot, joint: int | None, start: float = 0.0, **constants: float
     ) -> list[Effect]:
         """Every law on every combination that begins with this joint, or on the
-        ``given`` one."""
-        ratios = {key: value for key, value in given.items() if key[:1] == "c"}
-        found = [ratios] if ratios else combinations(robot, joint or 0)
+        ``constants`` one."""
+        ratios = {key: value for key, value in constants.items() if key[:1] == "c"}
+        ratio_sets = [ratios] if ratios else combinations(robot, joint or 0)
         laws = [
             law
             for law in cls.starts(robot, joint or 0)
-            if given.get("law", law["law"]) == law["law"]
+            if constants.get("law", law["law"]) == law["law"]
         ]
-        shapes = [{**law, **given} for law in laws]
+        shapes = [{**law, **constants} for law in laws]
         shapes = [shape for k, shape in enumerate(shapes) if shape not in shapes[:k]]
         sure = [ratios, *map(_ratios, robot.couplings)]
         return [
             cls(robot, [int(key[1:]) - 1 for key in c], **{**c, **s})
-            for c in found
+            for c in ratio_sets
             for s in shapes
-            if c in sure or _worth_a_guess(c, s, given, sure)
+            if c in sure or _worth_a_guess(c, s, constants, sure)
         ]
 
 
 def _worth_a_guess(
     ratios: Mapping[str, float],
     shape: Mapping[str, float],
-    given: Mapping[str, float],
+    constants: Mapping[str, float],
     sure: Sequence[Mapping[str, float]],
 ) -> bool:
     """Whether a law is tried on a combination that nobody knows of.
@@ -288,7 +288,7 @@ def _worth_a_guess(
     absorb all but the cross terms, whose signs tell no ratio: it is tried with ratios
     of one, or the known ones.
     """
-    if len(ratios) > 2 and not set(shape) <= {"law", *given}:
+    if len(ratios) > 2 and not set(shape) <= {"law", *constants}:
         return False
     if LAWS[int(shape["law"]) - 1] not in _LINEAR:
         return True

@@ -202,8 +202,12 @@ class StribeckFriction(JointEffect):
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
         """Every law but the longest tail, which never ends: of what is left of it at
         all speeds another friction would be as large as it likes."""
-        every = super().starts(robot, joint)
-        return [own for own in every if (own["law"], own["delta"]) != (2.0, 1.0)]
+        grid_starts = super().starts(robot, joint)
+        return [
+            start
+            for start in grid_starts
+            if (start["law"], start["delta"]) != (2.0, 1.0)
+        ]
 
     def column(self, motion: Motion, joint: int) -> Array:
         x = (np.abs(motion.dq[:, joint]) / self.shape["vs"]) ** self.shape["delta"]

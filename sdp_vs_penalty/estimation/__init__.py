@@ -7,7 +7,7 @@ __getattr__ = lazy_exports(
     certificate="Certificate",
     excitation="Limits Regressor",
     resampling="bootstrap",
-    sensitivity="free_constants prior_deviation settled ShapeSensitivity",
+    sensitivity="free_constants prior_deviation fit_constants_jointly ShapeSensitivity",
     identify=(
         "certify consistent is_data_determined on_bounds positive_mass_matrices "
         "verify_proof_file"

@@ -70,9 +70,10 @@ class PoseOptions:
         were given."""
         effects: list[dict[str, Any]] | None = None
         if self.effects is not None:
-            asked = [e for e in self.effects if isinstance(e, Effect)]
+            effect_objects = [e for e in self.effects if isinstance(e, Effect)]
             effects = [
-                e.to_dict() | {"shape": {k: e.shape[k] for k in e.given}} for e in asked
+                e.to_dict() | {"shape": {k: e.shape[k] for k in e.given}}
+                for e in effect_objects
             ]
         return {
             "effects": effects,
@@ -86,12 +87,14 @@ class PoseOptions:
     ) -> PoseOptions:
         """The options of a :meth:`recipe`; InputError for one that is none."""
         try:
-            given, known = (
+            settings, known = (
                 recipe["effects"],
                 {k: float(x) for k, x in recipe["known"].items()},
             )
             effects = (
-                None if given is None else [effect_from_dict(e, robot) for e in given]
+                None
+                if settings is None
+                else [effect_from_dict(e, robot) for e in settings]
             )
             return cls(
                 effects, known=known, instruments=recipe["instruments"], **others

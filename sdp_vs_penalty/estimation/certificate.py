@@ -59,14 +59,17 @@ class Certificate(Shown, JsonRecord):
         families = ", ".join(
             f"{family} {value:.2g}" for family, value in self.violations.items()
         )
-        worst, loss, *rest = self.summary()
+        worst, loss, *other_lines = self.summary()
         both = ("objective", self.upper), ("certified lower bound", self.lower)
         lines = [
             worst,
             ("violation by family", families or "there are no constraints"),
             loss,
         ]
-        lines += [*((name, f"{x:.9g}") for name, x in both if x is not None), *rest]
+        lines += [
+            *((name, f"{x:.9g}") for name, x in both if x is not None),
+            *other_lines,
+        ]
         return "\n".join(
             ["certificate", *(f"  {name:22} {text}" for name, text in lines)]
         )

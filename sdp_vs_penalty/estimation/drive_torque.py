@@ -66,8 +66,8 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     first = np.arange(0, total, long)
     start = np.maximum(first - early, 0)
     t = part.t[0] + h * start
-    own, path = (interpolated(t, part.t, x) for x in (part.q, part.integrals[1]))
-    state = loop.start(command, t, own, path)
+    positions, path = (interpolated(t, part.t, x) for x in (part.q, part.integrals[1]))
+    state = loop.start(command, t, positions, path)
     q, sums = np.empty((2, len(first) * long, part.q.shape[1]))
     for k in range(early + long):
         on = (start + k >= first) & (start + k < first + long)
@@ -120,13 +120,16 @@ def with_drive_torque(
         tau = np.array(run.tau)
         for part, inside in _parts(run):
             rate = np.gradient(part.q, part.t, axis=0)
-            states, told = (
+            states, command = (
                 (part.q, rate, np.gradient(rate, part.t, axis=0)),
                 sampled_command(part),
             )
             tau[inside] += loop.drive(
                 Motion(
-                    part.t, *states, command=told, position_integral=part.integrals[1]
+                    part.t,
+                    *states,
+                    command=command,
+                    position_integral=part.integrals[1],
                 )
             )
         runs.append(replace(run, tau=tau, torque_logged=True))
@@ -142,8 +145,12 @@ def plant(estimate: Estimate) -> Estimate:
     )
     standard = tuple(known.standard[k] for k in np.flatnonzero(keep))
     spread, gains = known.spread[keep], known.gain_response[keep]
-    own = replace(known, standard=standard, base=(), spread=spread, gain_response=gains)
+    uncertainty = replace(
+        known, standard=standard, base=(), spread=spread, gain_response=gains
+    )
     reference = None if reference is None else reference[keep]
     effects = estimate.model.without_drives.effects
     model = replace(estimate.model, effects=effects, known={}, reference=reference)
-    return replace(estimate, model=model, theta=estimate.theta[keep], uncertainty=own)
+    return replace(
+        estimate, model=model, theta=estimate.theta[keep], uncertainty=uncertainty
+    )

@@ -89,8 +89,8 @@ class Estimate(Shown):
     def sources(self) -> tuple[str, ...]:
         """(p,) who decides each parameter: the "data", else its method's "prior" or the
         "bounds"."""
-        rest = self.details.get("undetermined", {})
-        return tuple(rest.get(p.name, "data") for p in self.model.parameters)
+        undetermined = self.details.get("undetermined", {})
+        return tuple(undetermined.get(p.name, "data") for p in self.model.parameters)
 
     @property
     def unweighed(self) -> str:
@@ -112,27 +112,29 @@ class Estimate(Shown):
         numbers = (
             "s" * (len(links) > 1) + " " + formatting.words([i + 1 for i in links])
         )
-        said = (
+        explanation = (
             f"the data do not determine the mass of link{numbers}, only sums with"
             f" others; the value comes from the {sources[first[links[0]]]}"
         )
         if np.any(self.problem.guessed_links[links]):
-            said += (
+            explanation += (
                 ", drawn to lengths, sizes and torque, not measured: no file states it"
             )
-        each = [f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far]
+        masses_in_words = [
+            f"{masses[i]:.3g} kg for {nominal[i]:.3g} (link {i + 1})" for i in far
+        ]
         return (
-            f"{said}; far from nominal: {formatting.words(each)}."
+            f"{explanation}; far from nominal: {formatting.words(masses_in_words)}."
             if far
-            else f"{said}."
+            else f"{explanation}."
         )
 
     @property
     def verdict(self) -> Verdict | None:
         """How good the model was when it was identified or extended; None if nobody
         asked."""
-        said = self.provenance.get("verdict")
-        return None if said is None else Verdict.from_dict(said)
+        stored = self.provenance.get("verdict")
+        return None if stored is None else Verdict.from_dict(stored)
 
     @property
     def nominal(self) -> Array:
@@ -168,10 +170,12 @@ class Estimate(Shown):
     @property
     def estimator(self) -> Estimator:
         """The method with the settings that it had."""
-        made = make_estimator(self.method)
-        known = {f.name for f in dataclasses.fields(made)}  # type: ignore[arg-type]
-        given = {name: value for name, value in self.settings.items() if name in known}
-        return dataclasses.replace(made, **given)  # type: ignore[type-var]
+        default = make_estimator(self.method)
+        known = {f.name for f in dataclasses.fields(default)}  # type: ignore[arg-type]
+        settings = {
+            name: value for name, value in self.settings.items() if name in known
+        }
+        return dataclasses.replace(default, **settings)  # type: ignore[type-var]
 
     def torque(self, motion: Motion) -> Array:
         """Modelled torque (N, n) of a motion."""
@@ -223,14 +227,14 @@ class Estimate(Shown):
         panels = np.atleast_1d(
             formatting.axes(axes, 1, len(shown), figsize=size, layout="constrained")
         )
-        for panel, (effect, own) in zip(panels, shown, strict=False):
+        for panel, (effect, parameters) in zip(panels, shown, strict=False):
             panel.bar(
-                own.index,
-                own["value"],
-                yerr=2.0 * own["std"].astype(float).fillna(0.0),
+                parameters.index,
+                parameters["value"],
+                yerr=2.0 * parameters["std"].astype(float).fillna(0.0),
                 capsize=2,
             )
-            panel.set(title=effect, ylabel=f"[{own['unit'].iloc[0]}]")
+            panel.set(title=effect, ylabel=f"[{parameters['unit'].iloc[0]}]")
             panel.tick_params(axis="x", labelrotation=90)
         return panels
 
@@ -258,9 +262,9 @@ class Estimate(Shown):
 
     def _table(self) -> Table:
         rows: list[tuple[str, ...]] = []
-        each = self.theta, self.uncertainty.std, self.nominal, self.sources
+        columns = self.theta, self.uncertainty.std, self.nominal, self.sources
         for p, value, spread, known, source in zip(
-            self.model.parameters, *each, strict=True
+            self.model.parameters, *columns, strict=True
         ):
             plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
             before = "" if np.isnan(known) else f"{known:.4g}"
@@ -278,7 +282,7 @@ class Estimate(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds."""
-        each = self.theta, self.uncertainty.standard, self.nominal, self.sources
+        columns = self.theta, self.uncertainty.standard, self.nominal, self.sources
         parameters = [
             {
                 **interval.to_dict(),
@@ -287,10 +291,10 @@ class Estimate(Shown):
             }
             | {"source": source, "effect": p.effect, "joint": p.joint}
             for p, value, interval, nominal, source in zip(
-                self.model.parameters, *each, strict=True
+                self.model.parameters, *columns, strict=True
             )
         ]
-        seen = np.flatnonzero(~np.isnan(self.uncertainty.std))
+        identified = np.flatnonzero(~np.isnan(self.uncertainty.std))
         return {
             "format": FORMAT,
             "problem": problem_to_dict(self.problem),
@@ -305,8 +309,10 @@ class Estimate(Shown):
             ),
             "preprocessing": dataclasses.asdict(self.preprocessing),
             "covariance": {
-                "parameters": [self.model.parameters[k].name for k in seen],
-                "matrix": self.uncertainty.covariance[np.ix_(seen, seen)].tolist(),
+                "parameters": [self.model.parameters[k].name for k in identified],
+                "matrix": self.uncertainty.covariance[
+                    np.ix_(identified, identified)
+                ].tolist(),
             },
             "uncertainty": self.uncertainty.to_dict(),
             "details": self.details,
@@ -346,15 +352,17 @@ def load_estimate(path: str | Path) -> Estimate:
 
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
-    if (found := data["format"]) != FORMAT:
-        older = isinstance(found, int) and found < FORMAT
+    if (file_format := data["format"]) != FORMAT:
+        older = isinstance(file_format, int) and file_format < FORMAT
         what = (
             "an earlier version (format {}), which did not keep the bounds of the"
             " model's problem"
         )
         new = f"a newer version (format {{}}, this one reads up to {FORMAT})"
         remedy = "identify again" if older else "upgrade sdp-vs-penalty"
-        raise InputError(f"written by {(what if older else new).format(found)}", remedy)
+        raise InputError(
+            f"written by {(what if older else new).format(file_format)}", remedy
+        )
     if not isinstance(data["method"], str):
         raise TypeError(f"method: {given(data['method'])} is no text")
     robot = Robot.from_dict(data["robot"])

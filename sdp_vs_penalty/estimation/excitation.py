@@ -289,29 +289,31 @@ class _Search:
         # Instants at which the regressor is sampled, and twice as many at which limits
         # are kept.
         self.t = np.linspace(0.0, start.duration, 160)
-        kept = _instants(start, 2 * len(self.t) - 1)
+        instants = _instants(start, 2 * len(self.t) - 1)
         units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
         width = 2 * start.a.shape[1] + 1
-        each = _with(
+        constraints = _with(
             start, np.eye(width)
         )  # as if each coefficient moved a joint of its own
-        sizes = np.repeat(units, len(kept), axis=1)[:, :, None]
-        self.rows = np.concatenate(each.states(kept)) / sizes
+        sizes = np.repeat(units, len(instants), axis=1)[:, :, None]
+        self.rows = np.concatenate(constraints.states(instants)) / sizes
         self.offset = np.outer(
-            -limits.middle / limits.half, np.arange(3 * len(kept)) < len(kept)
+            -limits.middle / limits.half, np.arange(3 * len(instants)) < len(instants)
         )
         # A joint's amplitudes of velocity are of the size of its limit, its centre of
         # the range.
         self.unit = np.column_stack([*[limits.velocity] * (width - 1), limits.half])
-        self.maps = np.array(each.states(self.t))
+        self.maps = np.array(constraints.states(self.t))
 
     def at(self, x: Array) -> tuple[Array, float, Array]:
         """States, the objective and its gradient with respect to W, in the shape of the
         regressor."""
         states = np.stack([linear @ x.T for linear in self.maps])
-        whole = self.regressor.at(self.t, *states)
-        value, outer = _objective(whole.reshape(-1, whole.shape[2]), self.objective)
-        return states, value, outer.reshape(whole.shape)
+        regressor = self.regressor.at(self.t, *states)
+        value, outer = _objective(
+            regressor.reshape(-1, regressor.shape[2]), self.objective
+        )
+        return states, value, outer.reshape(regressor.shape)
 
     def evaluated(self, x: Array) -> tuple[float, Array]:
         """The objective and its gradient with respect to x."""
@@ -336,15 +338,15 @@ class _Search:
             # uses, it may.
             room = np.maximum(0.998, np.abs(rows @ x[j] + offset))
             scaled, now = rows * unit, x[j] / unit
-            found = optimize.linprog(
+            solution = optimize.linprog(
                 slope[j] * unit,
                 A_ub=np.vstack([scaled, -scaled]),
                 b_ub=np.concatenate([room - offset, room + offset]),
                 bounds=np.column_stack([now - radius, now + radius]),
                 method="highs-ds",
             )
-            if found.status == 0:
-                out[j] = found.x * unit
+            if solution.status == 0:
+                out[j] = solution.x * unit
         return out
 
 
@@ -388,10 +390,10 @@ def _instants(trajectory: FourierTrajectory, count: int = 0) -> Array:
     """So many evenly, or 1 kHz, and those where the acceleration jumps or peaks in the
     blends."""
     blend, end = trajectory.blend, trajectory.duration - trajectory.blend
-    whole = np.linspace(
+    instants = np.linspace(
         0.0, trajectory.duration, count or round(1000.0 * trajectory.duration) + 1
     )
-    return np.union1d(whole, [0.5 * blend, blend, end, end + 0.5 * blend])
+    return np.union1d(instants, [0.5 * blend, blend, end, end + 0.5 * blend])
 
 
 def independent_rate(estimate: Estimate) -> float:
@@ -449,8 +451,10 @@ def payload_run(
     start.a[still], start.b[still], start.q_0[still] = 0.0, 0.0, limits.middle[still]
     scale, rate = 1.0 / noise_of_model(estimate), independent_rate(estimate)
     regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), scale)
-    found = optimised(
+    excitation = optimised(
         regressor, limits, start, "d-optimal", iterations, moving, progress
     )
-    each = (deviations(regressor.along(x, rate)) for x in (found.trajectory, start))
-    return PayloadRun(found.trajectory, *each)
+    deviation_by_run = (
+        deviations(regressor.along(x, rate)) for x in (excitation.trajectory, start)
+    )
+    return PayloadRun(excitation.trajectory, *deviation_by_run)

@@ -75,33 +75,41 @@ DATA = "data"
 
 
 def parameter_sources(
-    task: Task, theta: Array, base: BaseParameters, rest: str
+    task: Task, theta: Array, base: BaseParameters, undetermined_by: str
 ) -> dict[str, Any]:
     """For the details of an estimate: the parameters that the data leave open, and all
     base parameters with name, value, nominal value and who determines them.
 
-    rest : what decides where the data do not (:attr:`Estimator.undetermined_by`).
+    undetermined_by : what decides where the data do not (:attr:`Estimator.undetermined_by`).
     """
-    every = np.vstack([np.eye(len(theta)), base.rows])
+    rows = np.vstack([np.eye(len(theta)), base.rows])
     names = [*(p.name for p in task.model.parameters), *base.names]
-    told = is_data_determined(task, every).tolist()
-    given, (values, before) = (
+    is_determined = is_data_determined(task, rows).tolist()
+    bounds, (values, before) = (
         task.model.known,
-        ((every @ x).tolist() for x in (theta, task.nominal)),
+        ((rows @ x).tolist() for x in (theta, task.nominal)),
     )
-    found = [
+    listed = [
         {
             "name": k,
             "value": x,
             "nominal": y,
-            "source": "given" if k in given else DATA if own else rest,
+            "source": "given"
+            if k in bounds
+            else DATA
+            if determined
+            else undetermined_by,
         }
-        for k, own, x, y in zip(names, told, values, before, strict=True)
+        for k, determined, x, y in zip(
+            names, is_determined, values, before, strict=True
+        )
     ]
-    own = found[: len(theta)]
+    determined = listed[: len(theta)]
     return {
-        "undetermined": {x["name"]: x["source"] for x in own if x["source"] != DATA},
-        "base_parameters": found[len(theta) :],
+        "undetermined": {
+            x["name"]: x["source"] for x in determined if x["source"] != DATA
+        },
+        "base_parameters": listed[len(theta) :],
     }
 
 
@@ -151,14 +159,14 @@ def build_estimate(
     wide, data = with_sensitivities(task.model, theta), None
     if wide is not task.model and runs is not None:
         data = in_columns(runs, wide, workers)
-    kept, errors = certificate.worst == 0.0, posed.gain_errors
+    is_feasible, errors = certificate.worst == 0.0, posed.gain_errors
     uncertainty = of_regression(
         task,
         posed.regression,
         base,
         theta,
         wide=data,
-        constrained=kept,
+        constrained=is_feasible,
         gain_errors=errors,
     )
     bounds = [] if fit.multipliers is None else on_bounds(fit.constraints, theta)
@@ -214,15 +222,15 @@ def proved(
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
     """Masses, extents and ranges on their bounds: there the bound speaks, not the data."""
-    found = []
+    listed = []
     for c in constraints.convex:
         if c.family in ("mass", "bounding ellipsoid", "body", "range"):
             size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(
                 theta[c.indices]
             )
             if np.any(c.value(theta) <= 1e-6 * size):
-                found.append(f"{c.family} of {c.name}")
-    return found
+                listed.append(f"{c.family} of {c.name}")
+    return listed
 
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
@@ -234,13 +242,13 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     # The loss is the same, but a link's known parameter may have been moved by
     # constraints and priors.
     theta = task.model.with_known(theta)
-    found: tuple[Any, ...] = ()
+    fits: tuple[Any, ...] = ()
     if fit.multipliers is not None and fit.interior is not None:
         same = np.array_equal(theta, fit.theta) and fit.bound is not None
-        own = fit if same else replace(fit, theta=theta, bound=task.bound)
-        found = own.upper, own.lower, own.gap
+        fit_on_data = fit if same else replace(fit, theta=theta, bound=task.bound)
+        fits = fit_on_data.upper, fit_on_data.lower, fit_on_data.gap
     return theta, Certificate(
-        violations(fit.constraints, theta), task.data.loss(theta), *found
+        violations(fit.constraints, theta), task.data.loss(theta), *fits
     )
 
 
@@ -254,10 +262,14 @@ def certify_beside(
     model, theta : the whole, beginning with the estimate's own; part : the certificate
     of the new effects alone, whose objective and gap remain.
     """
-    own = violations(estimate.problem.constraints(model), theta)
+    own_violations = violations(estimate.problem.constraints(model), theta)
     return replace(
         part,
-        violations={**estimate.certificate.violations, **part.violations, **own},
+        violations={
+            **estimate.certificate.violations,
+            **part.violations,
+            **own_violations,
+        },
         held=[effect.text for effect in estimate.model.effects],
         **link_figures(estimate.problem, estimate.links),
     )
@@ -307,8 +319,8 @@ def versions() -> dict[str, str]:
     others = {"pin": "pinocchio"} | {
         name: name for name in ("numpy", "scipy", "clarabel", "cvxpy")
     }
-    found = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
-    return found | {
+    by_package = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
+    return by_package | {
         k: sys.modules[m].__version__ for k, m in others.items() if m in sys.modules
     }
 
@@ -413,34 +425,34 @@ def verify_proof_file(
     try:
         with reading(path, verify_proof.MAX_BYTES):
             proof = verify_proof.read(path)
-        found = verify_proof.check(proof)
+        problems = verify_proof.check(proof)
     except InputError:
         raise
     except Exception as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
-    said = [
+    sentences = [
         f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"
     ]
-    if found is not None:
-        low, high = (float(x) for x in found)
+    if problems is not None:
+        low, high = (float(x) for x in problems)
         gap = verify_proof.relative_gap(proof)
-        said = [
+        sentences = [
             f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in"
             " exact arithmetic"
         ]
         if gap is not None:
-            said.append(f"its gap is {verify_proof.in_words(gap)} of the loss")
-        said += [
+            sentences.append(f"its gap is {verify_proof.in_words(gap)} of the loss")
+        sentences += [
             "proved is this of the numbers in the file; that the model describes the"
             " robot is not"
         ]
     fault = ""
     if model is None:
-        said.append("name --model and --data to see what the numbers are made of")
+        sentences.append("name --model and --data to see what the numbers are made of")
     elif fault := _other_model(proof, model):
         return False, f"refused: {path}: {fault}"
     else:
-        said.append("it is of this model")
+        sentences.append("it is of this model")
     if model is not None and data is not None:
         runs = as_measurements(
             data, model.robot.n, model.robot.joint_names, "verify(data=...)"
@@ -448,22 +460,24 @@ def verify_proof_file(
         if proof["data"] != runs.data_hash:
             fault = "it is of other measurements (or of another --window)"
             return False, f"refused: {path}: {fault}"
-        own = _reposed(model, runs)
-        if own is not None and (fault := difference(proof, own)):
+        reposed = _reposed(model, runs)
+        if reposed is not None and (fault := difference(proof, reposed)):
             fault = f"these measurements make another problem: {fault}"
             return False, f"refused: {path}: {fault}"
         how = "make its numbers, constraints and bounds (recomputed in floating point)"
-        if own is None:
+        if reposed is None:
             how = (
                 "are the ones it names (its numbers, constraints and bounds were not"
                 " recomputed)"
             )
-        said.append(f"these measurements {how}")
-    if found is not None:
+        sentences.append(f"these measurements {how}")
+    if problems is not None:
         fault = verify_proof.weakness(proof)
         if not fault and model is not None:
             fault = _wider_than_certified(proof, model)
-    return (False, f"refused: {path}: {fault}") if fault else (True, "; ".join(said))
+    return (
+        (False, f"refused: {path}: {fault}") if fault else (True, "; ".join(sentences))
+    )
 
 
 def _other_model(proof: Mapping[str, Any], model: Estimate) -> str:

@@ -169,16 +169,16 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     """
     p, gains = regression.p, np.array(model.error_gains)
     links, nominal = model.rigid_indices, problem.nominal(model)
-    rest = np.setdiff1d(np.arange(p), gains)
+    other_parameters = np.setdiff1d(np.arange(p), gains)
     white = list[Array]()
     for f, at in zip(regression.per_joint, gains, strict=True):
         wide = np.zeros((len(f.triangle), p))
         wide[:, f.indices] = f.triangle[:, :-1]
-        left, whole = (
-            np.linalg.norm(partialled(wide[:, rest], wide[:, at])),
+        left, all_links = (
+            np.linalg.norm(partialled(wide[:, other_parameters], wide[:, at])),
             np.linalg.norm(wide[:, at]),
         )
-        s = max(float(left), 1e-9 * float(whole)) / np.sqrt(max(f.rows, 1))
+        s = max(float(left), 1e-9 * float(all_links)) / np.sqrt(max(f.rows, 1))
         if s == 0.0:
             what = (
                 f"joint {f.joint + 1} does not move, or follows its command without"
@@ -192,11 +192,16 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     )
     e, L, L_links = (
         -rows[np.arange(len(rows)), gains[owner]],
-        rows[:, rest],
+        rows[:, other_parameters],
         rows[:, links],
     )
-    pulls = [np.linalg.norm(own[:, links] @ nominal[links]) for own in white]
-    pushes = [np.linalg.norm(own[:, at]) for own, at in zip(white, gains, strict=True)]
+    pulls = [
+        np.linalg.norm(white_links[:, links] @ nominal[links]) for white_links in white
+    ]
+    pushes = [
+        np.linalg.norm(white_links[:, at])
+        for white_links, at in zip(white, gains, strict=True)
+    ]
     start = np.maximum(np.divide(pulls, pushes), 1e-6)
 
     def fitted(x: Array) -> tuple[Array, Array, Array]:
@@ -217,10 +222,10 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
         steps=100 * len(gains),
     )
     theta = np.empty(p)
-    theta[gains], theta[rest] = start * np.exp(best), fitted(best)[0]
+    theta[gains], theta[other_parameters] = start * np.exp(best), fitted(best)[0]
     # As the links should weigh, by the torque that they make.
-    told, stated = L_links @ theta[links], L_links @ nominal[links]
-    size = float(told @ stated) / nonzero_or_one(told @ told)
+    link_energy, stated = L_links @ theta[links], L_links @ nominal[links]
+    size = float(link_energy @ stated) / nonzero_or_one(link_energy @ link_energy)
     return theta * (size if size > 0.0 else 1.0)
 
 
@@ -243,7 +248,7 @@ def with_scale(
     constants of motors, kt1 [N m/A] and ku1 [N m/V]; loads : further runs, each with
     the mass [kg] on the last link. Raises InputError for what sets no scale.
     """
-    theta, factor, error, given = (
+    theta, factor, error, stated = (
         model.reference,
         1.0,
         0.0,
@@ -261,16 +266,20 @@ def with_scale(
     if loads:
         factor, error = _factor_of_loads(model, theta, loads, runs.settings)
     if loads or motors:
-        given = {name: factor * x for name, x in model.known.items()}
-    said = [f"a load of {mass:g} kg" for _, mass in loads]
-    said += [f"{name} = {x:g}" for name, x in known.items()]
+        stated = {name: factor * x for name, x in model.known.items()}
+    known_words = [f"a load of {mass:g} kg" for _, mass in loads]
+    known_words += [f"{name} = {x:g}" for name, x in known.items()]
     gain = ", ".join(f"{name} = {x:.4g}" for name, x in model.known.items())
     none = (
         f"unknown: all torques, masses and gains share one factor ({gain} if links"
         " weigh as stated)"
     )
-    details = {"known": given, "scale": ", ".join(said) or none, "scale_error": error}
-    return replace(model, known=given, reference=factor * theta), details
+    details = {
+        "known": stated,
+        "scale": ", ".join(known_words) or none,
+        "scale_error": error,
+    }
+    return replace(model, known=stated, reference=factor * theta), details
 
 
 def _factor_of_known(
@@ -279,20 +288,25 @@ def _factor_of_known(
     """The factor on theta (p,) with which the first of the known parameters has its
     value."""
     names, free = [p.name for p in model.parameters], ~model.drives
-    told, share = regression.keeping(free).least_squares(), np.ones(len(names))
-    share[free] = told.own_torque / nonzero_or_one(told.column_norms)
+    problem_of_free, share = (
+        regression.keeping(free).least_squares(),
+        np.ones(len(names)),
+    )
+    share[free] = problem_of_free.own_torque / nonzero_or_one(
+        problem_of_free.column_norms
+    )
     for name in known:
         wrong = "the model has no such parameter"
         if name.startswith("total"):
             wrong = "the first link's mass makes no torque, so a total is no scale"
         elif name in names:
-            seen = (
+            is_determined = (
                 share[names.index(name)] > c.SCALE_TOLD
                 and theta[names.index(name)] != 0.0
             )
             wrong = (
                 ""
-                if seen
+                if is_determined
                 else "motion shows it only in sums with others, so it sets no scale"
             )
         if wrong:
@@ -316,10 +330,10 @@ def _factor_of_motors(
     """
     data, bare, shares = runs.measurements, replace(model, known={}), []
 
-    def filtered(whole: Measurements, joint: int) -> Array:
+    def filtered(all_runs: Measurements, joint: int) -> Array:
         out = []
         for rows in (
-            FilteredRun(run, runs.settings).all_rows(bare) for run in whole.runs()
+            FilteredRun(run, runs.settings).all_rows(bare) for run in all_runs.runs()
         ):
             others = np.stack(
                 [np.ones(len(rows.torque)), rows.motion.dq[:, joint]], axis=1
@@ -327,14 +341,14 @@ def _factor_of_motors(
             out.append(partialled(others, rows.torque[:, joint]))
         return np.concatenate(out)
 
-    made = with_drive_torque(model, theta, data)
+    with_torque = with_drive_torque(model, theta, data)
     for (column, j), constant in motors.items():
         if column not in data.groups:
             what = f"a motor's constant needs the column {column}{j + 1}"
             raise InputError(what, "log it", data.names[0])
         x, y = (
-            filtered(replace(made, tau=constant * data.groups[column]), j),
-            filtered(made, j),
+            filtered(replace(with_torque, tau=constant * data.groups[column]), j),
+            filtered(with_torque, j),
         )
         across = float(x @ y)
         if across < c.MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
@@ -353,11 +367,11 @@ def _factor_of_loads(
     """The same of loads [kg], and its relative standard deviation; what is left is load
     and offsets."""
     robot = model.robot
-    own = (Payload(robot), effect_types()["torque_offset"](robot))
+    load_effects = (Payload(robot), effect_types()["torque_offset"](robot))
     wide = Model(
-        robot, (*model.effects, *own), gains=model.gains, allow_duplicates=True
+        robot, (*model.effects, *load_effects), gains=model.gains, allow_duplicates=True
     )
-    found, information = list[float](), list[float]()
+    factors, information = list[float](), list[float]()
     for runs, mass in _loaded(loads, robot):
         left = compress(FilteredRuns.of(runs, settings), wide).given_first(theta)
         data = left.least_squares()
@@ -367,10 +381,10 @@ def _factor_of_loads(
             what = f"--known-load: these runs do not show {mass:g} kg"
             raise InputError(what, "move the joints that lift the load")
         variance = left.oversampling * data.loss(x) / max(data.rows, 1)
-        found.append(mass / x[0])
+        factors.append(mass / x[0])
         information.append(
             x[0] ** 2 * data.own_torque[0] ** 2 / at_least_tiny(variance)
         )
-    return float(np.average(found, weights=information)), float(
+    return float(np.average(factors, weights=information)), float(
         np.sum(information) ** -0.5
     )

@@ -59,7 +59,7 @@ def courses_of(
     filters = RunFilter(run, estimate.preprocessing.resolve(run)).every_sample
     half, out = filters.state.half, []
     stride = max(1, int(STEP / filters.dt + 1e-9))
-    every, weights = (
+    courses, weights = (
         slice(None, None, stride),
         np.convolve(np.ones(stride), np.ones(stride)) / stride**2,
     )
@@ -77,7 +77,7 @@ def courses_of(
             warm = motion.joint_temperature
         path = unknown if motion.position_integral is None else motion.position_integral
         states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm, path)
-        rows = states.rows(every), np.asarray(torque)[every], moving[every]
+        rows = states.rows(courses), np.asarray(torque)[courses], moving[courses]
         out.append(Course(run.names[0], *rows, motion.command))
     if not out:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
@@ -143,15 +143,15 @@ def refine(
         )
         # The simulation's errors as least squares in theta, in units of the torque's
         # variance.
-        found = _errors(
+        solution = _errors(
             Plant(model, np.vstack([theta, theta + step * directions.T])), windows, size
         )
-        slopes = (found[1:] - found[0]).T / step
+        slopes = (solution[1:] - solution[0]).T / step
         rows = slopes @ np.linalg.pinv(directions)  # d theta = directions x
         scale = np.sqrt(
-            task.data.loss(task.ols) / task.data.rows / np.mean(found[0] ** 2)
+            task.data.loss(task.ols) / task.data.rows / np.mean(solution[0] ** 2)
         )
-        both = scale * np.column_stack([rows, rows @ theta - found[0]])
+        both = scale * np.column_stack([rows, rows @ theta - solution[0]])
         linearised = replace(task, data=LeastSquares.stacked([both], len(both)))
         fit = estimator.fit(linearised)
         tried = np.array(
@@ -193,15 +193,17 @@ def _chosen(
 def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
     """(P, R) position errors over the motion's size, one row for each of the plant's P
     parameters."""
-    count, most = len(plant.theta), max(len(w.torque) for w in windows)
-    each = Plant(plant.model, np.repeat(plant.theta, len(windows), axis=0))
+    count, longest = len(plant.theta), max(len(w.torque) for w in windows)
+    repeated_plant = Plant(plant.model, np.repeat(plant.theta, len(windows), axis=0))
     starts = [np.concatenate(x) for x in zip(*(w.start for w in windows), strict=True)]
     state = State(*(np.tile(x, (count,) + (1,) * (x.ndim - 1)) for x in starts))
     out = []
     with np.errstate(all="ignore"):
-        for k in range(most):
+        for k in range(longest):
             torque = np.array([w.torque[min(k, len(w.torque) - 1)] for w in windows])
-            state = advance(each, state, np.tile(torque, (count, 1)), windows[0].h)
+            state = advance(
+                repeated_plant, state, np.tile(torque, (count, 1)), windows[0].h
+            )
             q = state.q.reshape(count, len(windows), -1)
             real = np.array(
                 [w.q[k] if k < len(w.q) else q[0, m] for m, w in enumerate(windows)]

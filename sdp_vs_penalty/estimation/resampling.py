@@ -157,8 +157,8 @@ class CrossValidation(Shown):
             if self.periodic
             else "blocks of time"
         )
-        kept = f"training keeps {self.guard:.3g} s off the judged fold."
-        return f"{len(self.folds)} folds by {kind}; {kept}"
+        guard_words = f"training keeps {self.guard:.3g} s off the judged fold."
+        return f"{len(self.folds)} folds by {kind}; {guard_words}"
 
     def _summary(self) -> Summary:
         return f"CrossValidation: {self.verdict}", [
@@ -197,11 +197,11 @@ class CrossValidation(Shown):
             }
             for k, f in enumerate(self.folds, start=1)
         ]
-        own = {name: getattr(self, name) for name in names} | {
+        fields_of_result = {name: getattr(self, name) for name in names} | {
             "effects": list(self.effects)
         }
         return {
-            **own,
+            **fields_of_result,
             "rmse": self.rmse.tolist(),
             "worst_fold": self.worst,
             "folds": folds,
@@ -335,13 +335,13 @@ class Split:
 
     def fold(self, number: int) -> FoldData:
         """The data of a fold."""
-        own = self.model if self.raw else self._trained(number)
+        model = self.model if self.raw else self._trained(number)
         rows = self.common
-        if own is not self.model:
-            rows = compress_cells(self.runs, own, self.phases)
+        if model is not self.model:
+            rows = compress_cells(self.runs, model, self.phases)
         train = rows.select(self.phases.training(number))
         test = (self.raw or rows).select(self.phases.tested(number))
-        task = make_task(self.problem, own, train, self.weighting, self.seed)
+        task = make_task(self.problem, model, train, self.weighting, self.seed)
         return *self.phases.stretch(number), task, test
 
     def judged(self, estimator: Estimator, number: int) -> Fold:
@@ -413,23 +413,23 @@ def bootstrap(
     )
     first = sdp.fit(objective, estimator.accuracy)
     p, count = len(task.bound), len(regression.blocks)
-    whole = np.vstack(
+    stacked = np.vstack(
         [
             np.column_stack([data.R, data.rho]),
             np.append(np.zeros(p), data.residual_norm),
         ]
     )
-    U, V = column_space(whole)
-    grams, into = np.zeros((count, V.shape[1], V.shape[1])), U.T @ whole
+    U, V = column_space(stacked)
+    grams, into = np.zeros((count, V.shape[1], V.shape[1])), U.T @ stacked
     for joint, indices, blocks, rows in regression.by_joint():
-        seen = task.weights[joint] * rows @ V[np.append(indices, p)]
-        grams[blocks] += seen.swapaxes(1, 2) @ seen
+        visible_rows = task.weights[joint] * rows @ V[np.append(indices, p)]
+        grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
     # A direction that no drawn block shows keeps what rounding is worth.
     priors = np.eye(V.shape[1]) * (1.0 + len(V) * np.finfo(float).eps) - grams.sum(
         axis=0
     )
-    found, rng = np.empty((draws, p + 1)), np.random.default_rng(seed)
-    for row in found:
+    draws_of_parameters, rng = np.empty((draws, p + 1)), np.random.default_rng(seed)
+    for row in draws_of_parameters:
         times = rng.multinomial(count, np.full(count, 1.0 / count))
         rows = np.linalg.cholesky(priors + np.tensordot(times, grams, 1)).T @ into
         drawn = LeastSquares(
@@ -438,5 +438,5 @@ def bootstrap(
         fit = sdp.fit(Objective(drawn, objective.entropy), 0.5 * TIGHT, near=first)
         row[:] = np.append(task.model.with_known(fit.theta), fit.gap)
     return pandas.DataFrame(
-        found, columns=[*(q.name for q in task.model.parameters), "gap"]
+        draws_of_parameters, columns=[*(q.name for q in task.model.parameters), "gap"]
     )

@@ -6,7 +6,7 @@ parameter, whose column is (dY/ds) theta (:class:`ShapeSensitivity`): with it in
 regression the covariance of theta is no longer conditional on s (Seber, Wild, Nonlinear
 Regression 1989, ch. 5). Before anything is measured a constant lies in its range,
 uniformly in its own scale. With its estimate columns are computed anew: a step of Gauss
-and Newton, each a pass over the data (:func:`settled`).
+and Newton, each a pass over the data (:func:`fit_constants_jointly`).
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -36,8 +36,8 @@ REFINED, ON_A_GRID = "refined constant", "constant on a grid"
 def free_constants(effect: Effect) -> tuple[str, ...]:
     """The shape constants that measurements can tell and that vary continuously in a
     range."""
-    own = (key for key in effect.searched if not effect.shapes[key].choices)
-    return tuple(key for key in own if prior_deviation(effect, key) > 0.0)
+    names = (key for key in effect.searched if not effect.shapes[key].choices)
+    return tuple(key for key in names if prior_deviation(effect, key) > 0.0)
 
 
 def prior_deviation(effect: Effect, key: str) -> float:
@@ -75,7 +75,7 @@ class ShapeSensitivity(Effect):
         super().__init__(effect.robot)
         self.effect, self.theta = effect, np.asarray(theta, float)
         self.keys, self.finer = free_constants(effect), tuple(finer)
-        every = (effect, *(e for e, _ in finer))
+        effects = (effect, *(e for e, _ in finer))
         #: For each constant the effect a step above and below, and the unit over their
         #: distance.
         self.varied = [
@@ -87,9 +87,9 @@ class ShapeSensitivity(Effect):
             for key in self.keys
         ]
         # Of what is varied, not of the class.
-        self.has_memory = any(e.has_memory for e in every)  # type: ignore[misc]
-        self.needs_torque = any(e.needs_torque for e in every)  # type: ignore[misc]
-        self.needs_links = any(e.needs_links for e in every)  # type: ignore[misc]
+        self.has_memory = any(e.has_memory for e in effects)  # type: ignore[misc]
+        self.needs_torque = any(e.needs_torque for e in effects)  # type: ignore[misc]
+        self.needs_links = any(e.needs_links for e in effects)  # type: ignore[misc]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -109,11 +109,17 @@ class ShapeSensitivity(Effect):
             pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
             for e, theta in self.finer:
                 if e.shape_of:
-                    own = [
+                    columns_by_constant = [
                         e.with_shape(**{c: x.shape[c] for c in e.shape})
                         for x in (upper, lower)
                     ]
-                    pairs.append((own[0].blocks(motion), own[1].blocks(motion), theta))
+                    pairs.append(
+                        (
+                            columns_by_constant[0].blocks(motion),
+                            columns_by_constant[1].blocks(motion),
+                            theta,
+                        )
+                    )
                 elif up is not motion:
                     pairs.append((e.blocks(up), e.blocks(down), theta))
             for above_all, below_all, theta in pairs:
@@ -144,19 +150,23 @@ def sensitivities(
     finer = [
         [b for b in both if e.name in (*b[0].refines, b[0].shape_of)] for e in effects
     ]
-    every = zip(both, finer, strict=True)
+    pairs = zip(both, finer, strict=True)
     return tuple(
-        ShapeSensitivity(*own, fine) for own, fine in every if free_constants(own[0])
+        ShapeSensitivity(*effect_and_theta, fine)
+        for effect_and_theta, fine in pairs
+        if free_constants(effect_and_theta[0])
     )
 
 
 def with_sensitivities(
-    model: Model, theta: Array, wanted: Callable[[Effect], bool] = lambda effect: True
+    model: Model, theta: Array, chosen: Callable[[Effect], bool] = lambda effect: True
 ) -> Model:
     """The model with a parameter more for each free shape constant of the effects that
     are wanted; itself where there is none."""
-    every = sensitivities(model.effects, [theta[k] for k in model.indices])
-    extra = tuple(e for e in every if wanted(e.effect))
+    sensitivities_of_model = sensitivities(
+        model.effects, [theta[k] for k in model.indices]
+    )
+    extra = tuple(e for e in sensitivities_of_model if chosen(e.effect))
     if not extra:
         return model
     reference = model.reference
@@ -181,13 +191,13 @@ class Settled:
     error: float
 
 
-def settled(
+def fit_constants_jointly(
     model: Model,
-    wanted: Collection[Key],
+    free_keys: Collection[Key],
     compressed: Callable[[Model], Regression],
     weighting: str = "noise",
 ) -> Settled:
-    """The model with its ``wanted`` constants where they together leave the least
+    """The model with its ``free_keys`` constants where they together leave the least
     squared error, from where they are and, of those that only have the values of a
     grid, from each of these: Gauss-Newton steps of those that have a range, in their
     own scales.
@@ -218,20 +228,22 @@ def settled(
 
     def keys_of(effect: Effect) -> list[Key]:
         """All free constants of an effect of which one is wanted."""
-        own = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
-        return [] if set(own).isdisjoint(wanted) else own
+        keys = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
+        return [] if set(keys).isdisjoint(free_keys) else keys
 
-    every = [
+    places = [
         (k, key) for k, effect in enumerate(model.effects) for key in keys_of(effect)
     ]
-    ranged = [model.effects[k].shapes[key[2]].bounds is not None for k, key in every]
+    ranged = [model.effects[k].shapes[key[2]].bounds is not None for k, key in places]
     #: Which of the constants' columns behind the parameters' are of those that move.
     mine = np.array(
-        [key in wanted and has for (_, key), has in zip(every, ranged, strict=True)]
+        [key in free_keys and has for (_, key), has in zip(places, ranged, strict=True)]
     )
-    free = [x for x, moving in zip(every, mine, strict=True) if moving]
+    free = [x for x, moving in zip(places, mine, strict=True) if moving]
     gridded = [
-        x for x, has in zip(every, ranged, strict=True) if not has and x[1] in wanted
+        x
+        for x, has in zip(places, ranged, strict=True)
+        if not has and x[1] in free_keys
     ]
     unit = np.array([prior_deviation(model.effects[k], key[2]) for k, key in free])
 
@@ -255,13 +267,13 @@ def settled(
             data, theta = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
             variances[steps.tobytes()] = white_variance(data, wide.oversampling)
             columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
-            rest = np.append(data.rho - data.R[:, :p] @ theta, data.residual_norm)
-            return rest, np.vstack([columns, np.zeros((1, len(free)))])
+            residual = np.append(data.rho - data.R[:, :p] @ theta, data.residual_norm)
+            return residual, np.vstack([columns, np.zeros((1, len(free)))])
 
         if not free:
             return Settled(at(unit), {}, float(np.sum(left(unit)[0] ** 2)))
         low, high = np.transpose([_room(begin[k], key[2]) for k, key in free])
-        best, rest, slopes = least_squares(
+        best, residual, slopes = least_squares(
             left, 0.0 * unit, (low, high), xtol=1e-6, ftol=1e-9, steps=15
         )
         std = np.sqrt(variances[best.tobytes()]) * deviations(slopes)
@@ -270,19 +282,24 @@ def settled(
             {key: float(f"{x:.6g}") for key, x in e.shape.items()}
             for e in at(best).effects
         ]
-        found = tuple(e.with_shape(**own) for e, own in zip(begin, digits, strict=True))
+        effects = tuple(
+            e.with_shape(**constants)
+            for e, constants in zip(begin, digits, strict=True)
+        )
         known = dict(zip((key for _, key in free), std.tolist(), strict=True))
-        return Settled(replace(model, effects=found), known, float(rest @ rest))
+        return Settled(
+            replace(model, effects=effects), known, float(residual @ residual)
+        )
 
-    found = []
+    optima = []
     for values in product(
         *(model.effects[k].shapes[key[2]].grid for k, key in gridded)
     ):
         effects = list(model.effects)
         for (k, key), value in zip(gridded, values, strict=True):
             effects[k] = effects[k].with_shape(**{key[2]: value})
-        found.append(descended(tuple(effects)))
-    return min(found, key=lambda s: s.error)
+        optima.append(descended(tuple(effects)))
+    return min(optima, key=lambda s: s.error)
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:

@@ -92,9 +92,9 @@ class Hypotheses:
             raise InputError(
                 what, 'name two, such as "torque_ripple:4@k=2,joint_spring:4", or one'
             )
-        own = {p.name for p in estimate.model.parameters}
+        model_names = {p.name for p in estimate.model.parameters}
         for effect in self.effects:
-            if twice := own & {p.name for p in effect.parameters}:
+            if twice := model_names & {p.name for p in effect.parameters}:
                 what = f"the model has {effect.name} already ({min(twice)})"
                 raise InputError(what, "separate effects that it lacks")
         motion = self.motion(default_excitation(estimate, 20.0, 0), 20.0)
@@ -157,22 +157,22 @@ class Hypotheses:
         first, last = np.log([1e-3, 1e7])
         if short(last) < 0.0:
             return float("inf")
-        found = (
+        lengths = (
             first
             if short(first) >= 0.0
             else optimize.brentq(short, first, last, xtol=1e-4)
         )
-        return float(np.exp(found))
+        return float(np.exp(lengths))
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:
     """delta^2 of A against everything that X and B make, in the direction of A that B
     makes best; A's directions have unit parameters."""
-    few, k = (
+    chosen, k = (
         triangular([np.hstack([X, B, A])]),
         A.shape[1],
     )  # as many rows as columns tell as much
-    left = partialled(few[:, :-k], few[:, -k:])
+    left = partialled(chosen[:, :-k], chosen[:, -k:])
     return float(max(np.linalg.eigvalsh(left.T @ left)[0], 0.0))
 
 
@@ -205,7 +205,7 @@ def separate(
     (:func:`~sdp_vs_penalty.robot.geometry.self_collision`). Raises InputError for
     hypotheses that cannot be separated.
     """
-    told, rng = Hypotheses(estimate, effects, level), np.random.default_rng(seed)
+    hypotheses, rng = Hypotheses(estimate, effects, level), np.random.default_rng(seed)
     bounds = Limits.of_robot(estimate.robot) if limits is None else limits
     low, high = (bounds.middle + s * _SHARE * bounds.half for s in (-1.0, 1.0))
     # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
@@ -229,11 +229,11 @@ def separate(
         moves, rests = moves[:fit], pauses[: fit + 1]
         moves = moves * (duration - rests.sum()) / moves.sum()
         trajectory = PointTrajectory(points[: fit + 1], moves, rests)
-        motion = told.motion(trajectory.states, duration)
+        motion = hypotheses.motion(trajectory.states, duration)
         if np.any(np.abs(motion.modelled) > _SHARE * effort):
             return False
         looked += 1
-        value = told.distance(motion)
+        value = hypotheses.distance(motion)
         poses = trajectory.states(np.arange(0.0, duration, 0.1))[0]
         if value <= best[0] or (free is not None and not free(poses)):
             return False
@@ -259,16 +259,18 @@ def separate(
         )
         raise InputError("no motion from point to point keeps the limits", remedy)
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
-    default = float(np.median([told.distance(told.motion(s, duration)) for s in usual]))
+    default = float(
+        np.median([hypotheses.distance(hypotheses.motion(s, duration)) for s in usual])
+    )
     return Separation(
         trajectory,
         delta2=value,
         default_delta2=default,
-        right=told.right(value, duration),
-        default_right=told.right(default, duration),
-        seconds=told.needed(value, duration),
-        default_seconds=told.needed(default, duration),
-        sizes=told.scale,
+        right=hypotheses.right(value, duration),
+        default_right=hypotheses.right(default, duration),
+        seconds=hypotheses.needed(value, duration),
+        default_seconds=hypotheses.needed(default, duration),
+        sizes=hypotheses.scale,
         collisions=free is not None,
     )
 

@@ -74,17 +74,17 @@ class _Terms(Effect):
         return tuple(Parameter(name, "", self.name, joint) for name, joint in names)
 
     def blocks(self, motion: Motion) -> list[Block]:
-        told, t = motion.logged_command, motion.t - self.T
-        rate = told.velocity(t)
+        command, t = motion.logged_command, motion.t - self.T
+        rate = command.velocity(t)
         terms = (
-            told.position(t),
+            command.position(t),
             rate,
             np.gradient(rate, motion.t, axis=0),
-            told.integral(t),
+            command.integral(t),
         )
-        every = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
-        own = np.arange(self.count)
-        return [Block(j, own + self.count * j, every[:, j]) for j in self.joints]
+        columns = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
+        indices = np.arange(self.count)
+        return [Block(j, indices + self.count * j, columns[:, j]) for j in self.joints]
 
 
 def _law(name: str, d: float) -> Array:
@@ -92,12 +92,12 @@ def _law(name: str, d: float) -> Array:
     _Terms, of a command that is d [s] later than those."""
     h = 0.5 * d * d
     terms = [[1.0, -d, h, 0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]]
-    own = {
+    gains = {
         "servo_integral": [-d, h, 0.0, 1.0, 0.0, 0.0, -1.0],
         "servo_velocity_loop": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
         "servo_feedforward": [0.0, 1.0, -d, 0.0, 0.0, 0.0, 0.0],
     }
-    return np.array([*terms, *(own[e] for e in LAWS[name] if e in own)]).T
+    return np.array([*terms, *(gains[e] for e in LAWS[name] if e in gains)]).T
 
 
 #: One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold
@@ -128,11 +128,11 @@ def find_law(
     about = delay or 0.0
     first = joints = _joints(wide, runs, about)
     while True:
-        late = {
+        delay_by_law = {
             name: 0.0 if delay is not None else _extra_delay(joints, name, about)
             for name in names
         }
-        scores = {name: _score(joints, name, late[name]) for name in names}
+        scores = {name: _score(joints, name, delay_by_law[name]) for name in names}
         best = min(scores, key=lambda name: float(scores[name].mean()))
         for name in names:
             more = scores[name] - scores[best]
@@ -140,18 +140,23 @@ def find_law(
                 2.0 * np.log(c.FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))
             ):
                 break
-        found = about + late[name]
-        if abs(late[name]) < 0.95 * c.DELAY_REACH or found > 0.95 * LATEST:
+        delay_found = about + delay_by_law[name]
+        if (
+            abs(delay_by_law[name]) < 0.95 * c.DELAY_REACH
+            or delay_found > 0.95 * LATEST
+        ):
             without = float(np.mean(_score(first, name, 0.0) - scores[name]))
-            found = (
-                found if delay is not None or without > np.log(c.FEWER_GAINS) else 0.0
+            delay_found = (
+                delay_found
+                if delay is not None or without > np.log(c.FEWER_GAINS)
+                else 0.0
             )
             ratios = {
                 k: float(np.exp(0.5 * np.mean(s - scores[best])))
                 for k, s in scores.items()
             }
-            return name, found, ratios
-        about = found
+            return name, delay_found, ratios
+        about = delay_found
         joints = _joints(wide, runs, about)
 
 
@@ -163,14 +168,24 @@ def _joints(load: Sequence[Effect], runs: FilteredRuns, T: float) -> list[_Joint
     cells = compress_cells(runs, model, split)
     out = []
     for joint in range(robot.n):
-        every = {f.block: f.triangle[:, :-1] for f in cells.factors if f.joint == joint}
+        triangle_by_block = {
+            f.block: f.triangle[:, :-1] for f in cells.factors if f.joint == joint
+        }
         folds = []
         for fold in range(c.SHAPE_FOLDS):
-            train = [every[b] for b in split.training(fold) if b in every]
-            test = [every[b] for b in split.tested(fold) if b in every]
+            train = [
+                triangle_by_block[b]
+                for b in split.training(fold)
+                if b in triangle_by_block
+            ]
+            test = [
+                triangle_by_block[b]
+                for b in split.tested(fold)
+                if b in triangle_by_block
+            ]
             if train and test:
                 folds.append(_project_out_load(np.vstack(train), np.vstack(test)))
-        rows = np.vstack(list(every.values()))
+        rows = np.vstack(list(triangle_by_block.values()))
         out.append((_project_out_load(rows, rows)[0], folds))
     return out
 
@@ -179,9 +194,13 @@ def _project_out_load(train: Array, test: Array) -> tuple[Array, Array]:
     """(r, 7), (s, 7) terms beside the load of rows (r, k + 7), (s, k + 7), by the first
     ones' fit."""
     U, V = column_space(train[:, : -_Terms.count])
-    made = U.T @ train[:, -_Terms.count :]
-    rest = np.asarray(np.linalg.qr(train[:, -_Terms.count :] - U @ made, mode="r"))
-    return rest, test[:, -_Terms.count :] - test[:, : -_Terms.count] @ (V @ made)
+    projections = U.T @ train[:, -_Terms.count :]
+    remaining = np.asarray(
+        np.linalg.qr(train[:, -_Terms.count :] - U @ projections, mode="r")
+    )
+    return remaining, test[:, -_Terms.count :] - test[:, : -_Terms.count] @ (
+        V @ projections
+    )
 
 
 def _fitted(terms: Array, law: Array) -> Array:
@@ -200,8 +219,8 @@ def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
 
     def left(later: float) -> float:
         law = _law(name, later)
-        each = [np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints]
-        return float(np.sum(np.log(at_least_tiny(each))))
+        losses = [np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints]
+        return float(np.sum(np.log(at_least_tiny(losses))))
 
     ends = max(-c.DELAY_REACH, -about), min(c.DELAY_REACH, LATEST - about)
     return float(minimize_scalar(left, bounds=ends, method="bounded").x)
@@ -221,11 +240,13 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     """Filters for a log without torque, resolved. Noise of positions is in every column
     there: the states' cut-off begins where the command, free of noise, says how fast
     the motion is, and rises as far as the positions show a sharper one."""
-    least = None
+    lowest_cutoff = None
     if settings.state_cutoff is None and "qcmd" in data.groups:
-        told = [replace(run, q=run.commanded["qcmd"]) for run in data.runs()]
-        least = c.COMMAND_HARMONICS * max(highest_harmonic(run) for run in told)
-    return settings.resolve(data, least)
+        commanded_runs = [replace(run, q=run.commanded["qcmd"]) for run in data.runs()]
+        lowest_cutoff = c.COMMAND_HARMONICS * max(
+            highest_harmonic(run) for run in commanded_runs
+        )
+    return settings.resolve(data, lowest_cutoff)
 
 
 @dataclass(frozen=True)
@@ -240,19 +261,21 @@ class _Loop:
     drives: Sequence[Effect]
     open_delay: bool
 
-    def balanced(self, delay: float) -> tuple[Model, Array]:
+    def fitted_at_delay(self, delay: float) -> tuple[Model, Array]:
         """The model whose commands act late by ``delay`` [s], up to a factor, in which
         links weigh as stated, and what it fits best (p,), its reference; its strongest
         position gain is given."""
         robot = self.problem.robot
-        late = [e.with_shape(T=float(f"{delay:.6g}")) for e in self.drives]
+        delayed_drives = [e.with_shape(T=float(f"{delay:.6g}")) for e in self.drives]
         began = {"servo_integral", "torque_offset"} & {
-            e.name for e in (*self.load, *late)
+            e.name for e in (*self.load, *delayed_drives)
         }
         offset = [effect_types()["torque_offset"](robot)] * (
             began == {"servo_integral"}
         )
-        model = Model(robot, (*self.load, *offset, *late), gains=self.problem.gains)
+        model = Model(
+            robot, (*self.load, *offset, *delayed_drives), gains=self.problem.gains
+        )
         theta = fit_up_to_scale(self.problem, model, compress(self.runs, model))
         strongest = max(model.error_gains, key=lambda k: float(theta[k]))
         gain = {model.parameters[strongest].name: float(theta[strongest])}
@@ -274,7 +297,9 @@ class _Loop:
         )
         (drive,) = (e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
-        return self.balanced(float(np.clip(drive.shape["T"] + step, 0.0, LATEST)))[0]
+        return self.fitted_at_delay(
+            float(np.clip(drive.shape["T"] + step, 0.0, LATEST))
+        )[0]
 
     def simulated(self, model: Model, rows: FilteredRuns) -> tuple[FilteredRuns, Array]:
         """The log with the motion that the model fitted to ``rows`` makes of the
@@ -284,9 +309,11 @@ class _Loop:
             make_estimator(DEFAULT_METHOD).fit(self.task(model, rows)).theta
         )
         with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
-            found = with_simulated_motion(self.runs.measurements, model, theta)
-            apart = np.sqrt(np.mean((found.commanded["qsim"] - found.q) ** 2, axis=0))
-        return FilteredRuns.of(found, self.runs.settings), apart
+            measurements = with_simulated_motion(self.runs.measurements, model, theta)
+            apart = np.sqrt(
+                np.mean((measurements.commanded["qsim"] - measurements.q) ** 2, axis=0)
+            )
+        return FilteredRuns.of(measurements, self.runs.settings), apart
 
 
 def servo_log(
@@ -324,28 +351,36 @@ def servo_log(
     ):
         # A drive has a rotor. A single joint's cannot be told from what it moves.
         load.append(effect_types()["rotor_inertia"](problem.robot))
-    given = next((e.shape["T"] for e in drives if "T" in e.given), None)
+    given_delay = next((e.shape["T"] for e in drives if "T" in e.given), None)
     names = tuple(LAWS)
     if drives:
-        own = {e.name for e in drives}
+        drive_names = {e.name for e in drives}
         names = (
-            tuple(name for name, law in LAWS.items() if set(law) == own) or names[-1:]
+            tuple(name for name, law in LAWS.items() if set(law) == drive_names)
+            or names[-1:]
         )
     progress("choosing the servo law")
-    law, delay, errors = find_law(load, runs, names, given)
+    law, delay, errors = find_law(load, runs, names, given_delay)
     progress("balancing the gains")
     of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
     loop = _Loop(
-        problem, runs, weighting, tuple(load), of_law, given is None and delay > 0.0
+        problem,
+        runs,
+        weighting,
+        tuple(load),
+        of_law,
+        given_delay is None and delay > 0.0,
     )
     # The load's shape constants beside given gains: errors stand for a torque then.
-    model, theta = loop.balanced(delay)
+    model, theta = loop.fitted_at_delay(delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
     shapes = estimate_shapes(
         replace(model, known=gains), runs, weighting, widest=c.TURNS[-1]
     )
     loop = replace(loop, load=with_shapes(load, shapes))
-    model, rows, apart = _refined(loop, loop.balanced(delay)[0], instruments, progress)
+    model, rows, apart = _refined(
+        loop, loop.fitted_at_delay(delay)[0], instruments, progress
+    )
     details = {
         "law": "as given" if drives else law,
         "delay": model.effects[-1].shape["T"],
@@ -363,7 +398,7 @@ def _refined(
     measured motion, the log with the instruments that it was fitted with, and how far
     (n,) they are from the motion; without instruments after one step of the delay, and
     (0,)."""
-    least, used, rows, motion = np.inf, loop.runs, loop.runs, np.zeros(0)
+    lowest_loss, used, rows, motion = np.inf, loop.runs, loop.runs, np.zeros(0)
     if not instruments:
         return loop.with_better_delay(model, rows), rows, motion
     for k in count(1):
@@ -371,12 +406,12 @@ def _refined(
         progress(f"simulating the command, pass {k}")
         simulated, apart = loop.simulated(better, rows)
         error = float(np.mean(np.log(at_least_tiny(apart))))
-        if not error < least + np.log(c.FEWER_GAINS):
+        if not error < lowest_loss + np.log(c.FEWER_GAINS):
             break
         model, used, rows, motion = better, rows, simulated, apart
-        if error > least - np.log(c.FEWER_GAINS):
+        if error > lowest_loss - np.log(c.FEWER_GAINS):
             break
-        least = error
+        lowest_loss = error
     return model, used, motion
 
 
@@ -415,23 +450,27 @@ def loop_beside_torque(
         _, rows, theta = fitted(delay)
         return float(np.sum(np.log(at_least_tiny(rows.joint_losses(theta)))))
 
-    late = next((e.shape["T"] for e in drives if "T" in e.given), None)
-    if late is None:
+    given_delay = next((e.shape["T"] for e in drives if "T" in e.given), None)
+    if given_delay is None:
         from scipy.optimize import minimize_scalar
 
-        late = float(minimize_scalar(left, bounds=(0.0, LATEST), method="bounded").x)
-        late = late if left(late) < left(0.0) else 0.0
-    model, rows, theta = fitted(late)
-    losses, whole = rows.joint_losses(theta), rows.least_squares()
-    alone = np.where(
+        given_delay = float(
+            minimize_scalar(left, bounds=(0.0, LATEST), method="bounded").x
+        )
+        given_delay = given_delay if left(given_delay) < left(0.0) else 0.0
+    model, rows, theta = fitted(given_delay)
+    losses, problem_of_all = rows.joint_losses(theta), rows.least_squares()
+    unexplained = np.where(
         model.drives,
         0.0,
-        min_norm_lstsq(np.where(model.drives, 0.0, whole.R), whole.rho),
+        min_norm_lstsq(
+            np.where(model.drives, 0.0, problem_of_all.R), problem_of_all.rho
+        ),
     )
     noise = np.sqrt(rows.oversampling * losses / np.maximum(rows.joint_rows(), 1))
-    std = deviations(whole.R)
+    std = deviations(problem_of_all.R)
     return {
-        "delay": late,
+        "delay": given_delay,
         "gains": {
             p.name: {
                 "value": float(x),
@@ -443,5 +482,7 @@ def loop_beside_torque(
             )
             if drive
         },
-        "share": (1.0 - losses / at_least_tiny(rows.joint_losses(alone))).tolist(),
+        "share": (
+            1.0 - losses / at_least_tiny(rows.joint_losses(unexplained))
+        ).tolist(),
     }

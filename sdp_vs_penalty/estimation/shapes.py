@@ -102,20 +102,20 @@ def estimate_shapes(
     grids go on beyond their own, each twice the last one.
     """
     # of effects with one column a joint, of the kind that is estimated, and not given
-    wanted = [
+    open_constants = [
         (effect, joint, key)
         for effect in model.effects
         for key in effect.estimated
         if key not in effect.given and len(effect.parameters) == len(effect.joints)
         for joint in effect.joints
     ]
-    if not wanted:
+    if not open_constants:
         return []
     folds = PhaseFolds(motion_clocks(tracks_of(runs.measurements)), SHAPE_FOLDS)
 
-    def profile_of(model: Model, wanted: Sequence[_Open]) -> _Profile:
+    def profile_of(model: Model, open_constants: Sequence[_Open]) -> _Profile:
         """One pass over the chosen rows, in blocks by folds of the motion."""
-        wide, base, banks = _with_banks(model, wanted, widest)
+        wide, base, banks = _with_banks(model, open_constants, widest)
         cells = compress_cells(runs, wide, _Cells(folds, chosen), workers)
         cells = cells.select(
             sorted({f.block for f in cells.factors if f.block < SHAPE_FOLDS})
@@ -123,16 +123,16 @@ def estimate_shapes(
         return _Profile(cells, weighting, base, banks)
 
     model = model.reference_free
-    found = profile_of(model, wanted).confirmed()
+    estimates = profile_of(model, open_constants).confirmed()
     # Splines in the grid are good to a per cent: what is told more finely is found once
     # more, about itself, where they are exact.
     known = {
         (s.effect, s.joint, s.shape): s.after
-        for s in found
+        for s in estimates
         if s.after != s.before and not s.at_end and s.std < 0.01 * s.after
     }
     if known:
-        near = replace(model, effects=with_shapes(model.effects, found))
+        near = replace(model, effects=with_shapes(model.effects, estimates))
         again = [
             (e, j, key)
             for e in near.effects
@@ -145,7 +145,7 @@ def estimate_shapes(
         known = {(s.effect, s.joint, s.shape): s.after for s in profile.estimates(best)}
     return [
         replace(s, after=known.get((s.effect, s.joint, s.shape), s.after))
-        for s in found
+        for s in estimates
     ]
 
 
@@ -191,18 +191,20 @@ class _Bank:
 
 
 def _with_banks(
-    model: Model, wanted: Sequence[_Open], widest: float
+    model: Model, open_constants: Sequence[_Open], widest: float
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid; where
     all other columns stand; the grids."""
     from scipy.interpolate import CubicSpline
 
-    own = [effect for effect, _, _ in wanted]
-    fixed = [e for e in model.effects if not any(e is effect for effect in own)]
+    open_effects = [effect for effect, _, _ in open_constants]
+    fixed = [
+        e for e in model.effects if not any(e is effect for effect in open_effects)
+    ]
     first = sum(len(e.parameters) for e in fixed)
     base, banks, parts = np.arange(first), list[_Bank](), list[_Grid]()
     splines = dict[tuple[float, ...], Any]()
-    for effect, joint, key in wanted:
+    for effect, joint, key in open_constants:
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
         while grid[-1] < widest:
             grid = (*grid, 2.0 * grid[-1])
@@ -245,18 +247,21 @@ class _Grid(Effect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        (own,) = self.effects[0].parameters
+        (parameter,) = self.effects[0].parameters
         return tuple(
-            replace(own, name=f"{own.name}_{m}") for m in range(len(self.effects))
+            replace(parameter, name=f"{parameter.name}_{m}")
+            for m in range(len(self.effects))
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        own = (
+        blocks_of_values = (
             (m, b)
             for m, effect in enumerate(self.effects)
             for b in effect.blocks(motion)
         )
-        return [Block(b.joint, b.parameters + m, b.columns) for m, b in own]
+        return [
+            Block(b.joint, b.parameters + m, b.columns) for m, b in blocks_of_values
+        ]
 
 
 class _Profile:
@@ -289,8 +294,8 @@ class _Profile:
             data = folds.least_squares(self.weights)
         both = np.column_stack([data.R[:, len(base) :], data.rho])
         shown, self.shown = column_space(data.R[:, base])
-        made = shown.T @ both
-        left = triangular([both - shown @ made])
+        projections = shown.T @ both
+        left = triangular([both - shown @ projections])
         self.torque, self.count = left[:, -1], left.shape[1] - 1
         U = span(left[:, :-1])
         error = (
@@ -337,18 +342,18 @@ class _Profile:
         out = np.zeros((len(self.folds.blocks), k + T.shape[1], k + T.shape[1]))
         for joint, indices, blocks, rows in self.folds.by_joint():
             first = int(np.sum(indices < b))  # the others come first
-            made = rows[..., :first] @ self.shown[indices[:first]]
+            products = rows[..., :first] @ self.shown[indices[:first]]
             combined = rows[..., first:] @ T[np.append(indices[first:] - b, p)]
-            both = self.weights[joint] * np.concatenate([made, combined], axis=2)
+            both = self.weights[joint] * np.concatenate([products, combined], axis=2)
             out[blocks] += both.swapaxes(1, 2) @ both
         return out
 
-    def held_out(self, found: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
+    def held_out(self, estimates: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
         """(B,) what each constant alone takes from the squared error of the folds that
         are left out, in variances, and what noise would."""
-        moved = [k for k, s in enumerate(found) if s.after != s.before]
+        moved = [k for k, s in enumerate(estimates) if s.after != s.before]
         count, k = len(self.folds.blocks), self.shown.shape[1]
-        taken, needed = np.zeros((2, len(found)))
+        taken, needed = np.zeros((2, len(estimates)))
         if not moved or count < 2:
             return taken, needed
         # Columns in which a fit near what was found is linear: all others, each bank's
@@ -357,15 +362,15 @@ class _Profile:
         # of no bank), and whether it is new.
         parts = list[Array]()
         of, new = [-1] * k, [False] * k
-        for j, (bank, s) in enumerate(zip(self.banks, found, strict=True)):
+        for j, (bank, s) in enumerate(zip(self.banks, estimates, strict=True)):
             several = bank.weights(float(np.log(s.after)))[: 1 if s.at_end else 2]
-            own = [
+            places = [
                 bank.weights(self.now[j])[0],
                 *(several if s.after != s.before else ()),
             ]
-            of += [j] * len(own)
-            new += [False, *[True] * (len(own) - 1)]
-            parts += own
+            of += [j] * len(places)
+            new += [False, *[True] * (len(places) - 1)]
+            parts += places
         T = np.zeros((self.count + 1, len(parts) + 1))
         for out, weights, j in zip(T.T, parts, of[k:], strict=False):
             out[self.banks[j].columns - len(self.shown)] = weights
@@ -373,12 +378,12 @@ class _Profile:
         grams = self._products(T)
         size = nonzero_or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
         grams /= size * size[:, None]
-        rest = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
+        other_folds = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
         fits = np.zeros((len(moved) + 1, count, len(size)))
         for fit, j in zip(fits, (-2, *moved), strict=True):  # none of them, each alone
             used = np.flatnonzero(np.where(np.equal(of, j), new, np.logical_not(new)))
             fit[:, used] = np.linalg.solve(
-                rest[:, used[:, None], used], rest[:, used, -1:]
+                other_folds[:, used[:, None], used], other_folds[:, used, -1:]
             )[..., 0]
         fits[..., -1] = -1.0
         both = fits, fits[1:] - fits[0]
@@ -406,12 +411,13 @@ class _Profile:
         )
         while refused.any():
             u = self.best(np.where(moves, u, self.now), np.flatnonzero(moves))
-            found = self.estimates(u)
-            gains, needed = self.held_out(found)
+            estimates = self.estimates(u)
+            gains, needed = self.held_out(estimates)
             refused = moves & ~(gains > needed)
             moves = moves & ~refused
         return [
-            replace(s, gain=gain) for s, gain in zip(found, gains.tolist(), strict=True)
+            replace(s, gain=gain)
+            for s, gain in zip(estimates, gains.tolist(), strict=True)
         ]
 
     def from_grid(self) -> Array:
@@ -420,9 +426,9 @@ class _Profile:
         for k, (bank, part) in enumerate(zip(self.banks, self.parts, strict=True)):
             U = column_space(np.delete(columns, k, axis=1))[0]
             left = part - (part @ U) @ U.T
-            made = left @ self.torque
-            made = np.maximum(made, 0.0) if self.brakes[k] else made
-            best = int(np.argmax(made**2 / nonzero_or_one(np.sum(left**2, axis=1))))
+            products = left @ self.torque
+            products = np.maximum(products, 0.0) if self.brakes[k] else products
+            best = int(np.argmax(products**2 / nonzero_or_one(np.sum(left**2, axis=1))))
             u[k], columns[:, k] = bank.spline.x[best], part[best]
         return u
 
@@ -448,8 +454,8 @@ class _Profile:
     def estimates(self, u: Array) -> list[ShapeEstimate]:
         """What constants ln u (B,) are."""
         stds, out = np.sqrt(self.variance) * deviations(self.at(u)[1]), []
-        each = self.banks, u.tolist(), self.now, stds.tolist(), self.ends.tolist()
-        for bank, x, now, std, (low, high) in zip(*each, strict=True):
+        columns = self.banks, u.tolist(), self.now, stds.tolist(), self.ends.tolist()
+        for bank, x, now, std, (low, high) in zip(*columns, strict=True):
             # As many digits as a written effect has; a spread wider than the range
             # bounds nothing.
             after = bank.now if x == now else float(f"{np.exp(x):.6g}")
@@ -461,11 +467,11 @@ class _Profile:
 
 
 def with_shapes(
-    effects: Sequence[Effect], found: Sequence[ShapeEstimate]
+    effects: Sequence[Effect], estimates: Sequence[ShapeEstimate]
 ) -> tuple[Effect, ...]:
     """The effects with estimated constants: those that were estimated stand alone, a
     joint each, in the same order, so that the parameters keep their places."""
-    values = {(s.effect, s.joint, s.shape): s.after for s in found}
+    values = {(s.effect, s.joint, s.shape): s.after for s in estimates}
     out: list[Effect] = []
     for effect in effects:
         keys = [
@@ -478,8 +484,8 @@ def with_shapes(
             out.append(effect)
             continue
         for joint in effect.joints:
-            own = {k: values[effect.name, j, k] for j, k in keys if j == joint}
-            out.append(effect.with_shape([joint], **own))
+            constants = {k: values[effect.name, j, k] for j, k in keys if j == joint}
+            out.append(effect.with_shape([joint], **constants))
     return tuple(out)
 
 
@@ -488,17 +494,17 @@ def asked_effects(
 ) -> list[str]:
     """How effects are written so that `identify` estimates again what it has estimated:
     ``shapes`` as an estimate's details hold them."""
-    estimated, asked = (
+    estimated, requested = (
         {(s["effect"], s["joint"] - 1) for s in shapes},
         dict[str, list[str]](),
     )
     for e in effects:
         open_ = all((e.name, j) in estimated for j in e.joints)
-        asked.setdefault(e.name if open_ else e.text, []).extend(
+        requested.setdefault(e.name if open_ else e.text, []).extend(
             str(j + 1) for j in e.joints if open_
         )
-    every = effects[0].robot.n if effects else 0
+    n_joints = effects[0].robot.n if effects else 0
     return [
-        f"{x}:{'+'.join(own)}" if 0 < len(own) < every else x
-        for x, own in asked.items()
+        f"{x}:{'+'.join(joints_asked)}" if 0 < len(joints_asked) < n_joints else x
+        for x, joints_asked in requested.items()
     ]

@@ -75,20 +75,20 @@ class Sandwich:
         self.white = white_variance(data, regression.oversampling)
         # Where the torque is fitted to rounding, a prior weighs that much and no less.
         strength = max(self.white, 1e-24 * data.tau_squared / max(data.rows, 1))
-        whole = (
+        factor_rows = (
             data.with_prior(prior_scale, strength)
             if np.any(np.isfinite(prior_scale))
             else data
         )
-        self.directions = V = column_space(whole.R)[1]
-        z = V.T @ (whole.R.T @ whole.rho)
+        self.directions = V = column_space(factor_rows.R)[1]
+        z = V.T @ (factor_rows.R.T @ factor_rows.rho)
         B, r = len(regression.blocks), V.shape[1]
         self.grams, self.scores = np.zeros((B, r, r)), np.zeros((B, r))
         for joint, indices, blocks, rows in regression.by_joint():
-            seen = rows[..., :-1] @ (weights[joint] * V[indices])
-            left = weights[joint] * rows[..., -1] - seen @ z
-            self.grams[blocks] += seen.swapaxes(1, 2) @ seen
-            self.scores[blocks] += (left[:, None] @ seen)[:, 0]
+            visible_rows = rows[..., :-1] @ (weights[joint] * V[indices])
+            left = weights[joint] * rows[..., -1] - visible_rows @ z
+            self.grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
+            self.scores[blocks] += (left[:, None] @ visible_rows)[:, 0]
         excess = float(
             np.sum(np.trace(self.grams, axis1=1, axis2=2)) - np.sum(self.grams**2)
         )
@@ -100,7 +100,7 @@ class Sandwich:
             _kernel(regression, inflation),
         )
         self.prior = V.T * (strength / prior_scale**2) @ V
-        self.norms, self.solution = whole.column_norms, V @ z
+        self.norms, self.solution = factor_rows.column_norms, V @ z
         self._basis = np.linalg.qr(V * self.norms[:, None])[
             0
         ]  # of the visible directions, at unit norm
@@ -122,22 +122,23 @@ class Sandwich:
         contrasts = np.pad(
             contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1]))
         )
-        half, seen = (
+        half, is_determined = (
             np.full(len(contrasts), np.nan),
             np.flatnonzero(self.sees(contrasts)),
         )
         # Numbers of the products of blocks that are held at once.
-        for few in np.array_split(
-            seen, 1 + seen.size * self.directions.shape[1] ** 2 // (1 << 20)
+        for chunk in np.array_split(
+            is_determined,
+            1 + is_determined.size * self.directions.shape[1] ** 2 // (1 << 20),
         ):
-            w = contrasts[few] @ self.directions
+            w = contrasts[chunk] @ self.directions
             variance, freedom = self._variances(w)
             known = self.white * np.sum((w @ self.prior) * w, axis=1)
             t, normal = (
                 stdtrit(freedom, 0.5 + 0.5 * LEVEL),
                 stdtrit(np.inf, 0.5 + 0.5 * LEVEL),
             )
-            half[few] = np.sqrt(t**2 * variance + normal**2 * known)
+            half[chunk] = np.sqrt(t**2 * variance + normal**2 * known)
         return half
 
     def _variances(self, w: Array) -> tuple[Array, Array]:
@@ -151,22 +152,24 @@ class Sandwich:
             np.moveaxis(self.grams @ w.T, 2, 0),
             w @ self.scores.T,
         )  # (c, B, r), (c, B)
-        own = np.maximum(np.einsum("cbr,cr->cb", AB, w), 0.0)
+        variances = np.maximum(np.einsum("cbr,cr->cb", AB, w), 0.0)
         KAB = np.moveaxis(
             (K @ np.moveaxis(AB, 1, 0).reshape(B, -1)).reshape(B, len(w), r), 1, 0
         )
         # tr (K G)^2 of G's second part, by the smaller of (A B)'K A B and K A B (A B)'.
         M = np.swapaxes(AB, 1, 2) @ KAB if r < B else KAB @ np.swapaxes(AB, 1, 2)
-        information = own.sum(axis=1)
+        information = variances.sum(axis=1)
         expected = information - np.trace(M, axis1=1, axis2=2)
-        square = np.sum(own * (K.power(2) @ own.T).T, axis=1)
+        square = np.sum(variances * (K.power(2) @ variances.T).T, axis=1)
         square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2))
-        square -= 2.0 * np.sum(own * np.sum(KAB**2, axis=2), axis=1)
-        found = np.maximum(np.sum(h * (K @ h.T).T, axis=1), 0.0)
-        told = (expected > 1e-6 * information) & (square > 0.0)
-        safe = np.where(told, expected, 1.0)
-        freedom = np.where(told, safe**2 / np.where(told, square, 1.0), 0.0)
-        moderated = (POOLED * self.pooled + freedom * found / safe) / (POOLED + freedom)
+        square -= 2.0 * np.sum(variances * np.sum(KAB**2, axis=2), axis=1)
+        estimates = np.maximum(np.sum(h * (K @ h.T).T, axis=1), 0.0)
+        is_told = (expected > 1e-6 * information) & (square > 0.0)
+        safe = np.where(is_told, expected, 1.0)
+        freedom = np.where(is_told, safe**2 / np.where(is_told, square, 1.0), 0.0)
+        moderated = (POOLED * self.pooled + freedom * estimates / safe) / (
+            POOLED + freedom
+        )
         return moderated * information, freedom + POOLED
 
     @cached_property
@@ -212,11 +215,13 @@ class Sandwich:
         """(p, n) change of the estimate theta for a unit relative error of each
         channel's gain."""
         theta = np.pad(theta, (0, len(self.norms) - len(theta)))
-        made = (
+        torque_by_joint = (
             (f, f.triangle[:, :-1] @ theta[f.indices]) for f in self.regression.factors
         )
-        own = np.eye(self.regression.joints)
-        return self.response([np.outer(torque, own[f.joint]) for f, torque in made])
+        identity = np.eye(self.regression.joints)
+        return self.response(
+            [np.outer(torque, identity[f.joint]) for f, torque in torque_by_joint]
+        )
 
 
 def stretched(factor: Array, std: Array) -> Array:
@@ -282,8 +287,8 @@ class Interval(JsonRecord):
 
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:
     """How many of each verdict."""
-    every = [i.verdict for i in intervals]
-    return {verdict: every.count(verdict) for verdict in (*WIDTHS, NOT_SEEN)}
+    verdicts = [i.verdict for i in intervals]
+    return {verdict: verdicts.count(verdict) for verdict in (*WIDTHS, NOT_SEEN)}
 
 
 @dataclass(frozen=True)
@@ -401,7 +406,7 @@ def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> San
 
 def of_regression(
     task: Task,
-    own: Regression,
+    own_regression: Regression,
     base: BaseParameters,
     theta: Array | None = None,
     *,
@@ -415,7 +420,8 @@ def of_regression(
 ) -> Uncertainty:
     """Intervals from compressed data.
 
-    task, own : what was estimated from which data; wide : these in the columns of the model with
+    task, own_regression : what was estimated from which data; wide : these in the
+    columns of the model with
     :func:`with_sensitivities`. theta (p,) : the estimate; default: least squares next to the nominal
     robot. constrained : whether it satisfies the problem's constraints, and intervals are to;
     gain_errors (n, e) : a factor of the covariance of the relative errors of the torque channels' gains;
@@ -425,8 +431,10 @@ def of_regression(
     """
     parameters, p, data = task.model.parameters, len(task.bound), task.data
     value = task.ols if theta is None else np.asarray(theta, float)
-    gain_errors = np.zeros((own.joints, 0)) if gain_errors is None else gain_errors
-    known = known or _sandwich_of(task, wide or own, white)
+    gain_errors = (
+        np.zeros((own_regression.joints, 0)) if gain_errors is None else gain_errors
+    )
+    known = known or _sandwich_of(task, wide or own_regression, white)
     gains = known.gain_response(value)[:p] if gains is None else gains
     extra = np.zeros((p, 0)) if extra is None else extra
     low, high = np.full(p, -np.inf), np.full(p, np.inf)
@@ -457,31 +465,33 @@ def of_regression(
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
         sizes = np.fmin(np.abs(rows) @ task.bound, largest[base.leading])
         figures = rows @ value, rows @ task.ols, std, *ends, sizes
-        each = zip(
+        intervals_of = zip(
             base.names, base.leading, *(x.tolist() for x in figures), strict=True
         )
-        for name, k, x, least, spread, lowest, highest, size in each:
+        for name, k, x, allowed, spread, lowest, highest, size in intervals_of:
             half, interval = NORMAL_95 * spread, Interval(name, parameters[k].unit, x)
             if not np.isnan(spread):
                 rough = size if np.isfinite(size) else 0.0
                 enough = (
                     verdict
                     for verdict, (share, absolute) in WIDTHS.items()
-                    if half <= max(share * min(abs(least), size), absolute * rough)
+                    if half <= max(share * min(abs(allowed), size), absolute * rough)
                 )
                 lower, upper = (
-                    min(max(least - half, lowest), x),
-                    max(min(least + half, highest), x),
+                    min(max(allowed - half, lowest), x),
+                    max(min(allowed + half, highest), x),
                 )
-                found = {"std": spread, "lower": lower, "upper": upper}
-                interval = replace(interval, **found, verdict=next(enough, NOT_SEEN))
+                limits = {"std": spread, "lower": lower, "upper": upper}
+                interval = replace(interval, **limits, verdict=next(enough, NOT_SEEN))
             out.append(interval)
         return tuple(out)
 
-    each = BaseParameters(np.eye(p), [q.name for q in parameters], list(range(p)))
-    noise = np.sqrt(own.joint_losses(value) / np.maximum(own.joint_rows(), 1))
+    as_base = BaseParameters(np.eye(p), [q.name for q in parameters], list(range(p)))
+    noise = np.sqrt(
+        own_regression.joint_losses(value) / np.maximum(own_regression.joint_rows(), 1)
+    )
     spread = np.hstack([known.factor[:p], extra])
-    return Uncertainty(told(each), told(base), spread, gains, noise, gain_errors)
+    return Uncertainty(told(as_base), told(base), spread, gains, noise, gain_errors)
 
 
 def beside_held(
@@ -508,9 +518,9 @@ def beside_held(
     everything[: len(fixed) + k] = np.concatenate([fixed, theta])
     through, through_gains = [], []
     for f in regression.factors:
-        rows, own = f.triangle[:, :-1], f.indices < len(fixed)
-        through.append(-rows[:, own] @ old.spread[f.indices[own]])
-        torque = -rows[:, own] @ old.gain_response[f.indices[own]]
+        rows, is_held = f.triangle[:, :-1], f.indices < len(fixed)
+        through.append(-rows[:, is_held] @ old.spread[f.indices[is_held]])
+        torque = -rows[:, is_held] @ old.gain_response[f.indices[is_held]]
         torque[:, f.joint] += rows @ everything[f.indices]
         through_gains.append(torque)
     extra, gains = known.response(through)[:k], known.response(through_gains)[:k]

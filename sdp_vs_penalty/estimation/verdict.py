@@ -118,8 +118,8 @@ class Verdict(JsonRecord):
         return f"{self.grade[0].upper()}{self.grade[1:]}. {self.lines[0].text}"
 
     def __str__(self) -> str:
-        said = "\n".join(f"  {line.grade:10}  {line}" for line in self.lines)
-        return f"{self.headline}\n{said}"
+        lines_in_words = "\n".join(f"  {line.grade:10}  {line}" for line in self.lines)
+        return f"{self.headline}\n{lines_in_words}"
 
     def brief(self) -> str:
         """One line for the header of a file."""
@@ -191,19 +191,21 @@ def judge(
             left = np.maximum(rmse**2 - floor**2, 0.0).sum()
             beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
     fit = _fit(over, beyond, relative, noise_source, np.asarray(r2) < 0.0)
-    said = missing or _left(fit, over)
+    prediction_words = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
-        last = Line(MISSING, "do not use", f"{impossible} {said}")
+        last = Line(MISSING, "do not use", f"{impossible} {prediction_words}")
     else:
         believed = " The links can exist." if len(masses) else ""
         last = Line(
-            MISSING, "good" if fit.grade == "good" else "usable", said + believed
+            MISSING,
+            "good" if fit.grade == "good" else "usable",
+            prediction_words + believed,
         )
     far = outside > CHANGES or floor is None
-    said = (
+    prediction_words = (
         f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
     )
-    end = f"{said if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
+    end = f"{prediction_words if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
     lines = [fit, _prediction(beyond, relative, new_share, far, end, seconds), last]
     if doubt:
         lines.insert(0, Line(LOG, "usable", doubt))
@@ -239,30 +241,30 @@ def _fit(
     """Of errors over noise; none (n,) : joints whose mean torque does better."""
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     if over is None:
-        said = (
+        sentence = (
             f"{relative:.3g} % relative error; the noise floor is unknown: no motion"
             " repeats"
         )
     else:
         none = none & (over > ABOVE_NOISE)
-        said = (
+        sentence = (
             "Error over noise, joint by joint:"
             f" {', '.join(formatting.number(x, 2) for x in over)}"
         )
         if source == SPECTRUM:
-            said += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
+            sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
         if grade == "do not use":
-            said = (
+            sentence = (
                 f"{beyond:.3g} % relative error beyond the noise;"
-                f" {said[0].lower()}{said[1:]}"
+                f" {sentence[0].lower()}{sentence[1:]}"
             )
         elif np.all(over <= ABOVE_NOISE):
             grade = "good"
     if none.any():
         grade = min(grade, "usable", key=GRADES.index)
         where = formatting.joints((np.flatnonzero(none) + 1).tolist())
-        said += f"; no model of {where} (worse than the mean torque)"
-    return Line(FIT, grade, f"{said}.")
+        sentence += f"; no model of {where} (worse than the mean torque)"
+    return Line(FIT, grade, f"{sentence}.")
 
 
 def _prediction(
@@ -283,19 +285,17 @@ def _prediction(
             if percent
             else "the model does not record its own"
         )
-        said = f"Not judged on unseen motion ({known}): compare it on another one"
+        sentence = f"Not judged on unseen motion ({known}): compare it on another one"
         if grade == "do not use":
-            said = (
-                f"{beyond:.3g} % relative error beyond the noise already here. {said}"
-            )
+            sentence = f"{beyond:.3g} % relative error beyond the noise already here. {sentence}"
     else:
         grade = "good" if beyond <= 100.0 * CHANGES and not far else grade
         length = "" if seconds is None else f" {seconds:.3g} s of"
-        said = (
+        sentence = (
             f"{relative:.3g} % relative error on{length} motion of which {percent} is"
             " new to the model"
         )
-    return Line(PREDICTION, grade, said + end)
+    return Line(PREDICTION, grade, sentence + end)
 
 
 def _left(fit: Line, over: Array | None) -> str:
@@ -317,23 +317,23 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     """Why the links are not to be believed, in a sentence; "" where they are."""
     if certificate.not_found:
         return certificate.not_found
-    found = {
+    sentences = {
         k: v for k, v in certificate.violations.items() if k != BarycentricBound.family
     }
-    family = max(found, key=lambda name: found[name], default="")
-    if found.get(family, 0.0) > ROUNDING:
+    family = max(sentences, key=lambda name: sentences[name], default="")
+    if sentences.get(family, 0.0) > ROUNDING:
         return (
             f"No robot is like this: constraints are violated ({family} by"
-            f" {found[family]:.2g})."
+            f" {sentences[family]:.2g})."
         )
     if certificate.body_share is not None and certificate.body_share > 1.0 + 1e-6:
         return "A link's mass lies farther out than its body reaches."
-    least = _LIGHTEST * float(np.sum(masses))
-    light = [i + 1 for i, m in enumerate(masses) if m < least < 10.0 * nominal[i]]
+    lightest = _LIGHTEST * float(np.sum(masses))
+    light = [i + 1 for i, m in enumerate(masses) if m < lightest < 10.0 * nominal[i]]
     if light:
-        few = "Links {} weigh" if len(light) > 1 else "Link {} weighs"
+        words = "Links {} weigh" if len(light) > 1 else "Link {} weighs"
         share = f"less than a thousandth of the arm ({float(np.sum(masses)):.3g} kg)"
-        return f"{few.format(formatting.words(light))} {share}."
+        return f"{words.format(formatting.words(light))} {share}."
     return ""
 
 
@@ -372,7 +372,9 @@ class NoiseFloor(JsonRecord):
     data_hash: str
 
 
-def noise_level(problem: Problem, given: FilteredRuns) -> tuple[Array | None, str]:
+def noise_level(
+    problem: Problem, filtered_runs: FilteredRuns
+) -> tuple[Array | None, str]:
     """Standard deviation (n,) of the torque noise below the cut-off [N m or N], and its
     source.
 
@@ -384,11 +386,13 @@ def noise_level(problem: Problem, given: FilteredRuns) -> tuple[Array | None, st
     recordings windows are looked at.
     """
     settings, shown = (
-        given.settings,
-        window_subsample(given.measurements, given.settings),
+        filtered_runs.settings,
+        window_subsample(filtered_runs.measurements, filtered_runs.settings),
     )
     filtered = (
-        given if shown is given.measurements else FilteredRuns.of(shown, settings)
+        filtered_runs
+        if shown is filtered_runs.measurements
+        else FilteredRuns.of(shown, settings)
     )
     runs = segmented(shown, settings)
     if not runs.segments:

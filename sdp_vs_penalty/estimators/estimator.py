@@ -240,10 +240,10 @@ def _scaled_prior(
     links = nominal[places]
     if not len(links) or not np.any(guessed):
         return links
-    R, own = data.R, np.setdiff1d(np.arange(len(nominal)), places)
+    R, other_columns = data.R, np.setdiff1d(np.arange(len(nominal)), places)
     stated = R[:, places[~guessed].ravel()] @ links[~guessed].ravel()
     guess = R[:, places[guessed].ravel()] @ links[guessed].ravel()
-    columns = np.column_stack([guess, R[:, own]])
+    columns = np.column_stack([guess, R[:, other_columns]])
     factor = min_norm_lstsq(columns, data.rho - stated)[0]
     out = links.copy()
     out[guessed] *= factor if factor > 1.0 or 0.0 < factor < 1.0 / FAR_MASS else 1.0
@@ -263,13 +263,13 @@ def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.n
         torque = float(
             max(np.linalg.norm(factor.triangle[:, -1]), np.linalg.norm(drive))
         )
-        seen = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
-        seen &= ~model.drives[
+        counts = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
+        counts &= ~model.drives[
             factor.indices
         ]  # they cancel: each is many times as large as the sum
         if torque > 0.0:
-            where = factor.indices[seen]
-            scale[where] = np.minimum(scale[where], torque / norms[seen])
+            where = factor.indices[counts]
+            scale[where] = np.minimum(scale[where], torque / norms[counts])
     return scale
 
 

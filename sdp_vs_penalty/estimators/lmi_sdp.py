@@ -196,7 +196,7 @@ class LmiSdpTwoStep(Estimator):
     def fit(self, task: Task) -> Fit:
         # beta' and beta* are subject to physics. Families that only bound the feasible
         # set stay: without them it is open to infinity.
-        kept = (
+        bounds_kept = (
             "pseudo-inertia",
             "sign",
             "range",
@@ -204,7 +204,7 @@ class LmiSdpTwoStep(Estimator):
             "bounding ellipsoid",
             "mass",
         )
-        physics = task.constraints.with_families(kept.__contains__)
+        physics = task.constraints.with_families(bounds_kept.__contains__)
         distance, torque = Objective(task.base_distance), Objective(task.data)
         steps = (distance, physics), (torque, physics), (torque, task.constraints)
         nearest, best, bounded = (
@@ -274,17 +274,17 @@ class PosedSdp:
         similar data, from which half the steps remain. Raises InputError where nothing
         near an optimum is found.
         """
-        data, found = objective.least_squares, None
+        data, solved = objective.least_squares, None
         if self.cones is not None and near is not None and near.central is not None:
-            found = minimise(self.cones, data, [near.central], accuracy)
-        if self.cones is not None and found is None:
-            found = minimise(
+            solved = minimise(self.cones, data, [near.central], accuracy)
+        if self.cones is not None and solved is None:
+            solved = minimise(
                 self.cones, data, [self._start(data), self.interior], accuracy
             )
-        if self.cones is not None and found is not None:
-            multipliers, slopes = self.cones.multipliers(found.multipliers)
+        if self.cones is not None and solved is not None:
+            multipliers, slopes = self.cones.multipliers(solved.multipliers)
             fit = Fit(
-                repair(self.constraints, found.theta, self.interior),
+                repair(self.constraints, solved.theta, self.interior),
                 objective,
                 self.constraints,
                 multipliers,
@@ -294,10 +294,10 @@ class PosedSdp:
                 {
                     "solver": OWN,
                     "solver_said": [
-                        f"relative gap {found.error:.1e} ({found.iterations})"
+                        f"relative gap {solved.error:.1e} ({solved.iterations})"
                     ],
                 },
-                found.central,
+                solved.central,
             )
             if fit.gap <= TIGHT:
                 return fit
@@ -322,7 +322,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     sent, data = essential(constraints, objective), objective.least_squares
     best: Fit | None = None
     # The loss at the optimum that the first attempt expects at least.
-    answered, said, least = False, list[str](), 1e-6 * data.tau_squared
+    answered, claims_made, smallest_scale = False, list[str](), 1e-6 * data.tau_squared
     for share, fine in ATTEMPTS:
         centre = interior if best is None else best.theta
         inside = centre + share * (interior - centre)
@@ -331,9 +331,9 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         # infeasible to a solver. Nor may the unit fall at once to a loss that is
         # nothing but rounding.
         if best is not None:
-            least = max(data.loss(best.theta), 1e-3 * least)
+            smallest_scale = max(data.loss(best.theta), 1e-3 * smallest_scale)
         problem = least_squares_sdp(
-            objective, sent, inside, task.bound, centre, fine, least
+            objective, sent, inside, task.bound, centre, fine, smallest_scale
         )
         try:
             solution = solver(posed.solver).solve(problem.conic, accuracy)
@@ -343,14 +343,14 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
                 "choose the solver clarabel, or a method without an entropic prior,"
                 " such as lmi-sdp-thickness",
             ) from error
-        said.append(f"{solution.status} ({solution.iterations})")
+        claims_made.append(f"{solution.status} ({solution.iterations})")
         answered |= solution.claims in ("optimal", "inaccurate")
         if not np.all(np.isfinite(solution.x)):
             continue
         theta = repair(constraints, problem.theta(solution), interior)
         multipliers = constraints.stack_multipliers(problem.multipliers(solution))
         slopes = problem.entropy_slopes(solution)
-        details = {"solver": posed.solver, "solver_said": said}
+        details = {"solver": posed.solver, "solver_said": claims_made}
         fit = Fit(
             theta,
             objective,
@@ -368,7 +368,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     if best is None or not (answered or best.gap <= FAR_GAP):
         raise InputError(
             f"solver {posed.solver} gave up on a problem that has an interior point"
-            f" ({', '.join(said)})",
+            f" ({', '.join(claims_made)})",
             "choose another solver, or check the units of the measurements",
         )
     return best
@@ -381,7 +381,7 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
     was measured, whatever the others do. Redundant rows leave the dual undetermined,
     which costs a solver digits; feasibility and certificate use the full set.
     """
-    torque, most = (
+    torque, largest = (
         objective.least_squares.own_torque,
         np.sqrt(objective.least_squares.tau_squared),
     )
@@ -389,7 +389,7 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
     def near(c: Constraint) -> bool:
         # From the rows themselves, so that it holds in any system of units.
         reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
-        return bool(np.any(reach * torque[c.indices] <= most))
+        return bool(np.any(reach * torque[c.indices] <= largest))
 
     return [c for c in constraints.essential if c.family != "range" or near(c)]
 
@@ -468,9 +468,9 @@ def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
         links = [
             k.removeprefix("link ") for k in families[family] if k.startswith("link ")
         ]
-        said = (
+        sentence = (
             [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
         )
-        said += [name for name in families[family] if not name.startswith("link ")]
-        out.append(f"{family} ({'; '.join(said)})")
+        sentence += [name for name in families[family] if not name.startswith("link ")]
+        out.append(f"{family} ({'; '.join(sentence)})")
     return out

@@ -49,7 +49,7 @@ _STEPS = 300
 
 
 @dataclass(frozen=True)
-class Part:
+class PenaltyPart:
     """Constraints of one kind: F(x) (g, ...) in a cone, and dF/dx (rows, p) in the
     order of F.ravel(); scale (g, ...) : of an affine F over the group's, entry by
     entry."""
@@ -62,7 +62,7 @@ class Part:
 
 def barycentric_part(
     bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
-) -> Part:
+) -> PenaltyPart:
     """m sign (I_e - limit) >= 0 for entries e of inertia about links' centres of mass,
     with m I_e = m J_e - h^T Q_e h: quadratic in x = theta / theta_scale, without a pole
     at m = 0.
@@ -71,7 +71,7 @@ def barycentric_part(
     repair moves, and of about unit size at the reference (p,); without I_xx >= 0, which
     P(theta) >= 0 contains.
     """
-    own = list[
+    entries = list[
         tuple[NDArray[np.intp], Array, float]
     ]()  # F = u^T form u + slope u_0, u = x[indices]
     for b in bounds:
@@ -87,17 +87,17 @@ def barycentric_part(
             if np.isfinite(end) and not (itself and sign > 0.0 and end <= 0.0):
                 limit = end + sign * TIGHT * (moment + abs(end))
                 factor = sign / (link[0] * (moment + abs(limit)))
-                own.append(
+                entries.append(
                     (
                         b.indices,
                         form * factor * np.outer(scale, scale),
                         -factor * limit * scale[0],
                     )
                 )
-    indices = np.array([x[0] for x in own], np.intp).reshape(-1, 10)
+    indices = np.array([x[0] for x in entries], np.intp).reshape(-1, 10)
     forms, slopes = (
-        np.array([x[1] for x in own]).reshape(-1, 10, 10),
-        np.array([x[2] for x in own]),
+        np.array([x[1] for x in entries]).reshape(-1, 10, 10),
+        np.array([x[2] for x in entries]),
     )
 
     def values(x: Array) -> Array:
@@ -111,10 +111,10 @@ def barycentric_part(
         out[np.arange(len(out))[:, None], indices] = local
         return out
 
-    return Part("nonnegative", values, jacobian)
+    return PenaltyPart("nonnegative", values, jacobian)
 
 
-def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Part:
+def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> PenaltyPart:
     """A group of equal cones, each of about unit size at the reference: the set stays
     the same."""
     at = group.values(reference)
@@ -130,7 +130,7 @@ def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Part:
         if group.cone == "soc":
             scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
     constant, matrix = group.constant * scale, matrix * scale.reshape(-1, 1)
-    return Part(
+    return PenaltyPart(
         group.cone,
         lambda x: constant + (matrix @ x).reshape(at.shape),
         lambda x: matrix,
@@ -154,10 +154,10 @@ class ShiftedPenalty:
         """In units of what each parameter can be, of the cones at the interior point
         and of the loss."""
         norms, size = data.column_norms, np.sqrt(data.tau_squared)
-        own = np.where(
+        scales = np.where(
             (norms > 0.0) & (size > 0.0), size / nonzero_or_one(norms), np.inf
         )
-        self.theta_scale = np.minimum(own, task.bound)
+        self.theta_scale = np.minimum(scales, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same
         # everywhere.
         self.loss_scale = max(data.loss(task.ols), 1e-6 * data.tau_squared) or 1.0
@@ -175,16 +175,19 @@ class ShiftedPenalty:
     def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> Array:
         """(e,) the shifts as dual variables of the constraints' entries, in units of
         loss per F."""
-        found: dict[Constraint, Array] = {}
+        by_constraint: dict[Constraint, Array] = {}
         # The groups are the first of the parts, in this order.
         for group, part, shift in zip(
             self.received.groups, self.parts, shifts, strict=False
         ):
-            each = zip(
+            groups_with_values = zip(
                 group.places.tolist(), self.loss_scale * part.scale * shift, strict=True
             )
-            found |= {self.received.convex[k]: multiplier for k, multiplier in each}
-        return constraints.stack_multipliers(found)
+            by_constraint |= {
+                self.received.convex[k]: multiplier
+                for k, multiplier in groups_with_values
+            }
+        return constraints.stack_multipliers(by_constraint)
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Pi_K(S - w F(x)): the next shifts."""
@@ -217,7 +220,7 @@ def minimise(
     # to the last stage's x, in scaled units; each stage takes back what it cost
     pull = 1e-6
     residual, stages, near = np.inf, 0, np.sqrt(pull) * np.eye(len(x))
-    told = {
+    options = {
         "method": "lm",
         **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14),
         "max_nfev": _STEPS,
@@ -236,8 +239,8 @@ def minimise(
     while stages < _STEPS:
         stages += 1
         residuals, slopes = in_turn(rows)  # of this stage's shifts and weight
-        found = optimize.least_squares(residuals, x, slopes, **told)
-        last, x = x, found.x
+        solution = optimize.least_squares(residuals, x, slopes, **options)
+        last, x = x, solution.x
         moved = penalty.shifted(x, shifts, weight)
         changes = (
             np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True)
@@ -344,21 +347,21 @@ def fit_penalty(
             data.loss(theta),
             max(constraints.worst(theta).values(), default=0.0),
         )
-        found = {
+        result_details = {
             "loss": task.data.loss(theta),
             "objective": objective,
             "violation": violation,
         }
-        runs.append({**found, **spent})
+        runs.append({**result_details, **spent})
         # A run that could not be made feasible counts behind every one that could.
         rank = objective if violation <= 1e-9 else np.inf
         # One that is lower by less than it violates is no better: its multipliers may
         # be worse.
         if best is None or rank < best[0] * (1.0 - 1e-7):
             best = (rank, theta, shifts)
-        least = min(r["objective"] for r in runs)
+        best_objective = min(r["objective"] for r in runs)
         task.progress(
-            f"run {run + 1} of {starts}: best {least:.6g}, violation {violation:.1e}"
+            f"run {run + 1} of {starts}: best {best_objective:.6g}, violation {violation:.1e}"
         )
     assert best is not None
     _, theta, shifts = best
@@ -392,18 +395,18 @@ class BarycentricBox:
 
     def __init__(self, task: Task) -> None:
         norms, self.links = task.data.column_norms, task.links
-        alone = np.where(
+        separate = np.where(
             norms > 0.0, np.sqrt(task.data.tau_squared), 0.0
         ) / nonzero_or_one(norms)
-        self.upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
+        self.upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, separate), task.bound)
         lowest = [parameter.lower for parameter in task.model.parameters]
         self.lower = np.maximum(-self.upper, lowest)
         implied = task.bound[self.links]
         implied[:, 1:4] /= nonzero_or_one(implied[:, :1])
-        low, (least, most) = -implied, np.moveaxis(task.box[: len(self.links)], 2, 0)
+        low, (lower, upper) = -implied, np.moveaxis(task.box[: len(self.links)], 2, 0)
         low[:, [0, 4, 6, 9]] = 0.0
-        self.lower[self.links] = np.where(np.isfinite(least), least, low)
-        self.upper[self.links] = np.where(np.isfinite(most), most, implied)
+        self.lower[self.links] = np.where(np.isfinite(lower), lower, low)
+        self.upper[self.links] = np.where(np.isfinite(upper), upper, implied)
 
     def theta(self, p: Array) -> Array:
         """Standard parameters of p: h = m c, J = I + m (c.c 1 - c c^T)."""

@@ -96,13 +96,13 @@ def retrieve(
             evaluations += spent
         penalised, p = loss.value(u, settings.weights[-1]), loss.p(u)
         theta, broken = loss.box.theta(p), loss.violations(p)
-        found = {
+        best_runs = {
             "loss": task.data.loss(theta),
             "objective": data.loss(theta),
             "penalised": penalised,
         }
         worst = {"violation": max(broken.values()), "violations": broken}
-        runs.append({**found, **worst, "evaluations": evaluations})
+        runs.append({**best_runs, **worst, "evaluations": evaluations})
         if best is None or penalised < best[0]:
             best = (penalised, theta)
         violation = runs[-1]["violation"]

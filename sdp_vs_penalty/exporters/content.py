@@ -114,19 +114,21 @@ class Content:
         of_springs = ("joint_spring", "torque_offset")
         springs = tuple(e.brief for e in model.effects if e.name in of_springs)
         others = tuple(e.brief for e in model.effects if e.name not in held)
-        given = {
+        model_given = {
             p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)
         }
         loops = [
-            [given.get(f"{x}{j + 1}", np.nan) for j in range(robot.n)]
+            [model_given.get(f"{x}{j + 1}", np.nan) for j in range(robot.n)]
             for x in ("kp", "kd")
         ]
         servo = None if np.isnan(loops).any() else np.array(loops)
         drives = [e for e in model.effects if e.forward == "drive"]
-        if servo is not None and (late := max(e.shape["T"] for e in drives)):
+        if servo is not None and (delay := max(e.shape["T"] for e in drives)):
             # kp (q_cmd(t - T) - q) is kp (q_cmd - q) - kp T dq where the joint follows.
-            servo[1] += late * servo[0]
-            others += (f"the command's delay of {1e3 * late:.2g} ms (kv is kd + kp T)",)
+            servo[1] += delay * servo[0]
+            others += (
+                f"the command's delay of {1e3 * delay:.2g} ms (kv is kd + kp T)",
+            )
         gains = model.gains or ()
         return cls(
             links, others=others, springs=springs, gains=gains, servo=servo, **values
@@ -183,15 +185,15 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
 def verdict_line(estimate: Estimate) -> str:
     """The verdict that a model came with and its servos' gains, in printable ASCII, on
     one line."""
-    said = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
+    line = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
     both = zip(
         estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True
     )
     if gains := ", ".join(
         f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive
     ):
-        said = f"{said} Servo gains (kd holds viscous friction): {gains}"
-    return re.sub(r"[^\x20-\x7e]", "?", said)
+        line = f"{line} Servo gains (kd holds viscous friction): {gains}"
+    return re.sub(r"[^\x20-\x7e]", "?", line)
 
 
 def about_joints(robot: Robot, links: Array) -> Array:
@@ -199,8 +201,8 @@ def about_joints(robot: Robot, links: Array) -> Array:
     inconsistent link."""
     carriers = [robot.tree[carrier] for carrier in robot.link_joints]
     out = [
-        inertia.transform(j.link_frame) @ own
-        for j, own in zip(carriers, links, strict=True)
+        inertia.transform(j.link_frame) @ links_of_joint
+        for j, links_of_joint in zip(carriers, links, strict=True)
     ]
     for k, (joint, link) in enumerate(zip(carriers, out, strict=True), start=1):
         require_consistent(link, f"link {k} (on joint {joint.name!r})")
@@ -259,11 +261,11 @@ def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
     def written(x: Any) -> str:
         return x if isinstance(x, str) else " ".join(map(number, np.atleast_1d(x)))
 
-    made = etree.SubElement(
+    child = etree.SubElement(
         parent, tag, {name: written(x) for name, x in attributes.items()}
     )
-    made.text = None if text is None else written(text)
-    return made
+    child.text = None if text is None else written(text)
+    return child
 
 
 def xml_text(root: Any, declaration: bool = True) -> bytes:
@@ -276,7 +278,7 @@ def xml_text(root: Any, declaration: bool = True) -> bytes:
 
 
 @dataclass(frozen=True)
-class Part:
+class LinkPart:
     """A joint of the tree by its index, its link and inertial; place : among the joints
     that move by themselves, None for one that follows."""
 
@@ -288,7 +290,7 @@ class Part:
     place: int | None
 
 
-def parts(robot: Robot, links: Array) -> Iterator[Part]:
+def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
     """Every joint in the tree's order, from its links (links, 10) about the joints'
     frames."""
     link_of = dict(zip(robot.link_joints, links, strict=True))
@@ -298,19 +300,19 @@ def parts(robot: Robot, links: Array) -> Iterator[Part]:
         body = Inertial.of(
             link_of.get(i, np.zeros(10))
         )  # nothing where it is declared massless
-        yield Part(i, joint, f"link{i + 1}", parent, body, places.get(joint.name))
+        yield LinkPart(i, joint, f"link{i + 1}", parent, body, places.get(joint.name))
 
 
 def payload(estimate: Estimate) -> Inertial:
     """The model's payload in the last link's frame. Raises InputError where it has
     none."""
-    own = [p.effect == "payload" for p in estimate.model.parameters]
-    if not any(own):
+    is_payload = [p.effect == "payload" for p in estimate.model.parameters]
+    if not any(is_payload):
         raise InputError(
             "the model has no payload",
             "add one: `sdp-vs-penalty add model.json payload --frozen`",
         )
-    load = estimate.theta[np.array(own)]
+    load = estimate.theta[np.array(is_payload)]
     require_consistent(load, "payload")
     if load[0] <= 0.0:
         raise InputError("the payload has no mass", "measure with the load on")

@@ -24,13 +24,15 @@ def formats() -> dict[str, ModuleType]:
 
 def format_of(out: str | Path) -> ModuleType:
     """The module that writes files of this name. Raises InputError where there is none."""
-    found = [ending for ending in formats() if Path(out).name.lower().endswith(ending)]
-    if not found:
+    endings = [
+        ending for ending in formats() if Path(out).name.lower().endswith(ending)
+    ]
+    if not endings:
         known = ", ".join(
             f"{ending} ({home.ABOUT})" for ending, home in formats().items()
         )
         raise InputError("unknown suffix", f"choose one of {known}", out)
-    return formats()[max(found, key=len)]
+    return formats()[max(endings, key=len)]
 
 
 def export(
@@ -66,13 +68,13 @@ def export(
     written: tuple[bytes, tuple[str, ...]] = home.write(
         estimate, Options(urdf, force, flange)
     )
-    made, left_out = written
+    content, left_out = written
     if urdf is None:  # of the user's own file every other byte is kept
         said = verdict_line(estimate)
         if left_out and hasattr(home, "HOLDS"):
             said = exported_verdict(left_out, judged)
-        made = _with_verdict(made, out.suffix.lower(), said)
-    write_bytes(out, made)
+        content = _with_verdict(content, out.suffix.lower(), said)
+    write_bytes(out, content)
     return left_out
 
 
@@ -93,15 +95,15 @@ def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
     return re.sub(r"[^\x20-\x7e]", "?", said)
 
 
-def _with_verdict(made: bytes, suffix: str, said: str) -> bytes:
+def _with_verdict(content: bytes, suffix: str, line: str) -> bytes:
     """A file with the verdict as a comment at its head, where its format has comments
     (.json holds it as a field; tables of numbers stay as they are)."""
-    said = printable(said)
+    line = printable(line)
     if suffix in (".urdf", ".xml", ".sdf"):
-        comment = f"<!-- {re.sub('-(?=-)', '- ', said)} -->\n".encode()
-        declared = made.find(b"?>\n") + 3 if made.startswith(b"<?xml") else 0
-        return made[:declared] + comment + made[declared:]
-    head = {".h": f"/* {said.replace('*/', '* /')} */\n", ".script": f"# {said}\n"}.get(
+        comment = f"<!-- {re.sub('-(?=-)', '- ', line)} -->\n".encode()
+        declared = content.find(b"?>\n") + 3 if content.startswith(b"<?xml") else 0
+        return content[:declared] + comment + content[declared:]
+    head = {".h": f"/* {line.replace('*/', '* /')} */\n", ".script": f"# {line}\n"}.get(
         suffix, ""
     )
-    return head.encode() + made
+    return head.encode() + content

@@ -17,7 +17,7 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     """JSON with mass [kg], centerOfMass in the flange's frame [m], and inertia (9, by
     columns) about it [kg m^2]; the tool's transformation is the flange itself."""
     load = payload(estimate)
-    made = {
+    fields_of_file = {
         "id": "identified-payload",
         "name": "Identified payload",
         "color": "#0072B2",
@@ -26,4 +26,4 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         "transformation": np.eye(4).ravel(order="F").tolist(),
         "inertia": load.about_com.ravel(order="F").tolist(),
     }
-    return (json.dumps(made, indent=2) + "\n").encode(), ()
+    return (json.dumps(fields_of_file, indent=2) + "\n").encode(), ()

@@ -54,8 +54,8 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
     model, robot = estimate.model, estimate.robot
     held = [(e, indices) for e, indices in model.parts if follows_alone(e, "dq")]
     factor, curves = estimate.uncertainty.factor, []
-    for j, most in enumerate(joint_limits(robot)[2] if held else ()):
-        up = np.geomspace(min(model.sign_width[j], most) / 4.0, most, 30)
+    for j, fastest in enumerate(joint_limits(robot)[2] if held else ()):
+        up = np.geomspace(min(model.sign_width[j], fastest) / 4.0, fastest, 30)
         speed = np.concatenate([-up[::-1], [0.0], up])
         still = np.zeros((len(speed), robot.n))
         dq = still.copy()
@@ -63,15 +63,17 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
         motion = Motion(
             np.zeros(len(speed)), still, dq, still, sign_width=model.sign_width
         )
-        found = [
+        curve_rows = [
             (i[b.parameters], b)
             for e, i in held
             for b in e.blocks(motion)
             if b.joint == j
         ]
-        torque = sum((b.columns @ estimate.theta[at] for at, b in found), still[:, 0])
+        torque = sum(
+            (b.columns @ estimate.theta[at] for at, b in curve_rows), still[:, 0]
+        )
         spread = sum(
-            (b.columns @ factor[at] for at, b in found),
+            (b.columns @ factor[at] for at, b in curve_rows),
             np.zeros((len(speed), len(factor.T))),
         )
         curves.append(FrictionCurve(j, speed, torque, np.linalg.norm(spread, axis=1)))

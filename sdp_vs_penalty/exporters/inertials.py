@@ -44,7 +44,7 @@ class LinkCheck:
     """
 
     link: str
-    given: Inertial
+    inertial_given: Inertial
     triangle_margin: float
     pseudo_inertia_margin: float
     verdict: str
@@ -55,48 +55,50 @@ class LinkCheck:
     @classmethod
     def of(cls, link: str, theta: Array, reach: float) -> "LinkCheck":
         """Of standard parameters (10,)."""
-        given, verdict, nearest = Inertial.of(theta), "consistent", None
-        moments = np.linalg.eigvalsh(given.about_com)
+        inertial, verdict, nearest = Inertial.of(theta), "consistent", None
+        moments = np.linalg.eigvalsh(inertial.about_com)
         triangle = float(moments[0] + moments[1] - moments[2])
         # What rounding leaves of a moment is relative to the moments about the link's
         # origin.
-        size = abs(float(moments.sum())) + 2.0 * given.mass * float(
-            np.sum(given.com**2)
+        size = abs(float(moments.sum())) + 2.0 * inertial.mass * float(
+            np.sum(inertial.com**2)
         )
-        least = -ROUNDING * size
-        if theta.any() and given.mass <= 0.0:
+        tolerance = -ROUNDING * size
+        if theta.any() and inertial.mass <= 0.0:
             verdict = (
                 "negative mass"
-                if given.mass < 0.0
+                if inertial.mass < 0.0
                 else "moment of inertia without mass"
             )
             triangle = np.nan
-        elif min(moments[0], triangle) < least:
+        elif min(moments[0], triangle) < tolerance:
             verdict = "triangle inequality violated"
-            verdict = "negative moment of inertia" if moments[0] < least else verdict
-        elif given.mass > 0.0 and moments[0] <= _ZERO:
+            verdict = (
+                "negative moment of inertia" if moments[0] < tolerance else verdict
+            )
+        elif inertial.mass > 0.0 and moments[0] <= _ZERO:
             verdict = "zero moment of inertia"
-        if verdict != "consistent" and given.mass > 0.0:
+        if verdict != "consistent" and inertial.mass > 0.0:
             nearest = replace(
-                given, about_com=nearest_inertia(given.about_com, given.mass)
+                inertial, about_com=nearest_inertia(inertial.about_com, inertial.mass)
             )
         gyration = float(inertia.gyration(theta)) if verdict == "consistent" else 0.0
         margin = float(inertia.consistency_margin(theta))
-        return cls(link, given, triangle, margin, verdict, reach, gyration, nearest)
+        return cls(link, inertial, triangle, margin, verdict, reach, gyration, nearest)
 
     @property
     def distance(self) -> float:
         """|I - I_nearest| in the Frobenius norm [kg m^2]."""
-        nearest = self.nearest or self.given
-        return float(np.linalg.norm(self.given.about_com - nearest.about_com))
+        nearest = self.nearest or self.inertial_given
+        return float(np.linalg.norm(self.inertial_given.about_com - nearest.about_com))
 
     @property
     def has_wrong_signs(self) -> bool:
         """Whether the moments on the diagonal are possible with their signs changed."""
-        diagonal = np.diagonal(self.given.about_com)
-        if np.all(diagonal >= 0.0) or self.given.mass <= 0.0:
+        diagonal = np.diagonal(self.inertial_given.about_com)
+        if np.all(diagonal >= 0.0) or self.inertial_given.mass <= 0.0:
             return False
-        changed = self.given.about_com + np.diag(np.abs(diagonal) - diagonal)
+        changed = self.inertial_given.about_com + np.diag(np.abs(diagonal) - diagonal)
         moments = np.linalg.eigvalsh(changed)
         return bool(moments[0] > 0.0 and moments[0] + moments[1] >= moments[2])
 
@@ -117,7 +119,7 @@ class LinkCheck:
             "radius_of_gyration": self.gyration
         }
         out |= {
-            "mass": self.given.mass,
+            "mass": self.inertial_given.mass,
             "triangle_margin": formatting.finite(self.triangle_margin),
         }
         out["plausible"] = self.consistent and not self.unlikely
@@ -132,11 +134,11 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 
     Raises InputError for a file that is not a URDF of a tree of joints.
     """
-    robot, given = load_urdf(
+    robot, nominal = load_urdf(
         path
     )  # says in a sentence whatever else is wrong with the file
     open_box = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
-    bodies = link_bodies(robot, open_box, np.zeros_like(given), link_geometry(path))
+    bodies = link_bodies(robot, open_box, np.zeros_like(nominal), link_geometry(path))
     moving = zip(placed_links(path), bodies, strict=True)
     reach = {
         link.get("name"): body.reach for parts, body in moving for link, _ in parts
@@ -148,15 +150,19 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     ]
     names = [str(link.get("name")) for link in links]
     with errors_located_in(path):
-        own = zip(names, map(read_inertial, links), strict=True)
-        return [LinkCheck.of(name, given, reach.get(name, 3.0)) for name, given in own]
+        inertials = zip(names, map(read_inertial, links), strict=True)
+        return [
+            LinkCheck.of(name, nominal, reach.get(name, 3.0))
+            for name, nominal in inertials
+        ]
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     """A row a link: its name, verdict, mass [kg] and margins, negative where they are
     violated."""
     margins = [
-        (c.given.mass, c.triangle_margin, c.pseudo_inertia_margin) for c in checks
+        (c.inertial_given.mass, c.triangle_margin, c.pseudo_inertia_margin)
+        for c in checks
     ]
     both = zip(checks, margins, strict=True)
     return [(c.link, c.verdict, *(f"{x:.3g}" for x in values)) for c, values in both]
@@ -172,28 +178,28 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
         if broken
         else "all are consistent."
     )
-    said = [f"{formatting.count(len(checks), 'inertial')} checked: {how}"]
-    said += [
+    lines = [f"{formatting.count(len(checks), 'inertial')} checked: {how}"]
+    lines += [
         f"{c.link}: consistent but implausible: radius of gyration {c.gyration:.3g} m"
-        f" for {c.given.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques"
+        f" for {c.inertial_given.mass:.3g} kg, and its body reaches {c.reach:.3g} m. The torques"
         " of a link that hardly moves do not determine its mass and inertia"
         " separately; the default method of `identify` keeps every link in its body."
         for c in checks
         if c.unlikely
     ]
-    said += [
+    lines += [
         f"{c.link}: possible with positive moments on the diagonal: their signs may be"
         " wrong."
         for c in checks
         if c.has_wrong_signs
     ]
     if massless:
-        said.append(
+        lines.append(
             f"Moving links without an inertial: {', '.join(massless)}. Simulators"
             " refuse or drop such links. `identify` does not need inertials, and"
             " `export --urdf` adds them."
         )
-    return said
+    return lines
 
 
 def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
@@ -206,12 +212,12 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     sizes = [
         LinkSizes(
             c.link,
-            c.given.mass,
-            float(np.linalg.norm(c.given.com)),
-            float(np.linalg.eigvalsh(c.given.about_com)[-1]),
+            c.inertial_given.mass,
+            float(np.linalg.norm(c.inertial_given.com)),
+            float(np.linalg.eigvalsh(c.inertial_given.about_com)[-1]),
         )
         for c in checks
-        if np.isfinite(c.given.about_com).all()
+        if np.isfinite(c.inertial_given.about_com).all()
     ]
     odd = odd_units(sizes, longest)
     return [f"Units: {x.what} {x.remedy[0].upper()}{x.remedy[1:]}." for x in odd]
@@ -260,7 +266,7 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
             )
         elif not check.consistent:
             what = (
-                f"link {check.link!r} has a mass of {check.given.mass:g} kg"
+                f"link {check.link!r} has a mass of {check.inertial_given.mass:g} kg"
                 f" ({check.verdict})"
             )
             raise InputError(

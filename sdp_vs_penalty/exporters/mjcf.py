@@ -76,18 +76,25 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
         kind = "hinge" if joint.kind == "revolute" else "slide"
-        own: dict[str, Any] = {"name": joint.name, "type": kind, "axis": joint.axis}
+        attributes: dict[str, Any] = {
+            "name": joint.name,
+            "type": kind,
+            "axis": joint.axis,
+        }
         if np.isfinite(joint.lower) and np.isfinite(joint.upper):
-            own["range"] = (joint.lower, joint.upper)
+            attributes["range"] = (joint.lower, joint.upper)
         if (k := part.place) is not None:
-            own |= {"damping": content.damping[k], "frictionloss": content.friction[k]}
-            own |= _spring(content.stiffness[k], content.offset[k])
-            element(body, "joint", **own, armature=content.armature[k])
+            attributes |= {
+                "damping": content.damping[k],
+                "frictionloss": content.friction[k],
+            }
+            attributes |= _spring(content.stiffness[k], content.offset[k])
+            element(body, "joint", **attributes, armature=content.armature[k])
             _actuator(actuators, joint, content, k)
         else:
             leader, multiplier, offset = robot.leader(i)
             course = (offset, multiplier, 0.0, 0.0, 0.0)
-            element(body, "joint", **own)
+            element(body, "joint", **attributes)
             element(
                 equality, "joint", joint1=joint.name, joint2=leader, polycoef=course
             )
@@ -96,7 +103,11 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         ):  # a thin capsule to every joint that the link carries: only to be seen
             end = child.placement[:3, 3]
             if child.parent == i and (length := float(np.linalg.norm(end))) > 0.0:
-                seen = {"contype": "0", "conaffinity": "0", "rgba": "0.6 0.65 0.7 0.5"}
+                visual_attributes = {
+                    "contype": "0",
+                    "conaffinity": "0",
+                    "rgba": "0.6 0.65 0.7 0.5",
+                }
                 ends = np.concatenate([np.zeros(3), end])
                 element(
                     body,
@@ -104,7 +115,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
                     type="capsule",
                     fromto=ends,
                     size=0.08 * length,
-                    **seen,
+                    **visual_attributes,
                 )
     if len(equality):
         root.append(equality)

@@ -23,14 +23,14 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
             names = "ixx", "ixy", "iyy", "ixz", "iyz", "izz"
             moments = dict(zip(names, row[4:].tolist(), strict=True))
-            own = {
+            plain = {
                 "link": k + 1,
                 "joint": robot.tree[carrier].name,
                 "mass_kg": float(row[0]),
             }
-            own["centre_of_mass_m"] = row[1:4].tolist() if row[0] else None
-            own["inertia_about_centre_of_mass_kg_m2"] = moments if row[0] else None
-            links.append(own)
+            plain["centre_of_mass_m"] = row[1:4].tolist() if row[0] else None
+            plain["inertia_about_centre_of_mass_kg_m2"] = moments if row[0] else None
+            links.append(plain)
     effects = []
     for effect, indices in model.parts:
         about = {

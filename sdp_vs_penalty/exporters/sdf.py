@@ -46,9 +46,9 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
             inertial, pose=f"{' '.join(map(number, body.com))} 0 0 0", mass=body.mass
         )
         _texts(element(inertial, "inertia"), **body.urdf_attributes)
-        own = element(model, "joint", name=joint.name, type=joint.kind)
-        _texts(own, parent=part.parent, child=part.name)
-        axis = element(own, "axis")
+        joint_element = element(model, "joint", name=joint.name, type=joint.kind)
+        _texts(joint_element, parent=part.parent, child=part.name)
+        axis = element(joint_element, "axis")
         _texts(axis, xyz=joint.axis)
         ends = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort}
         if limits := {k: x for k, x in ends.items() if np.isfinite(x)}:

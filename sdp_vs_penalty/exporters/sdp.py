@@ -77,19 +77,19 @@ def export_sdp(
     """
     check_format(path, any(c.kind == "exp" for c in sdp.conic.cones))
     sdpa = Path(path).name.endswith(_SDPA)
-    made = (
+    files_written = (
         suited(sdp.conic, {"nonnegative", "psd"})
         if sdpa
         else linear_objective(sdp.conic)
     )
-    text = sdpa_text(made.problem) if sdpa else cbf_text(made.problem)
+    text = sdpa_text(files_written.problem) if sdpa else cbf_text(files_written.problem)
     write_text(path, text)
     about = {
         "file": Path(path).name,
         "sha256": hashlib.sha256(text.encode()).hexdigest(),
         "sense": "min",
         "status": status,
-        "offset": sdp.offset + sdp.loss_scale**2 * made.constant,
+        "offset": sdp.offset + sdp.loss_scale**2 * files_written.constant,
         "scale": sdp.loss_scale**2,
         "lower": float(interval[0]) if interval else None,
         "upper": float(interval[1]) if interval else None,
@@ -98,9 +98,9 @@ def export_sdp(
             " upper is proved in exact arithmetic for the identification problem, whose"
             " numbers the file holds rounded to doubles"
         ),
-        "variables": len(made.problem.q),
-        "rows": len(made.problem.b),
-        "nonzeros": int(made.problem.A.nnz),
+        "variables": len(files_written.problem.q),
+        "rows": len(files_written.problem.b),
+        "nonzeros": int(files_written.problem.A.nnz),
         **more,
     }
     write_text(f"{path}.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
@@ -143,12 +143,12 @@ def write_posed(
     # point csdp is 2e-6 off on the TX40, 0 from here (0.03 to 0.3 of the way alike, on
     # three arms).
     inside = centre + ATTEMPTS[1][0] * (interior_point(task, constraints) - centre)
-    sent, least = (
+    sent, smallest = (
         essential(constraints, objective),
         objective.least_squares.loss_scale(centre),
     )
     sdp = least_squares_sdp(
-        objective, sent, inside, task.bound, centre, least_loss=least
+        objective, sent, inside, task.bound, centre, least_loss=smallest
     )
     return export_sdp(
         sdp,

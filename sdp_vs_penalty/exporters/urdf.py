@@ -23,8 +23,8 @@ from sdp_vs_penalty.exporters.content import (
     HELD,
     Content,
     Inertial,
+    LinkPart,
     Options,
-    Part,
     element,
     number,
     parts,
@@ -88,18 +88,22 @@ class Document:
         """Put a child with these attributes, and children with theirs, in the place of
         the parent's own, whose other attributes it keeps, or at the parent's end; each
         element on a line of its own."""
-        found = parent.find(tag)
-        made = etree.Element(tag, {} if found is None else dict(found.attrib))
-        made.attrib.update(attributes)
-        for name, own in children.items():
-            etree.SubElement(made, name, dict(own))
-        start, end, closing = self.spans[parent if found is None else found]
+        old_child = parent.find(tag)
+        new_child = etree.Element(
+            tag, {} if old_child is None else dict(old_child.attrib)
+        )
+        new_child.attrib.update(attributes)
+        for name, child_attributes in children.items():
+            etree.SubElement(new_child, name, dict(child_attributes))
+        start, end, closing = self.spans[parent if old_child is None else old_child]
         before = self.source[self.source.rfind(b"\n", 0, start) + 1 : start]
         newline = b"\r\n" if b"\r\n" in self.source else b"\n"
         newline += before[: len(before) - len(before.lstrip())]
-        etree.indent(made)
-        text = etree.tostring(made).replace(b"\n", newline + b"  " * (found is None))
-        if found is not None:
+        etree.indent(new_child)
+        text = etree.tostring(new_child).replace(
+            b"\n", newline + b"  " * (old_child is None)
+        )
+        if old_child is not None:
             stop = end if closing is None else self.source.index(b">", closing) + 1
             self._changes.append((start, stop, text))
             return
@@ -130,16 +134,16 @@ def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
     """Of every element in document order, of a file that a parser has accepted."""
     out: list[tuple[int, int, int | None]] = []
     stack: list[int] = []
-    for found in _MARKUP.finditer(source):
-        if (tag := found["tag"]) is None:
+    for match in _MARKUP.finditer(source):
+        if (tag := match["tag"]) is None:
             continue
         if tag.startswith(b"</"):
             k = stack.pop()
-            out[k] = *out[k][:2], found.start()
+            out[k] = *out[k][:2], match.start()
             continue
         if not tag.endswith(b"/>"):
             stack.append(len(out))
-        out.append((*found.span(), None))
+        out.append((*match.span(), None))
     return out
 
 
@@ -157,13 +161,13 @@ def write(
     """A URDF made from the model, or the user's own with the model's numbers, edited
     plainly."""
     content = Content.plausible(estimate, options)
-    robot, own = estimate.robot, options.urdf
-    made = (
+    robot, urdf_given = estimate.robot, options.urdf
+    file_content = (
         make_urdf(robot, content, drake)
-        if own is None
-        else edit_urdf(own, robot, content)
+        if urdf_given is None
+        else edit_urdf(urdf_given, robot, content)
     )
-    return made, content.left_out(armature=drake and own is None)
+    return file_content, content.left_out(armature=drake and urdf_given is None)
 
 
 def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
@@ -178,9 +182,9 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
     )
     element(root, "link", name="base_link")
     for part in parts(robot, content.links):
-        own = element(element(root, "link", name=part.name), "inertial")
+        inertial_element = element(element(root, "link", name=part.name), "inertial")
         for tag, attributes in inertial_tags(part.inertial).items():
-            element(own, tag, **attributes)
+            element(inertial_element, tag, **attributes)
         _joint(root, robot, part, content)
     for name, armature in (
         zip(robot.joint_names, content.armature, strict=True) if drake else ()
@@ -204,33 +208,41 @@ def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
     }
 
 
-def _joint(root: Any, robot: Robot, part: Part, content: Content) -> None:
+def _joint(root: Any, robot: Robot, part: LinkPart, content: Content) -> None:
     joint = part.joint
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
-    own = element(root, "joint", name=joint.name, type=kind)
+    joint_element = element(root, "joint", name=joint.name, type=kind)
     element(
-        own, "origin", xyz=joint.placement[:3, 3], rpy=rpy_of(joint.placement[:3, :3])
+        joint_element,
+        "origin",
+        xyz=joint.placement[:3, 3],
+        rpy=rpy_of(joint.placement[:3, :3]),
     )
-    element(own, "parent", link=part.parent)
-    element(own, "child", link=part.name)
-    element(own, "axis", xyz=joint.axis)
+    element(joint_element, "parent", link=part.parent)
+    element(joint_element, "child", link=part.name)
+    element(joint_element, "axis", xyz=joint.axis)
     limits = {"effort": joint.effort, "velocity": joint.velocity}
     if kind != "continuous":
         limits = {"lower": joint.lower, "upper": joint.upper, **limits}
     # URDF demands a number where a limit is unknown; these do not limit.
     element(
-        own,
+        joint_element,
         "limit",
         **{k: v if np.isfinite(v) else np.copysign(1e6, v) for k, v in limits.items()},
     )
     if (k := part.place) is not None:
         element(
-            own, "dynamics", damping=content.damping[k], friction=content.friction[k]
+            joint_element,
+            "dynamics",
+            damping=content.damping[k],
+            friction=content.friction[k],
         )
     else:
         leader, multiplier, offset = robot.leader(part.index)
-        element(own, "mimic", joint=leader, multiplier=multiplier, offset=offset)
+        element(
+            joint_element, "mimic", joint=leader, multiplier=multiplier, offset=offset
+        )
 
 
 def rpy_of(rotation: Array) -> Array:
@@ -254,24 +266,26 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     Links fixed to a moving one carry a mass of zero afterwards: theirs is part of the
     moving link's. Raises InputError where the file's joints are not those of the model.
     """
-    theirs, _ = load_urdf(path)
-    order = _order(path, theirs, robot)
-    links = _in_frames_of(path, theirs, robot, content.links, order)
+    urdf_robot, _ = load_urdf(path)
+    order = _order(path, urdf_robot, robot)
+    links = _in_frames_of(path, urdf_robot, robot, content.links, order)
     document = Document.read(path)
     there = {link.get("name"): link for link in document.root.findall("link")}
     zero = {
         "mass": {"value": "0"},
         "inertia": Inertial.of(np.zeros(10)).urdf_attributes,
     }
-    for theta, (own, *fixed) in zip(links, placed_links(path), strict=True):
-        require_consistent(theta, f"{path}: link {(name := own[0].get('name'))!r}")
+    for theta, (first_link, *fixed) in zip(links, placed_links(path), strict=True):
+        require_consistent(
+            theta, f"{path}: link {(name := first_link[0].get('name'))!r}"
+        )
         document.put(there[name], "inertial", {}, inertial_tags(Inertial.of(theta)))
         for link in (there[e.get("name")] for e, _ in fixed):
             if link.find("inertial") is not None:
                 document.put(link, "inertial", {}, zero)
     joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
-    names = [joint.name for joint in theirs.tree]
-    for joint in theirs.joints:
+    names = [joint.name for joint in urdf_robot.tree]
+    for joint in urdf_robot.joints:
         mine = robot.joint_names.index(robot.tree[order[names.index(joint.name)]].name)
         values = {"damping": content.damping[mine], "friction": content.friction[mine]}
         if joints[joint.name].find("dynamics") is not None or any(values.values()):
@@ -280,27 +294,27 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     return document.edited()
 
 
-def _order(path: str | Path, theirs: Robot, mine: Robot) -> list[int]:
+def _order(path: str | Path, urdf_robot: Robot, mine: Robot) -> list[int]:
     """For each joint of the file's tree the model's: by name where all names agree,
     else in order."""
-    if (theirs.n, len(theirs.tree), theirs.links) != (
+    if (urdf_robot.n, len(urdf_robot.tree), urdf_robot.links) != (
         mine.n,
         len(mine.tree),
         mine.links,
     ):
         what = (
-            f"the file has {formatting.count(theirs.n, 'moving joint')}, the model"
+            f"the file has {formatting.count(urdf_robot.n, 'moving joint')}, the model"
             f" {mine.n}"
         )
         raise InputError(what, _REMEDY, path)
     names = [joint.name for joint in mine.tree]
-    if sorted(names) == sorted(joint.name for joint in theirs.tree):
-        return [names.index(joint.name) for joint in theirs.tree]
+    if sorted(names) == sorted(joint.name for joint in urdf_robot.tree):
+        return [names.index(joint.name) for joint in urdf_robot.tree]
     return list(range(len(mine.tree)))
 
 
 def _in_frames_of(
-    path: str | Path, theirs: Robot, mine: Robot, links: Array, order: list[int]
+    path: str | Path, urdf_robot: Robot, mine: Robot, links: Array, order: list[int]
 ) -> Array:
     """Standard parameters about the file's link frames; the joint axes must coincide at
     q = 0.
@@ -310,11 +324,11 @@ def _in_frames_of(
     T_model.
     """
     from_file, from_model = (
-        r.poses(np.zeros((1, len(r.tree))))[0] for r in (theirs, mine)
+        r.poses(np.zeros((1, len(r.tree))))[0] for r in (urdf_robot, mine)
     )
     held, out = dict(zip(mine.link_joints, links, strict=True)), []
     near = 1e-4  # what rounded DH tables leave between two axes that are one [m, -]
-    for index, (joint, k) in enumerate(zip(theirs.tree, order, strict=True)):
+    for index, (joint, k) in enumerate(zip(urdf_robot.tree, order, strict=True)):
         other, relation = mine.tree[k], np.linalg.inv(from_file[index]) @ from_model[k]
         turned, offset = relation[:3, :3] @ other.axis, relation[:3, 3]
         across = float(np.linalg.norm(offset - joint.axis * (joint.axis @ offset)))
@@ -333,7 +347,7 @@ def _in_frames_of(
             raise InputError(
                 f"{what}: its axis lies {1e3 * apart:.3g} mm away", _REMEDY, path
             )
-        if index in theirs.link_joints:
+        if index in urdf_robot.link_joints:
             same = np.array_equal(relation, np.eye(4))
             out.append(held[k] if same else inertia.transform(relation) @ held[k])
     return np.array(out)

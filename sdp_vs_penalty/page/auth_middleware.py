@@ -68,23 +68,29 @@ class AuthMiddleware:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        asked, socket = HTTPConnection(scope), scope["type"] == "websocket"
-        known = self._same(asked.cookies.get(self.cookie, ""))
+        connection, socket = HTTPConnection(scope), scope["type"] == "websocket"
+        known = self._same(connection.cookies.get(self.cookie, ""))
         arrives = not socket and scope["method"] == "GET"
-        arrives = arrives and self._same(asked.query_params.get(KEY, ""))
-        origin, mode = asked.headers.get("origin"), asked.headers.get("sec-fetch-mode")
+        arrives = arrives and self._same(connection.query_params.get(KEY, ""))
+        origin, mode = (
+            connection.headers.get("origin"),
+            connection.headers.get("sec-fetch-mode"),
+        )
         # Not every request of another site names its origin; browsers say where it
         # comes from.
-        elsewhere = asked.headers.get("sec-fetch-site") in ("cross-site", "same-site")
+        elsewhere = connection.headers.get("sec-fetch-site") in (
+            "cross-site",
+            "same-site",
+        )
         # A link from there opens nothing, unless it is the printed address itself.
         elsewhere = elsewhere and not (mode == "navigate" and arrives)
         foreign = origin not in self.origins if origin else socket
         if foreign or elsewhere or not (known or arrives):
-            said = (
+            text_shown = (
                 "Only the page itself may ask: open the address that was printed, key"
                 " included.\n"
             )
-            refusal = PlainTextResponse(said, 403, {"connection": "close"})
+            refusal = PlainTextResponse(text_shown, 403, {"connection": "close"})
             await (WebSocketClose(1008) if socket else refusal)(scope, receive, send)
             return
 
@@ -94,7 +100,7 @@ class AuthMiddleware:
             await send(message)
 
         try:
-            await (self.app if known else self._welcome(asked))(
+            await (self.app if known else self._welcome(connection))(
                 scope, receive, with_headers
             )
         except (
@@ -107,17 +113,21 @@ class AuthMiddleware:
                     f"sdp-vs-penalty: page: {kind}: {printable(what)}", file=sys.stderr
                 )
 
-    def _same(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self.key.encode())
+    def _same(self, token: str) -> bool:
+        return hmac.compare_digest(token.encode(), self.key.encode())
 
-    def _welcome(self, asked: HTTPConnection) -> Response:
+    def _welcome(self, connection: HTTPConnection) -> Response:
         """The same address without the key, which stays in a cookie that no script and
         no site sees."""
-        rest = urlencode(
-            [(k, v) for k, v in asked.query_params.multi_items() if k != KEY]
+        other_query = urlencode(
+            [(k, v) for k, v in connection.query_params.multi_items() if k != KEY]
         )
         # Never //host: that would lead elsewhere.
-        path = "/" + asked.scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
+        path = (
+            "/"
+            + connection.scope["path"].lstrip("/")
+            + (f"?{other_query}" if other_query else "")
+        )
         cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict"
         return RedirectResponse(
             path, 303, {"set-cookie": cookie, "cache-control": "no-store"}

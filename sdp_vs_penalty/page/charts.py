@@ -40,7 +40,7 @@ def torque_chart(
     part = Curves(
         t[cut], run.torque[cut], {name: m[cut] for name, m in run.modelled.items()}
     )
-    plot = plots.torque_figure([part], joint, units[joint], beside=False)
+    plot = plots.torque_figure([part], joint, units[joint], side_by_side=False)
     plot.update_layout(shapes=shades(stretches))
     if span is not None:
         plot.update_axes("x", range=list(span))
@@ -90,8 +90,8 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
         f"dq [{kinds}/s]",
         f"tau [{'/'.join(dict.fromkeys(units))}]",
     )
-    for row, said in enumerate(titles[: len(shown)]):
-        plot.update_axes("y", row, title=said)
+    for row, title in enumerate(titles[: len(shown)]):
+        plot.update_axes("y", row, title=title)
     plot.update_axes("x", len(shown) - 1, title="time [s]")
     return ready(plot, 460)
 
@@ -201,7 +201,7 @@ def ready(plot: Figure, height: int) -> dict[str, Any]:
 
 
 def chart_and_arm(
-    view: View, label: str, about: Mapping[str, Any], said: str, arms: int = 1
+    view: View, label: str, about: Mapping[str, Any], caption: str, arms: int = 1
 ) -> tuple[Any, Callable[..., None]]:
     """A chart over time, still empty, with ``label`` as its text, and beside it, where
     there are links to be drawn, the scene and its clock, of ``arms`` arms in one place.
@@ -238,9 +238,15 @@ def chart_and_arm(
                 drawn_arms = [("measured", MEASURED, 0.45), ("link", COLOURS[0], 0.75)][
                     -arms:
                 ]
-                groups = [g for own in drawn_arms for g in _one_arm(scene, about, own)]
+                groups = [
+                    g
+                    for drawn_arm in drawn_arms
+                    for g in _one_arm(scene, about, drawn_arm)
+                ]
             frame.props["data-arm"] = scene.id
-            scene.props.update({"role": "img", "aria-label": f"The arm in 3D: {said}"})
+            scene.props.update(
+                {"role": "img", "aria-label": f"The arm in 3D: {caption}"}
+            )
             with tag("div", style="row"):
                 play = f"arms[{scene.id}]?.play()"
                 button(
@@ -254,7 +260,7 @@ def chart_and_arm(
                 tag("input", "", "", **bar, **how, aria_label="Time in the run")
                 tag("span", "0.0 s", "soft", data_clock="")
             note(
-                f"Ellipsoids of uniform density; {said}. Click a link to see its joint."
+                f"Ellipsoids of uniform density; {caption}. Click a link to see its joint."
             )
 
     def load(name: str, read: Mapping[str, Any], errors: Any = None) -> None:
@@ -315,18 +321,18 @@ def _camera(poses: Any, about: Mapping[str, Any], angle: float) -> dict[str, flo
     """Where a camera stands and what it looks at, so that base and links of all poses
     (F, k, 4, 4) fill its picture, ``angle`` degrees high: the arguments of NiceGUI's
     ``move_camera``."""
-    own = [
+    centres = [
         poses[:, body["joint"]] @ np.array(body["place"]) for body in about["bodies"]
     ]
     places = np.concatenate(
-        [np.zeros((1, 3)), *(x[..., :3, 3] for x in (*own, *poses.swapaxes(0, 1)))]
+        [np.zeros((1, 3)), *(x[..., :3, 3] for x in (*centres, *poses.swapaxes(0, 1)))]
     )
     centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
     radius = np.linalg.norm(places - centre, axis=1).max() + 0.1 * _reach(
         about
     )  # and a link's own
-    away = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
-    eye = centre + radius / np.sin(0.5 * np.deg2rad(angle)) * away
+    direction = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
+    eye = centre + radius / np.sin(0.5 * np.deg2rad(angle)) * direction
     names = "x", "y", "z", "look_at_x", "look_at_y", "look_at_z"
     return dict(zip(names, [*eye.tolist(), *centre.tolist()], strict=True))
 
@@ -335,8 +341,8 @@ def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
     """(F, n) torque errors at the instants of the poses, 0 to 1: four times the noise
     floor, or where that is not known the error's own root mean square."""
     left = np.abs(read["torque"] - read["modelled"])
-    own = np.sqrt(np.mean(left**2, axis=0))
-    floors = zip(model.comparison["noise_floor"], own, strict=True)
+    rms = np.sqrt(np.mean(left**2, axis=0))
+    floors = zip(model.comparison["noise_floor"], rms, strict=True)
     scale = 4.0 * np.array([max(f or x, 1e-12) for f, x in floors])
     at = np.searchsorted(read["t"], read["tf"]).clip(0, len(left) - 1)
     return np.round(np.clip(left[at] / scale, 0.0, 1.0), 2)

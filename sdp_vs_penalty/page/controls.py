@@ -23,14 +23,14 @@ Handler = Callable[..., Any]
 def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
     """An element with escaped text; ``style`` are its CSS classes, ``for_`` and
     ``aria_label`` work; an attribute that is False is left out."""
-    made = TextElement(tag=name, text=text).classes(style)
-    given = {
+    element_made = TextElement(tag=name, text=text).classes(style)
+    attributes_given = {
         key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()
     }
-    made.props.update(
-        {key: value for key, value in given.items() if value is not False}
+    element_made.props.update(
+        {key: value for key, value in attributes_given.items() if value is not False}
     )
-    return made
+    return element_made
 
 
 def plain_name(effect: str) -> str:
@@ -45,19 +45,19 @@ def note(text: str) -> None:
 
 def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:
     """A button; key : by which focus finds it again after a redraw."""
-    made = tag(
+    element_made = tag(
         "button", text, f"action {style}", type="button", data_key=key, **attributes
     )
-    return made.on("click", lambda _: do(), args=[])
+    return element_made.on("click", lambda _: do(), args=[])
 
 
 def tile(
-    name: str, said: str, do: Handler, key: str, style: str = "", **attributes: Any
+    name: str, caption: str, do: Handler, key: str, style: str = "", **attributes: Any
 ) -> None:
     """A large button with a name and what it stands for."""
     with button("", do, key, f"tile {style}", **attributes):
         tag("strong", name)
-        tag("span", said)
+        tag("span", caption)
 
 
 def tiles(label: str) -> Any:
@@ -199,9 +199,9 @@ def drop(text: str, kind: str) -> None:
 
 def details(title: str, key: str, on: bool = False) -> Any:
     """Something that opens on demand, to be filled by ``with``; on : it is open."""
-    with tag("details", open=on) as made:
+    with tag("details", open=on) as element_made:
         tag("summary", title, data_key=key)
-    return made
+    return element_made
 
 
 def table(
@@ -233,6 +233,6 @@ def judged(models: Sequence[ModelStep]) -> None:
 
 def chart(options: Mapping[str, Any], label: str) -> Any:
     """A plotly chart with a text alternative."""
-    made = ui.plotly(dict(options)).classes("chart")
-    made.props.update({"role": "img", "aria-label": label})
-    return made
+    plot = ui.plotly(dict(options)).classes("chart")
+    plot.props.update({"role": "img", "aria-label": label})
+    return plot

@@ -95,12 +95,12 @@ class JobRequest(dict[str, Any]):
     @property
     def common_options(self) -> dict[str, Any]:
         """What several verbs take."""
-        given = {
+        options_given = {
             "frozen": self.get("frozen"),
             "seed": self["seed"],
             "progress": self.progress,
         }
-        return {name: x for name, x in given.items() if x is not None}
+        return {name: x for name, x in options_given.items() if x is not None}
 
     def progress_of(self, name: str, text: str) -> None:
         """Tell where the work on one of several things stands."""
@@ -154,37 +154,37 @@ class JobRequest(dict[str, Any]):
         return self._recordings("train")
 
 
-def read(asked: JobRequest) -> Answer:
+def read(job: JobRequest) -> Answer:
     """files : {path, name} of each; those that can be used become runs, the others a
     sentence each."""
-    problem = asked.problem
+    problem = job.problem
     runs, refused, remarks = list[Answer](), list[str](), list[str]()
-    for file in asked["files"]:
-        asked.progress(f"reading {file['name']}")
+    for file in job["files"]:
+        job.progress(f"reading {file['name']}")
         path = Path(file["path"])
         try:
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
-                part = _loaded(asked, problem, path)
+                part = _loaded(job, problem, path)
             remarks += [str(w.message) for w in heard if w.category is Remark]
             for twin in (
-                run for run in (*asked["runs"], *runs) if run["file"] == _file(part)
+                run for run in (*job["runs"], *runs) if run["file"] == _file(part)
             ):
                 raise InputError(
                     f"holds the same samples as {twin['name']}",
                     "name each run once",
                     path,
                 )
-            alone = len(asked["files"]) == 1 and not asked["runs"]
-            runs.append(keep(asked, problem, part, file["name"], alone=alone))
+            alone = len(job["files"]) == 1 and not job["runs"]
+            runs.append(keep(job, problem, part, file["name"], alone=alone))
         except InputError as error:
             refused.append(str(error))
     return {"runs": runs, "refused": refused, "remarks": remarks}
 
 
-def _loaded(asked: JobRequest, problem: Problem, path: Path) -> Measurements:
+def _loaded(job: JobRequest, problem: Problem, path: Path) -> Measurements:
     """A run; by the options of `convert` where any is given."""
-    options, names = asked["options"], problem.robot.joint_names
+    options, names = job["options"], problem.robot.joint_names
     if not options:
         return load_measurements(path, joints=problem.robot.n, names=names)
     part = convert(
@@ -194,7 +194,7 @@ def _loaded(asked: JobRequest, problem: Problem, path: Path) -> Measurements:
         topic=options.get("topic"),
         rename=pairs("--rename", options.get("rename")),
         motors=options.get("motors", "motor_side" in options),
-        rate=asked.number("rate", 0.0) or None,
+        rate=job.number("rate", 0.0) or None,
     )
     if part.n != problem.robot.n:
         raise other_robot(part.n, problem.robot.n, path)
@@ -202,53 +202,51 @@ def _loaded(asked: JobRequest, problem: Problem, path: Path) -> Measurements:
     return part
 
 
-def look_again(asked: JobRequest) -> Answer:
+def look_again(job: JobRequest) -> Answer:
     """The runs, checked for the robot as it is now."""
-    problem = asked.problem
-    parts = (
-        (load_measurements(asked.folder / run["file"]), run) for run in asked["runs"]
-    )
+    problem = job.problem
+    parts = ((load_measurements(job.folder / run["file"]), run) for run in job["runs"])
     return {
         "runs": [
-            keep(asked, problem, part, run["name"], run["use"]) for part, run in parts
+            keep(job, problem, part, run["name"], run["use"]) for part, run in parts
         ]
     }
 
 
-def simulate(asked: JobRequest) -> Answer:
+def simulate(job: JobRequest) -> Answer:
     """Runs of these names, the last for testing, with an effect hidden; the truth is not
     shown."""
-    problem = asked.problem
-    names = asked["names"]
-    asked.progress(f"simulating {len(names)} runs of 20 s")
-    hidden = [(asked["effect"], [j - 1 for j in asked["joints"]])] * (
-        asked["effect"] != "none"
+    problem = job.problem
+    names = job["names"]
+    job.progress(f"simulating {len(names)} runs of 20 s")
+    hidden = [(job["effect"], [j - 1 for j in job["joints"]])] * (
+        job["effect"] != "none"
     )
-    made = hidden_runs(problem, hidden, asked["level"], asked["seed"], len(names))
-    named = zip(names, made.runs, strict=True)
-    runs = [keep(asked, problem, part, name) for name, part in named]
-    return {"runs": runs, "effects": made.truth["model_effects"]}
+    hidden_result = hidden_runs(problem, hidden, job["level"], job["seed"], len(names))
+    named = zip(names, hidden_result.runs, strict=True)
+    runs = [keep(job, problem, part, name) for name, part in named]
+    return {"runs": runs, "effects": hidden_result.truth["model_effects"]}
 
 
-def mend(asked: JobRequest) -> Answer:
+def mend(job: JobRequest) -> Answer:
     """What `check --fix` does to one of the runs: its repaired copy, and what was
     changed."""
-    problem = asked.problem
-    (given,) = (run for run in asked["runs"] if run["file"] == asked["file"])
+    problem = job.problem
+    (run_given,) = (run for run in job["runs"] if run["file"] == job["file"])
     part = replace(
-        load_measurements(asked.folder / given["file"]), names=(given["name"],)
+        load_measurements(job.folder / run_given["file"]), names=(run_given["name"],)
     )
-    asked.progress(f"repairing {given['name']}")
+    job.progress(f"repairing {run_given['name']}")
     reports = check(problem, part, thorough=False)
     repaired = fix_runs(problem, [part], reports)
-    name = f"{Path(given['name']).stem}_fixed.csv"
-    made = keep(asked, problem, repaired.runs[0], name, use=given["use"])
-    changes = reports[0].changes(given["name"], repaired.issues[0])
-    return {"run": made, "changes": changes.splitlines()}
+    name = f"{Path(run_given['name']).stem}_fixed.csv"
+    run_made = keep(job, problem, repaired.runs[0], name, use=run_given["use"])
+    changes = reports[0].changes(run_given["name"], repaired.issues[0])
+    return {"run": run_made, "changes": changes.splitlines()}
 
 
 def keep(
-    asked: JobRequest,
+    job: JobRequest,
     problem: Problem,
     part: Measurements,
     name: str,
@@ -261,19 +259,19 @@ def keep(
     where it does so too fast; alone : there is no other run, so that it will be split,
     and the check looks at its windows as well.
     """
-    asked.progress(f"checking {name}")
+    job.progress(f"checking {name}")
     part = replace(part, names=(name,))
-    (found,) = check(problem, part, thorough=False)
+    (report_of_run,) = check(problem, part, thorough=False)
     split = _split(problem, part)
     findings = [
-        {**f.to_dict(), "gravity": f.gravity} for f in found.errors_and_warnings
+        {**f.to_dict(), "gravity": f.gravity} for f in report_of_run.errors_and_warnings
     ]
     if alone and split is not None:
-        findings += _of_windows(problem, part, split, found)
+        findings += _of_windows(problem, part, split, report_of_run)
     file = _file(part)
     view = f"view-{file}"
-    save(part, asked.folder / file)
-    save_arrays(asked.folder / view, _preview(problem, part, found.repaired_all))
+    save(part, job.folder / file)
+    save_arrays(job.folder / view, _preview(problem, part, report_of_run.repaired_all))
     seconds = float(part.t[-1] - part.t[0])
     return {
         "file": file,
@@ -332,9 +330,12 @@ def _preview(
     # What a picture shows of it.
     changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
     repaired = np.where(changed, there, np.nan)
-    few = np.linspace(0, len(part.t) - 1, POINTS).astype(int)
+    shown_rows = np.linspace(0, len(part.t) - 1, POINTS).astype(int)
     rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
-    k, n = np.unique(np.concatenate([few, rare[:: 1 + len(rare) // POINTS]])), part.n
+    k, n = (
+        np.unique(np.concatenate([shown_rows, rare[:: 1 + len(rare) // POINTS]])),
+        part.n,
+    )
     dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
     arrays = {"t": part.t[k], "q": part.q[k], "dq": dq[k], "torque": part.tau[k]}
     arrays |= {"repaired_q": repaired[k, :n], "repaired_torque": repaired[k, n:]}
@@ -376,10 +377,10 @@ def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
         np.savez(out, allow_pickle=False, **arrays)
 
 
-def robot(asked: JobRequest) -> Answer:
+def robot(job: JobRequest) -> Answer:
     """What the page shows of the robot: a built-in name or a URDF file."""
-    problem = asked.problem
-    own = formatting.count(problem.robot.n, "joint") + ", from URDF"
+    problem = job.problem
+    summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"
     bounds, settings = np.isfinite(problem.box).any(axis=2), problem.preprocessing
     both = settings.state_cutoff, settings.torque_cutoff
     cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
@@ -389,7 +390,7 @@ def robot(asked: JobRequest) -> Answer:
         " problem.toml, sets others."
     )
     return {
-        "title": own if problem.folder is None else problem.title,
+        "title": summary_words if problem.folder is None else problem.title,
         "name": problem.name,
         "n": problem.robot.n,
         "joints": problem.robot.joint_names,
@@ -401,174 +402,177 @@ def robot(asked: JobRequest) -> Answer:
     }
 
 
-def fit(asked: JobRequest) -> Answer:
+def fit(job: JobRequest) -> Answer:
     """Identify a model and look where it fails."""
-    options = asked["options"]
-    bounded = with_bounds(asked.problem, options.get("bounds"))
+    options = job["options"]
+    bounded = with_bounds(job.problem, options.get("bounds"))
     problem = with_filters(bounded, options.get("filters"))
     estimate = estimate_parameters(
         problem,
-        read_and_filter(problem, asked.windowed(asked.runs.train)),
-        with_solver(asked["method"], options.get("solver")),
+        read_and_filter(problem, job.windowed(job.runs.train)),
+        with_solver(job["method"], options.get("solver")),
         PoseOptions(
-            effects=asked["effects"],
-            gain_uncertainty=asked.number("gain_uncertainty", 0.0),
-            seed=asked["seed"],
+            effects=job["effects"],
+            gain_uncertainty=job.number("gain_uncertainty", 0.0),
+            seed=job["seed"],
         ),
-        progress=asked.progress,
-        workers=Workers(int(asked.number("jobs", 1)), progress=asked.progress),
+        progress=job.progress,
+        workers=Workers(int(job.number("jobs", 1)), progress=job.progress),
     )
-    keep_noise_floor(estimate, asked.training_recordings)
-    return summary(asked, estimate)
+    keep_noise_floor(estimate, job.training_recordings)
+    return summary(job, estimate)
 
 
-def open_model(asked: JobRequest) -> Answer:
+def open_model(job: JobRequest) -> Answer:
     """A model.json that somebody brings, judged on these runs."""
-    train, estimate = asked.runs.train, asked.model
-    estimate.require_joints(train, asked["model"])
-    return summary(asked, estimate)
+    train, estimate = job.runs.train, job.model
+    estimate.require_joints(train, job["model"])
+    return summary(job, estimate)
 
 
-def extend(asked: JobRequest) -> Answer:
+def extend(job: JobRequest) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
     return summary(
-        asked,
-        add(asked.model, asked["effect"], asked.runs.train, **asked.common_options),
+        job,
+        add(job.model, job["effect"], job.runs.train, **job.common_options),
     )
 
 
-def find(asked: JobRequest) -> Answer:
+def find(job: JobRequest) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
-    runs, model = asked.runs, asked.model
+    runs, model = job.runs, job.model
     result = diagnose(
         model,
         runs.train,
         runs.test,
-        noise_from=runs.whole,
+        noise_from=runs.all_runs,
         judged_recordings=runs.judged_recordings,
-        **asked.common_options,
+        **job.common_options,
     )
     curves = [curve.effect(model.robot).text for curve in result.curves]
     said = still_missing(result, model)
     return {"diagnosis": result.to_dict(), "curves": curves, "missing": said}
 
 
-def methods(asked: JobRequest) -> Answer:
+def methods(job: JobRequest) -> Answer:
     """The same effects by other methods, judged alike: headings, and a row a method."""
-    runs, current = asked.runs, asked.model
-    train = asked.windowed(runs.train)
-    if not asked["methods"]:
+    runs, current = job.runs, job.model
+    train = job.windowed(runs.train)
+    if not job["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
     filtered = read_and_filter(current.problem, train)
     rows = []
-    for name in asked["methods"]:
+    for name in job["methods"]:
         effects = current.model.effects
-        progress = partial(asked.progress_of, name)
-        options = PoseOptions(effects=effects, seed=asked["seed"])
+        progress = partial(job.progress_of, name)
+        options = PoseOptions(effects=effects, seed=job["seed"])
         try:
-            made = estimate_parameters(
+            estimates_made = estimate_parameters(
                 current.problem, filtered, name, options, progress=progress
             )
-            folds = asked["folds"] and cross_validate(
+            folds = job["folds"] and cross_validate(
                 current.problem,
                 train,
                 name,
                 effects=effects,
-                seed=asked["seed"],
+                seed=job["seed"],
                 progress=progress,
             )
         except InputError as error:
             rows.append([name, str(error), *[""] * (len(sections.JUDGED_HEADS) - 1)])
             continue
         row = sections.judged_row(
-            compare({name: made}, runs.judge, noise_from=runs.judged_recordings)[0]
+            compare(
+                {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
+            )[0]
         )
         rows.append(
             [*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])]
         )
-    unseen = ["error on unseen motion"] * bool(asked["folds"])
+    unseen = ["error on unseen motion"] * bool(job["folds"])
     return {"heads": ["method", *sections.JUDGED_HEADS, *unseen], "rows": rows}
 
 
-def take(asked: JobRequest) -> Answer:
+def take(job: JobRequest) -> Answer:
     """A file to take away: a run as it was used, the diagnosis, the report, or the
     model in the format of the name's suffix; says which effects have no place in it."""
-    name, found = asked["name"], asked.get("findings")
-    out, lost = asked.folder / name, tuple[str, ...]()
+    name, findings_given = job["name"], job.get("findings")
+    out, lost = job.folder / name, tuple[str, ...]()
     judged: tuple[Verdict, str] | None = None
-    asked.progress(f"writing {name}")
+    job.progress(f"writing {name}")
     if name.startswith("run-"):
         save(
-            load_measurements(
-                asked.folder / asked["runs"][int(name[4:-4]) - 1]["file"]
-            ),
+            load_measurements(job.folder / job["runs"][int(name[4:-4]) - 1]["file"]),
             out,
         )
     elif name == "findings.json":
-        write_text(out, json.dumps(found, indent=1, allow_nan=False) + "\n")
+        write_text(out, json.dumps(findings_given, indent=1, allow_nan=False) + "\n")
     elif name == "model.json":
-        write_bytes(out, Path(asked["model"]).read_bytes())
+        write_bytes(out, Path(job["model"]).read_bytes())
     elif name == "report.html":
         models, runs = (
-            {m["label"]: load_estimate(m["file"]) for m in asked["models"]},
-            asked.runs,
+            {m["label"]: load_estimate(m["file"]) for m in job["models"]},
+            job.runs,
         )
         how: dict[str, Any] = {
-            "commands": asked["commands"],
-            "forward": asked["forward"],
-            "progress": asked.progress,
+            "commands": job["commands"],
+            "forward": job["forward"],
+            "progress": job.progress,
         }
-        said = found and Diagnosis.from_dict(found)
+        diagnosis = findings_given and Diagnosis.from_dict(findings_given)
         write_report(
             models,
             runs.judge,
             out,
             noise_from=runs.judged_recordings,
-            findings=said,
+            findings=diagnosis,
             **how,
         )
     else:
-        given = asked.get("urdf") if name == "robot.urdf" else None
-        x, y, z = numbers("flange", asked.get("flange") or "0,0,0", 3)
-        model = asked.model
-        if asked.get("runs"):
-            there = asked.runs
+        urdf_given = job.get("urdf") if name == "robot.urdf" else None
+        x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
+        model = job.model
+        if job.get("runs"):
+            there = job.runs
             judged = judge_as_exported(model, out, there.judge, there.judged_recordings)
         verdict = None if judged is None else judged[0]
-        lost = export(model, out, given, flange=(x, y, z), judged=verdict)
-    said = []
+        lost = export(model, out, urdf_given, flange=(x, y, z), judged=verdict)
+    diagnosis = []
     if lost:
-        said = [f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."]
+        diagnosis = [
+            f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
+        ]
         if judged is not None:
-            said += [f"As exported: {judged[0].headline}", judged[1]]
-    return {"notice": [text for text in said if text]}
+            diagnosis += [f"As exported: {judged[0].headline}", judged[1]]
+    return {"notice": [text for text in diagnosis if text]}
 
 
-def forward(asked: JobRequest) -> Answer:
+def forward(job: JobRequest) -> Answer:
     """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
 
     Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf
     (F,), poses (F, 2 joints, 4, 4), the measured arm before the simulated one.
     """
-    estimate, drive = asked.model, asked["drive"]
-    made = follow(estimate, asked.runs.judge, drive=drive, **asked.common_options)
-    files = [f"forward-{made.drive}-{k}.npz" for k in range(len(made.free))]
-    for file, free in zip(files, made.free, strict=True):
+    estimate, drive = job.model, job["drive"]
+    following = follow(estimate, job.runs.judge, drive=drive, **job.common_options)
+    files = [f"forward-{following.drive}-{k}.npz" for k in range(len(following.free))]
+    for file, free in zip(files, following.free, strict=True):
         both, t = (free.measured, free.simulated.q), free.simulated.t
         (tf, one), (_, other) = (placed(estimate.robot, t, q) for q in both)
         arrays = {"t": t, "measured": both[0], "simulated": both[1], "tf": tf}
         save_arrays(
-            asked.folder / file,
+            job.folder / file,
             {**arrays, "poses": np.concatenate([one, other], axis=1)},
         )
-    heads, rows = made.table()
+    heads, rows = following.table()
     return {
         "arrays": files,
         "runs": [
-            f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s" for f in made.free
+            f"{f.simulated.names[0]}, from {f.simulated.t[0]:.4g} s"
+            for f in following.free
         ],
         **{
-            name: getattr(made, name)
+            name: getattr(following, name)
             for name in ("verdict", "explained", "units", "left_out")
         },
         "heads": heads,
@@ -608,41 +612,41 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
     return {"bodies": bodies, "joints": joints}
 
 
-def summary(asked: JobRequest, estimate: Estimate) -> Answer:
+def summary(job: JobRequest, estimate: Estimate) -> Answer:
     """Save a model at ``out`` and its curves beside it; judge it on the runs: what
     makes a session's ModelStep.
 
     Curves, an .npz a run, training runs first: t, torque, modelled, its motion q, dq,
     ddq, and tf (F,), poses (F, joints, 4, 4) of some instants for the 3D view.
     """
-    seconds, given, out = (
-        time.perf_counter() - asked.begin,
-        asked.runs,
-        Path(asked["out"]),
+    seconds, checked, out = (
+        time.perf_counter() - job.begin,
+        job.runs,
+        Path(job["out"]),
     )
-    asked.progress("comparing measured with modelled")
+    job.progress("comparing measured with modelled")
     comparison = compare(
-        {"model": estimate}, given.judge, noise_from=given.judged_recordings
+        {"model": estimate}, checked.judge, noise_from=checked.judged_recordings
     )[0]
     (arm, judge), (_, train) = (
-        driven(estimate, given.judge),
-        driven(estimate, given.train),
+        driven(estimate, checked.judge),
+        driven(estimate, checked.train),
     )
     settings = estimate.preprocessing.resolve(judge)
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
-    runs = [*train.runs(), *(judge.runs() if given.test is not None else ())]
+    runs = [*train.runs(), *(judge.runs() if checked.test is not None else ())]
     for k, run in enumerate(runs):
         rows = FilteredRun(run, settings).all_rows(arm.model)
         motion = rows.motion
-        found = {"torque": rows.torque, "modelled": predicted(rows, arm.theta)}
-        found |= {name: getattr(motion, name) for name in ("q", "dq", "ddq")}
+        curves_found = {"torque": rows.torque, "modelled": predicted(rows, arm.theta)}
+        curves_found |= {name: getattr(motion, name) for name in ("q", "dq", "ddq")}
         arrays = {
             "t": motion.t,
-            **{name: x.astype(np.float32) for name, x in found.items()},
+            **{name: x.astype(np.float32) for name, x in curves_found.items()},
         }
         arrays["tf"], arrays["poses"] = placed(estimate.robot, motion.t, motion.q)
         save_arrays(out.with_name(f"{out.stem}-{k}.npz"), arrays)
-    asked.progress("looking where it fails")
+    job.progress("looking where it fails")
     try:
         failing = where_it_fails(estimate, judge, noise=comparison.noise)
         units = estimate.robot.torque_units

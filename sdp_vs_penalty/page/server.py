@@ -169,9 +169,9 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
     return app
 
 
-async def keep(session: Session, request: Request, given: str, kind: str) -> int:
+async def keep(session: Session, request: Request, name_given: str, kind: str) -> int:
     """Receive a dropped file and do what it was dropped for; the status to answer."""
-    name = shown_name(given)
+    name = shown_name(name_given)
     try:
         if kind != "runs" and session.task is not None:
             what, remedy = (

@@ -166,10 +166,10 @@ class Session:
 
     def answer(self, job: str) -> dict[str, Any] | None:
         """What a job said of the current model, if it was asked."""
-        found = self.answers.get(job)
+        stored = self.answers.get(job)
         return (
-            found
-            if found and self.model and found["model"] == self.model.file
+            stored
+            if stored and self.model and stored["model"] == self.model.file
             else None
         )
 
@@ -240,19 +240,25 @@ class Session:
     def say(self, *texts: str, error: bool = True) -> None:
         """Show sentences, with names instead of where files are, in place of those
         before."""
-        own = {str(self.folder / run["file"]): run["name"] for run in self.runs}
-        for path, name in {**self.names, **own, f"{self.folder}/": ""}.items():
+        names_by_file = {
+            str(self.folder / run["file"]): run["name"] for run in self.runs
+        }
+        for path, name in {
+            **self.names,
+            **names_by_file,
+            f"{self.folder}/": "",
+        }.items():
             texts = tuple(text.replace(path, name) for text in texts)
         self.notice = Notice(texts, error) if texts else None
         self.changed()
 
     def start(
-        self, do: Callable[..., Coroutine[Any, Any, None]], *given: Any, **how: Any
+        self, do: Callable[..., Coroutine[Any, Any, None]], *arguments: Any, **how: Any
     ) -> None:
         """Begin one of the coroutines below, unless another one is at work."""
         if self.task is None:
             self.notice, self.working = None, Working()
-            self.task = asyncio.get_running_loop().create_task(do(*given, **how))
+            self.task = asyncio.get_running_loop().create_task(do(*arguments, **how))
             self.task.add_done_callback(self._ended)
 
     def cancel(self) -> None:
@@ -278,23 +284,23 @@ class Session:
     async def _job(self, title: str, job: str, **details: Any) -> dict[str, Any]:
         """The answer of a function of jobs.py."""
         self._doing(title=title, status="")
-        own = {
+        state = {
             name: getattr(self, name) for name in ("robot", "runs", "seed", "options")
         }
-        own |= {
+        state |= {
             "job": job,
             "folder": str(self.folder),
             "model": self.model and self.model.file,
         }
         return await self.pool.run(
-            {**own, **details}, lambda text: self._doing(status=text)
+            {**state, **details}, lambda text: self._doing(status=text)
         )
 
     def _forget_models(self, why: str = "") -> list[str]:
         """Begin without one; what is said of it where there were some."""
-        said = [f"{why}: identify again."] * bool(self.history)
+        sentences = [f"{why}: identify again."] * bool(self.history)
         self.history, self.undone = [], []
-        return said
+        return sentences
 
     def _refuse_meaningless(self) -> None:
         if self.meaningless and not self.anyway:
@@ -374,9 +380,9 @@ class Session:
         ):
             new[0]["use"] = "train"
         self.effects = list(answer.get("effects", self.effects))
-        refused, said = answer.get("refused", ()), [*answer.get("remarks", ())]
-        said += self._forget_models("The runs have changed") if new else []
-        self.say(*(refused or said), error=bool(refused))
+        refused, remarks = answer.get("refused", ()), [*answer.get("remarks", ())]
+        remarks += self._forget_models("The runs have changed") if new else []
+        self.say(*(refused or remarks), error=bool(refused))
 
     def use(self, file: str, use: str) -> None:
         """Use a run for training, for testing, or not at all ("")."""
@@ -410,10 +416,10 @@ class Session:
         if not self.effects:
             raise InputError("No effect is chosen", "choose at least rigid_body")
         self._refuse_meaningless()
-        asked = {"effects": ",".join(self.effects), "method": self.method}
+        request = {"effects": ",".join(self.effects), "method": self.method}
         self._begin(
             await self._step(
-                f"Identifying by {self.method}", "fit", asked, label="identified"
+                f"Identifying by {self.method}", "fit", request, label="identified"
             )
         )
 
@@ -421,18 +427,22 @@ class Session:
         """Go on from a model.json, identified from other runs perhaps: how a payload is
         found."""
         self.names[path] = name
-        told = {"label": name, "opened": name}
+        step_fields = {"label": name, "opened": name}
         self._begin(
-            await self._step(f"Opening {name}", "open_model", {"model": path}, **told)
+            await self._step(
+                f"Opening {name}", "open_model", {"model": path}, **step_fields
+            )
         )
 
     async def _step(
-        self, title: str, job: str, asked: dict[str, Any], **told: Any
+        self, title: str, job: str, request: dict[str, Any], **step_fields: Any
     ) -> ModelStep:
-        """A model in a file of its own, by a function of jobs.py; told : what that does
+        """A model in a file of its own, by a function of jobs.py; step_fields : what that does
         not say."""
         out = self.folder / f"model-{len([*self.folder.glob('model-*.json')]) + 1}.json"
-        return ModelStep(**await self._job(title, job, out=str(out), **asked), **told)
+        return ModelStep(
+            **await self._job(title, job, out=str(out), **request), **step_fields
+        )
 
     def _begin(self, step: ModelStep) -> None:
         self._forget_models()
@@ -444,12 +454,12 @@ class Session:
         answer = await self._job(
             "Looking for what is missing", "find", frozen=self.frozen
         )
-        found = Diagnosis.from_dict(answer["diagnosis"])
+        diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         verdict = Verdict.from_dict(self.current.comparison["verdict"])
         said = verdict.with_missing(answer["missing"]).to_dict()
         self.history[-1] = replace(
             self.current,
-            findings=found,
+            findings=diagnosis,
             curve_texts=answer["curves"],
             comparison={**self.current.comparison, "verdict": said},
         )
@@ -460,14 +470,16 @@ class Session:
         frozen = self.frozen or (self.findings is not None and self.findings.frozen)
         steps = [self.current]
         for text in texts:
-            asked = {"effect": text, "frozen": frozen, "model": steps[-1].file}
-            told: Any = {
+            request = {"effect": text, "frozen": frozen, "model": steps[-1].file}
+            step_fields: Any = {
                 "label": f"+ {text.partition('@')[0]}",
                 "added": (text,),
                 "frozen": frozen,
             }
             steps.append(
-                await self._step("Adding what was chosen", "extend", asked, **told)
+                await self._step(
+                    "Adding what was chosen", "extend", request, **step_fields
+                )
             )
         self.history, self.undone = [*self.history, *steps[1:]], []
         self.new = "diagnose", "history"

@@ -29,7 +29,7 @@ SILENCE = 30.0
 SUFFIXES = {"runs": suffixes(), "robot": (".urdf", ".xml"), "model": (".json",)}
 
 
-def shown_name(given: str) -> str:
+def shown_name(name_given: str) -> str:
     """What to call a file: the last part of its name without what cannot be printed;
     never a path.
 
@@ -37,7 +37,7 @@ def shown_name(given: str) -> str:
     ('run 1.csv', 'run.csv', 'file')
     """
     last = PureWindowsPath(
-        given.replace("\0", "")
+        name_given.replace("\0", "")
     ).name  # takes / and \ and drives for separators
     name = "".join(c for c in last if c.isprintable()).strip()
     if name in ("", ".", ".."):

@@ -90,7 +90,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StageVerdict:
     """What a stage has come to, in a sentence; level : its colour, good, usable, bad or
     "" for none; word : what it begins with. Only estimation/verdict.py grades a model
     (:func:`identified`)."""
@@ -100,14 +100,16 @@ class Verdict:
     word: str = ""
 
 
-def identified(session: Session) -> Verdict | None:
+def identified(session: Session) -> StageVerdict | None:
     """What estimation/verdict.py says of the current model."""
     if session.model is None:
         return None
-    said = session.model.comparison["verdict"]
-    grade = said["grade"]
+    verdict_of_model = session.model.comparison["verdict"]
+    grade = verdict_of_model["grade"]
     level = "bad" if grade == "do not use" else grade
-    return Verdict(level, spoken(said["lines"][0]["text"]), grade.capitalize())
+    return StageVerdict(
+        level, spoken(verdict_of_model["lines"][0]["text"]), grade.capitalize()
+    )
 
 
 def spoken(text: str) -> str:
@@ -121,7 +123,7 @@ def spoken(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class Part:
+class PagePart:
     """anchor, title : where and what; ready : whether it is shown yet; depends :
     everything that its content is made of, so that it is drawn anew only when that
     changes; draw : fills it: the function that ``@partial(Part, ...)`` stands before.
@@ -142,15 +144,15 @@ class Stage:
     anchor: str
     title: str
     before: str
-    parts: tuple[Part, ...]
-    verdict: Callable[[Session], Verdict | None] = lambda session: None
+    parts: tuple[PagePart, ...]
+    verdict: Callable[[Session], StageVerdict | None] = lambda session: None
 
 
 def requires_model(
     anchor: str, title: str, also: Callable[[Session], Any] = lambda session: None
-) -> Callable[[Callable[[View], None]], Part]:
+) -> Callable[[Callable[[View], None]], PagePart]:
     """A part that is shown once there is a model; it depends on the models and on
     ``also``."""
     ready = lambda session: session.model is not None  # noqa: E731
     depends = lambda session: ([model.file for model in session.history], also(session))  # noqa: E731
-    return partial(Part, anchor, title, ready, depends)
+    return partial(PagePart, anchor, title, ready, depends)

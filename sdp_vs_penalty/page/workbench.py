@@ -12,7 +12,7 @@ from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
 from sdp_vs_penalty.page.stages import STAGES
-from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
+from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 
 _NEXT = dict(itertools.pairwise(STAGES))
 
@@ -90,7 +90,7 @@ class Workbench:
                 )
             self._seen = new
 
-    def _part(self, part: Part, ready: bool) -> None:
+    def _part(self, part: PagePart, ready: bool) -> None:
         self.view.followers.pop(part.anchor, None)
         if ready:
             part.draw(self.view)
@@ -114,13 +114,13 @@ class Workbench:
         with tag("section", style="stage", data_stage=stage.anchor) as section:
             heading = tag("h2", stage.title, tabindex="-1")
             section.props["aria-labelledby"] = heading.html_id
-            said = tag("div", style="said")
+            status_line = tag("div", style="said")
             for part in stage.parts:
                 with tag("div", style="part", data_part=part.anchor) as place:
                     if part.title:
                         tag("h3", part.title)
                     self._at[f"part-{part.anchor}"] = place, tag("div", style="body")
-            return section, said, tag("div", style="end")
+            return section, status_line, tag("div", style="end")
 
     def _dock(self) -> None:
         with tag("div", style="dock", aria_label="Status", role="region"):
@@ -145,7 +145,7 @@ class Workbench:
         one."""
         session, following = self.session, _NEXT.get(stage)
         ready = any(part.ready(session) for part in stage.parts)
-        verdict = (stage.verdict(session) if ready else None) or Verdict("", "")
+        verdict = (stage.verdict(session) if ready else None) or StageVerdict("", "")
         on = (
             ready
             and following is not None

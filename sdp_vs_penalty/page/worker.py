@@ -156,15 +156,17 @@ def main(server: Any, parent: int, limit: int) -> None:
     with contextlib.suppress(EOFError, OSError):  # the server has closed its end
         while True:
             request = server.recv()
-            asked = jobs.JobRequest(request, lambda text: send({"progress": text}))
-            send(do(getattr(jobs, request["job"]), asked))
+            job_request = jobs.JobRequest(
+                request, lambda text: send({"progress": text})
+            )
+            send(do(getattr(jobs, request["job"]), job_request))
 
 
-def do(job: Callable[[Any], dict[str, Any]], asked: Any) -> dict[str, Any]:
+def do(job: Callable[[Any], dict[str, Any]], job_request: Any) -> dict[str, Any]:
     """{"result": ...} of a request, or {"error": sentence}."""
     try:
         with warnings.catch_warnings(action="ignore"):
-            return {"result": job(asked)}
+            return {"result": job(job_request)}
     except Exception as error:
         return {"error": sentence(error)}
 

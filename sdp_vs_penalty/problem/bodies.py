@@ -24,13 +24,13 @@ from sdp_vs_penalty.robot.robot import Robot
 def link_bodies(
     robot: Robot,
     centres: Array,
-    given: Array,
+    nominal: Array,
     geometry: Sequence[Geometry | None] | None = None,
 ) -> tuple[Body, ...]:
     """The body of each link in its frame, from the best that is known of it.
 
     centres (n, 3, 2) : bounds on the centre of mass [m], infinite where there is none;
-    given (n, 10) : standard parameters that came with the robot, zeros where none did.
+    nominal (n, 10) : standard parameters that came with the robot, zeros where none did.
     """
     reach = robot.link_reach()
     largest = c.FAR_MASS * max(float(reach.sum()), 1.0)
@@ -44,20 +44,26 @@ def link_bodies(
                 and farthest < largest
             )
             shape = shape if usable else None
-        own = _uniform_ellipsoid(given[k], largest)
+        ellipsoid = _uniform_ellipsoid(nominal[k], largest)
         corners = np.array(np.meshgrid(*centres[k])).reshape(3, -1).T
         radius = max(c.RADIUS_SHARE * reach[k], c.LEAST_RADIUS)
         if shape is not None:
-            cloud = shape.points if own is None else np.concatenate([shape.points, own])
+            cloud = (
+                shape.points
+                if ellipsoid is None
+                else np.concatenate([shape.points, ellipsoid])
+            )
             volume = shape.volume if shape.volume > 0.0 else None
             out.append(around(cloud, "geometry", c.GEOMETRY_MARGIN, c.LAYER, volume))
         elif np.all(np.isfinite(corners)):
             places = np.concatenate([corners, joint_places(robot, k)])
             out.append(around(balls(places, radius), "bounds"))
-        elif own is not None:
-            wide = own.mean(axis=0) + c.INERTIAL_MARGIN * (own - own.mean(axis=0))
+        elif ellipsoid is not None:
+            wide = ellipsoid.mean(axis=0) + c.INERTIAL_MARGIN * (
+                ellipsoid - ellipsoid.mean(axis=0)
+            )
             places = balls(
-                np.concatenate([joint_places(robot, k), own]), c.LEAST_RADIUS
+                np.concatenate([joint_places(robot, k), ellipsoid]), c.LEAST_RADIUS
             )
             out.append(around(np.concatenate([wide, places]), "inertial"))
         else:
@@ -74,9 +80,13 @@ def joint_places(robot: Robot, link: int) -> Array:
     the parent's.
     """
     carrier = robot.link_joints[link]
-    own = robot.tree[carrier]
-    into = np.linalg.inv(own.link_frame)
-    before = float(own.axis @ own.placement[:3, :3].T @ own.placement[:3, 3])
+    joint_of_carrier = robot.tree[carrier]
+    into = np.linalg.inv(joint_of_carrier.link_frame)
+    before = float(
+        joint_of_carrier.axis
+        @ joint_of_carrier.placement[:3, :3].T
+        @ joint_of_carrier.placement[:3, 3]
+    )
     strokes = [
         [
             0.0,
@@ -88,7 +98,9 @@ def joint_places(robot: Robot, link: int) -> Array:
         ]
         for j in robot.tree
     ]
-    places: list[Array] = [-s * own.axis for s in (before, *strokes[carrier])]
+    places: list[Array] = [
+        -s * joint_of_carrier.axis for s in (before, *strokes[carrier])
+    ]
     for k, child in enumerate(robot.tree):
         if child.parent == carrier:
             along = child.placement[:3, :3] @ child.axis
@@ -114,7 +126,7 @@ def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
 
 
 def plausible_links(
-    robot: Robot, given: Array, bodies: Sequence[Body] | None = None
+    robot: Robot, nominal: Array, bodies: Sequence[Body] | None = None
 ) -> tuple[Array, tuple[str, ...]]:
     """Strictly consistent nominal links (n, 10), and where each comes from.
 
@@ -123,7 +135,7 @@ def plausible_links(
     ("geometry"), else a tube with half of each actuator at its ends ("kinematics"). The
     last two are drawn, not measured.
     """
-    out, sources, actuators = np.array(given, float), [], _actuators(robot)
+    out, sources, actuators = np.array(nominal, float), [], _actuators(robot)
     for i, reach in enumerate(robot.link_reach()):
         scale = np.array([reach, reach, reach, 1.0])
         scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
@@ -136,8 +148,8 @@ def plausible_links(
             sources.append("inertial")
             continue
         body = None if bodies is None else bodies[i]
-        seen = body is not None and body.source == "geometry"
-        if body is not None and seen:
+        has_geometry = body is not None and body.source == "geometry"
+        if body is not None and has_geometry:
             bare = (
                 body.half_axes - c.LAYER
             ) / c.GEOMETRY_MARGIN  # of what it is drawn around
@@ -152,7 +164,9 @@ def plausible_links(
         else:
             drawn = _tube(robot, i, reach, actuators)
         known = 0.0 < mass < np.inf
-        sources.append("inertial" if known else "geometry" if seen else "kinematics")
+        sources.append(
+            "inertial" if known else "geometry" if has_geometry else "kinematics"
+        )
         out[i] = inertia.from_pseudo_inertia(
             drawn * (mass / drawn[3, 3] if known else 1.0)
         )
@@ -175,8 +189,10 @@ def _actuators(robot: Robot) -> Array:
     for k in reversed(
         range(len(robot.tree))
     ):  # a joint's children come after it: theirs are known
-        ahead = [beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k]
-        beyond[k] = reach.get(k, 0.0) + max(ahead, default=0.0)
+        next_links = [
+            beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k
+        ]
+        beyond[k] = reach.get(k, 0.0) + max(next_links, default=0.0)
     torque, limits = (
         c.HOLDING * beyond**2,
         np.array([joint.effort for joint in robot.tree]),

@@ -128,13 +128,13 @@ def _from_toml(
     if chain and not {"joints", "held"} & set(chain):
         remedy = 'write joints = ["q1", ...] or held = ["finger_joint=0"]'
         raise InputError("[mechanism] says nothing of joints", remedy)
-    given: Array | None = None
+    nominal_links: Array | None = None
     geometry, gravity = (
         None,
         tuple(map(float, kinematics.get("gravity", STANDARD_GRAVITY))),
     )
     if "urdf" in kinematics:
-        robot, given = load_urdf(folder / kinematics["urdf"], gravity, held)
+        robot, nominal_links = load_urdf(folder / kinematics["urdf"], gravity, held)
         geometry = link_geometry(folder / kinematics["urdf"], held)
     else:
         keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
@@ -153,9 +153,11 @@ def _from_toml(
         massless = [int(k) for k in chain.get("massless", ())]
         joints, mechanism = parse_mechanism(robot.tree, chain["joints"], massless)
         robot = replace(robot, joints=joints, mechanism=mechanism, transmission=None)
-        kept = robot.link_joints
-        given = None if given is None else given[list(kept)]
-        geometry = None if geometry is None else [geometry[k] for k in kept]
+        link_joints = robot.link_joints
+        nominal_links = (
+            None if nominal_links is None else nominal_links[list(link_joints)]
+        )
+        geometry = None if geometry is None else [geometry[k] for k in link_joints]
     if "transmission" in data:
         robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
     if "urdf" not in kinematics:
@@ -192,11 +194,14 @@ def _from_toml(
         effects=None if effects is None else tuple(effects),
     )
     bodies = link_bodies(
-        robot, problem.centre_boxes, none if given is None else given, geometry
+        robot,
+        problem.centre_boxes,
+        none if nominal_links is None else nominal_links,
+        geometry,
     )
-    drawn = _ellipsoids_in_the_box(problem) if given is None else given
+    drawn = _ellipsoids_in_the_box(problem) if nominal_links is None else nominal_links
     nominal, sources = plausible_links(robot, drawn, bodies)
-    if given is None:
+    if nominal_links is None:
         sources = tuple(
             "bounds" if source == "inertial" else source for source in sources
         )

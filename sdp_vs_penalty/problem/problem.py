@@ -164,11 +164,13 @@ class Problem(Shown):
         extent = np.sqrt(
             np.maximum(np.where(mass > 0.0, second, 0.0) / nonzero_or_one(mass), 0.0)
         )
-        least = (
+        smallest_mass = (
             np.full(len(mass), c.DEFAULT_RADIUS),
             np.where(np.isfinite(stroke), stroke, 0.0),
         )
-        radius = np.max([(1.0 + c.RADIUS_SHARE) * reach, *least, 2.0 * extent], axis=0)
+        radius = np.max(
+            [(1.0 + c.RADIUS_SHARE) * reach, *smallest_mass, 2.0 * extent], axis=0
+        )
         largest = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * mass)
         return np.column_stack([largest, radius])
 
@@ -410,7 +412,9 @@ def entries(links: int) -> dict[str, tuple[int, int]]:
     """Where each name stands in a problem's box: link (from 0) and entry."""
     names = (barycentric_names(link + 1) for link in range(links))
     return {
-        name: (link, k) for link, own in enumerate(names) for k, name in enumerate(own)
+        name: (link, k)
+        for link, names_of_link in enumerate(names)
+        for k, name in enumerate(names_of_link)
     }
 
 

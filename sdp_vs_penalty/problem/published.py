@@ -177,14 +177,14 @@ def real_file(problem: str, name: str) -> Path | None:
 def measured_runs(problem: str) -> dict[str, Measurements]:
     """The runs that authors publish of a robot, by name; none where a file of theirs is
     not at hand."""
-    wanted = DATASETS[problem].files if problem in DATASETS else ()
+    files_of_problem = DATASETS[problem].files if problem in DATASETS else ()
     files = [
         file
-        for file in (real_file(problem, f.name) for f in wanted)
+        for file in (real_file(problem, f.name) for f in files_of_problem)
         if file is not None
     ]
     return (
         converted(problem, files[0].parent)
-        if files and len(files) == len(wanted)
+        if files and len(files) == len(files_of_problem)
         else {}
     )

@@ -60,13 +60,15 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     rigid, present = model.rigid_indices, {e.name for e in model.effects}
     # A rotor acts like inertia of the first links, an offset like the weight of a link
     # that slides upright: their common combinations are what counts.
-    alike = {"rotor_inertia"} | (
+    merged_effects = {"rotor_inertia"} | (
         {"torque_offset"} if "m" in model.robot.position_units else set()
     )
-    if len(rigid) and present & alike:
+    if len(rigid) and present & merged_effects:
         part = Model(
             model.robot,
-            tuple(e for e in model.effects if e.name in ("rigid_body", *alike)),
+            tuple(
+                e for e in model.effects if e.name in ("rigid_body", *merged_effects)
+            ),
         )
         names = [p.name for p in model.parameters]
         places = np.array([names.index(q.name) for q in part.parameters])
@@ -98,9 +100,11 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
 
 
 def structure(
-    stacked: Array, kept: tuple[int, ...] | None = None, preference: Array | float = 1.0
+    stacked: Array,
+    leading: tuple[int, ...] | None = None,
+    preference: Array | float = 1.0,
 ) -> tuple[Array, tuple[int, ...]]:
-    """B and the independent columns of stacked ones (N, k): ``kept``, or what a pivoted
+    """B and the independent columns of stacked ones (N, k): ``leading``, or what a pivoted
     QR chooses of them, at unit norm times ``preference`` (k,)."""
     stacked = triangular(
         [stacked]
@@ -110,37 +114,42 @@ def structure(
     scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms)) * preference
     _, r, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
     rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-9 * abs(r[0, 0])))
-    if kept is None:
-        kept = tuple(sorted(int(k) for k in pivots[:rank]))
-    elif len(kept) != rank or np.linalg.matrix_rank(scaled[:, kept], tol=1e-9) != rank:
+    if leading is None:
+        leading = tuple(sorted(int(k) for k in pivots[:rank]))
+    elif (
+        len(leading) != rank
+        or np.linalg.matrix_rank(scaled[:, leading], tol=1e-9) != rank
+    ):
         raise InputError(
-            f"base_parameters: the {len(kept)} named are not the robot's {rank}"
+            f"base_parameters: the {len(leading)} named are not the robot's {rank}"
             " independent ones",
             "leave the list out to let the program choose",
         )
     dependence = np.asarray(
-        np.linalg.lstsq(stacked[:, kept], stacked, rcond=None)[0], float
+        np.linalg.lstsq(stacked[:, leading], stacked, rcond=None)[0], float
     )
     dependence[np.abs(dependence) < 1e-10] = 0.0
-    return dependence, kept
+    return dependence, leading
 
 
 def base_parameter_symbols(problem: Problem) -> dict[str, str]:
     """Each base parameter written out in standard parameters, "Izz2 - 0.64 m2", by the
     independent one (Izz1, mx2, ...) that leads it."""
-    base, kept = base_parameters(problem.model("rigid_body"), problem.independent)
+    base, independent = base_parameters(
+        problem.model("rigid_body"), problem.independent
+    )
     rigid = [
         name
         for link in range(1, problem.robot.links + 1)
         for name in parameter_names(link)
     ]
     out = {}
-    for row, lead in zip(base, kept, strict=True):
+    for row, lead in zip(base, independent, strict=True):
         terms = enumerate(zip(row, rigid, strict=True))
         others = [(v, name) for k, (v, name) in terms if v and k != lead]
-        said = rigid[lead]
+        description = rigid[lead]
         for value, name in others:
             size = "" if abs(abs(value) - 1.0) < 1e-9 else f"{abs(value):.4g} "
-            said += f"{' + ' if value > 0.0 else ' - '}{size}{name}"
-        out[rigid[lead]] = said
+            description += f"{' + ' if value > 0.0 else ' - '}{size}{name}"
+        out[rigid[lead]] = description
     return out

@@ -58,8 +58,8 @@ class BlackBox:
     def of_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike) -> BlackBox:
         """The answers that links (n, 10), standard parameters, would give at q (K, n)."""
         q = np.asarray(q, float)
-        rest = np.zeros_like(q)
-        gravity = robot.inverse_dynamics(links, q, rest, rest)
+        zero = np.zeros_like(q)
+        gravity = robot.inverse_dynamics(links, q, zero, zero)
         return cls(q, gravity, robot.mass_matrices(links, q), ("simulated",))
 
 
@@ -72,7 +72,7 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     numbers, where the inertia matrices are not symmetric, and where such a file is one
     of several.
     """
-    paths, found = (
+    paths, answers = (
         list(source) if isinstance(source, list | tuple) else [source],
         list[Path](),
     )
@@ -81,10 +81,10 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
         with suppress(zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
             if path.suffix == ".npz" and path.is_file():
                 with zipfile.ZipFile(path) as archive:
-                    found += [path] * ("mass_matrix.npy" in archive.namelist())
-    if not found:
+                    answers += [path] * ("mass_matrix.npy" in archive.namelist())
+    if not answers:
         return None
-    path = found[0]
+    path = answers[0]
     if len(paths) > 1:
         raise InputError(
             f"a black box is identified from one file, not {len(paths)}",
@@ -100,8 +100,8 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     shapes = {"q": q.shape, "gravity": q.shape, "mass_matrix": (*q.shape, q.shape[1])}
     for name, shape in shapes.items():
         if name not in arrays:
-            wanted = "give q (K, n), gravity (K, n) and mass_matrix (K, n, n)"
-            raise InputError(f"array {name} is missing", wanted, path)
+            remedy = "give q (K, n), gravity (K, n) and mass_matrix (K, n, n)"
+            raise InputError(f"array {name} is missing", remedy, path)
         a = arrays[name]
         if a.shape != shape:
             raise InputError(
@@ -140,10 +140,10 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
             "identify the one effect rigid_body",
         )
     robot, n = model.robot, model.robot.n
-    rest = np.zeros_like(box.q)
-    gravity = robot.regressor(box.q, rest, rest)
+    zero = np.zeros_like(box.q)
+    gravity = robot.regressor(box.q, zero, zero)
     inertial = [
-        robot.regressor(box.q, rest, rest + unit) - gravity for unit in np.eye(n)
+        robot.regressor(box.q, zero, zero + unit) - gravity for unit in np.eye(n)
     ]
     factors = []
     for joint, links in enumerate(robot.subtree):

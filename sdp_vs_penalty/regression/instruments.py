@@ -53,8 +53,8 @@ def commanded_motion(measured: Measurements) -> Measurements:
             "log qcmd1..qcmdn, or leave the instruments out",
             measured.names[0],
         )
-    told = {**measured.commanded, "qsim": measured.commanded["qcmd"]}
-    return replace(measured, commanded=told)
+    commanded = {**measured.commanded, "qsim": measured.commanded["qcmd"]}
+    return replace(measured, commanded=commanded)
 
 
 def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
@@ -89,8 +89,8 @@ def instrumented(
     ) in factors:  # columns without instruments serve as their own
         k = len(indices) // 2 if np.any(indices >= p) else len(indices)
         parts.append((joint, indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]))
-    own, theta = _estimate(model, parts)
-    pairs = zip(parts, own, strict=True)
+    instruments, theta = _estimate(model, parts)
+    pairs = zip(parts, instruments, strict=True)
     return [
         (at, np.column_stack([Z, X[:, -1] + (Z - X[:, :-1]) @ theta[at]]))
         for (_, at, _, X), Z in pairs
@@ -114,17 +114,17 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         servo's."""
         joint, indices, both, _ = f
         Z, at = both[:, :-1], model.error_gains[joint]
-        own = np.flatnonzero(indices == at)
+        place = np.flatnonzero(indices == at)
         if (
             theta is None
-            or not len(own)
-            or not np.any(Z[:, own[0]])
+            or not len(place)
+            or not np.any(Z[:, place[0]])
             or theta[at] <= 0.0
         ):
             return Z
-        rest, Z = theta[indices], Z.copy()
-        rest[own[0]] = 0.0
-        Z[:, own[0]] = (both[:, -1] - Z @ rest) / theta[at]
+        coefficients, Z = theta[indices], Z.copy()
+        coefficients[place[0]] = 0.0
+        Z[:, place[0]] = (both[:, -1] - Z @ coefficients) / theta[at]
         return Z
 
     left = np.ones(model.robot.n) if theta is None else residuals(theta)
@@ -133,23 +133,23 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         Z = [instruments(f) for f in parts]
         weights = 1.0 / np.maximum(left, 1e-12 * (float(left.max()) or 1.0))
         zz, zx, right = np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
-        for (joint, indices, _, X), own in zip(parts, Z, strict=True):
-            weighted, at = weights[joint] * own.T, np.ix_(indices, indices)
-            zz[at] += weighted @ own
+        for (joint, indices, _, X), instrument in zip(parts, Z, strict=True):
+            weighted, at = weights[joint] * instrument.T, np.ix_(indices, indices)
+            zz[at] += weighted @ instrument
             zx[at] += weighted @ X[:, :-1]
             right[indices] += weighted @ X[:, -1]
         size = np.sqrt(np.diag(zz))
-        seen = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
+        used = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
         values, vectors = np.linalg.eigh(
-            zz[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
+            zz[np.ix_(used, used)] / np.outer(size[used], size[used])
         )
         # Where the instruments' columns, of unit norm, are shorter noise of X alone
         # would decide.
-        told = values > 1e-6**2 * values.max(initial=0.0)
-        V = vectors[:, told] / size[seen, None]
-        found = np.zeros(p)
-        middle = V.T @ zx[np.ix_(seen, seen)] @ V
-        found[seen] = V @ np.linalg.lstsq(middle, V.T @ right[seen], rcond=None)[0]
-        theta = model.with_known(found)
+        is_determined = values > 1e-6**2 * values.max(initial=0.0)
+        V = vectors[:, is_determined] / size[used, None]
+        solution = np.zeros(p)
+        middle = V.T @ zx[np.ix_(used, used)] @ V
+        solution[used] = V @ np.linalg.lstsq(middle, V.T @ right[used], rcond=None)[0]
+        theta = model.with_known(solution)
         left = residuals(theta)
-    return Z, np.where(known, 0.0, found)
+    return Z, np.where(known, 0.0, solution)

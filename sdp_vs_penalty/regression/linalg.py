@@ -24,11 +24,11 @@ def column_space(A: Array) -> tuple[Array, Array]:
     they show nothing.
     """
     norms = np.linalg.norm(A, axis=0)
-    seen = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
-    u, s, vt = np.linalg.svd(A[:, seen] / norms[seen], full_matrices=False)
+    nonzero = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
+    u, s, vt = np.linalg.svd(A[:, nonzero] / norms[nonzero], full_matrices=False)
     good = s > UNSEEN * s.max(initial=0.0)
     V = np.zeros((A.shape[1], int(good.sum())))
-    V[seen] = (vt[good] / s[good, None]).T / norms[seen, None]
+    V[nonzero] = (vt[good] / s[good, None]).T / norms[nonzero, None]
     return u[:, good], V
 
 
@@ -52,10 +52,10 @@ def span(A: Array) -> Array:
     """U (r, k) with U'U = 1 of what the columns A (r, p) make, in a third of the time of
     :func:`column_space`."""
     norms = np.linalg.norm(A, axis=0)
-    seen = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
-    if not len(seen):
+    nonzero = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
+    if not len(nonzero):
         return np.zeros((len(A), 0))
-    unit = A[:, seen] / norms[seen]
+    unit = A[:, nonzero] / norms[nonzero]
     q, r, _ = scipy.linalg.qr(unit, mode="economic", pivoting=True, check_finite=False)
     size = np.abs(np.diagonal(r))
     return np.asarray(q[:, : int(np.sum(size > UNSEEN * size[0]))])
@@ -73,12 +73,12 @@ def in_turn(
 ) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
     """Residual and Jacobian as SciPy asks for them, one after the other at the same x,
     of ``at``, which computes them together; once for each x."""
-    asked, answer = np.full(1, np.nan), (np.zeros(0), np.zeros(0))
+    last_x, answer = np.full(1, np.nan), (np.zeros(0), np.zeros(0))
 
     def both(x: Array) -> tuple[Array, Array]:
-        nonlocal asked, answer
-        if not np.array_equal(x, asked):
-            asked, answer = x.copy(), at(x)
+        nonlocal last_x, answer
+        if not np.array_equal(x, last_x):
+            last_x, answer = x.copy(), at(x)
         return answer
 
     return lambda x: both(x)[0], lambda x: both(x)[1]
@@ -104,7 +104,7 @@ def least_squares(
     residual, jacobian = in_turn(at)
     # SciPy's reflected step, which it discards, and its step along a gradient of 0.
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        found = optimize.least_squares(
+        solution = optimize.least_squares(
             residual,
             np.clip(start, *ends),
             jacobian,
@@ -114,4 +114,4 @@ def least_squares(
             gtol=None,
             max_nfev=steps,
         )
-    return found.x, found.fun, found.jac
+    return solution.x, solution.fun, solution.jac

@@ -73,11 +73,11 @@ class LeastSquares:
         """
         triangle = triangular(stack)
         p = triangle.shape[1] - 1
-        rest = float(triangle[p, p]) if len(triangle) > p else 0.0
+        residual_norm = float(triangle[p, p]) if len(triangle) > p else 0.0
         if tau_squared is None:
             tau_squared = float(triangle[:, p] @ triangle[:, p])
         R, rho = np.ascontiguousarray(triangle[:p, :p]), triangle[:p, p].copy()
-        return cls(R, rho, rest, tau_squared, rows)
+        return cls(R, rho, residual_norm, tau_squared, rows)
 
     @cached_property
     def curvature(self) -> Array:
@@ -164,18 +164,18 @@ class Regression:
             self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors)
         )
 
-    def keeping(self, wanted: NDArray[np.bool_]) -> Regression:
+    def keeping(self, kept_columns: NDArray[np.bool_]) -> Regression:
         """The same of only the wanted (p,) parameters; rows keep their order."""
-        if wanted.all():
+        if kept_columns.all():
             return self
-        place = np.cumsum(wanted) - 1
+        place = np.cumsum(kept_columns) - 1
         factors = []
         for f in self.factors:
-            keep = wanted[f.indices]
+            keep = kept_columns[f.indices]
             rows = f.triangle[:, np.append(keep, True)]
             factors.append(replace(f, indices=place[f.indices[keep]], triangle=rows))
         parameters = tuple(
-            q for q, keep in zip(self.parameters, wanted, strict=True) if keep
+            q for q, keep in zip(self.parameters, kept_columns, strict=True) if keep
         )
         return replace(self, parameters=parameters, factors=tuple(factors))
 
@@ -185,12 +185,13 @@ class Regression:
         k = len(fixed)
         factors = []
         for f in self.factors:
-            own = f.indices < k
+            is_fixed = f.indices < k
             torque = (
-                f.triangle[:, -1] - f.triangle[:, :-1][:, own] @ fixed[f.indices[own]]
+                f.triangle[:, -1]
+                - f.triangle[:, :-1][:, is_fixed] @ fixed[f.indices[is_fixed]]
             )
-            rows = np.column_stack([f.triangle[:, :-1][:, ~own], torque])
-            factors.append(replace(f, indices=f.indices[~own] - k, triangle=rows))
+            rows = np.column_stack([f.triangle[:, :-1][:, ~is_fixed], torque])
+            factors.append(replace(f, indices=f.indices[~is_fixed] - k, triangle=rows))
         return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
 
     @cached_property
@@ -225,20 +226,20 @@ class Regression:
         """Of each joint its number, its columns' parameters (k,), the blocks that show
         it, and their rows (B, r, k + 1), of zeros where a block has fewer."""
         for joint in range(self.joints):
-            own, rows = (
+            factors, rows = (
                 [f for f in self.factors if f.joint == joint],
                 dict[int, list[Array]](),
             )
-            for f in own:  # several runs may show one fold
+            for f in factors:  # several runs may show one fold
                 rows.setdefault(f.block, []).append(f.triangle)
-            if own:
+            if factors:
                 stacks = [x[0] if len(x) == 1 else np.vstack(x) for x in rows.values()]
-                each = np.zeros(
+                blocks = np.zeros(
                     (len(stacks), max(map(len, stacks)), stacks[0].shape[1])
                 )
-                for place, stack in zip(each, stacks, strict=True):
+                for place, stack in zip(blocks, stacks, strict=True):
                     place[: len(stack)] = stack
-                yield joint, own[0].indices, np.array(list(rows)), each
+                yield joint, factors[0].indices, np.array(list(rows)), blocks
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
@@ -247,7 +248,7 @@ class Regression:
             f.triangle[:, :-1] @ x[f.indices] - f.triangle[:, -1]
             for f in self.per_joint
         )
-        return np.array([float(own @ own) for own in left])
+        return np.array([float(residual @ residual) for residual in left])
 
     def joint_rows(self) -> NDArray[np.int64]:
         """(joints,) number of rows of each joint."""
@@ -283,8 +284,8 @@ def compress(
     edges = tuple(
         np.linspace(a, b, n + 1) for (a, b), n in zip(spans, counts, strict=True)
     )
-    found = compress_cells(runs, model, _TimeBlocks(edges), workers)
-    return found.select(sorted({f.block for f in found.factors}))
+    regression = compress_cells(runs, model, _TimeBlocks(edges), workers)
+    return regression.select(sorted({f.block for f in regression.factors}))
 
 
 @dataclass(frozen=True)
@@ -297,8 +298,8 @@ class _TimeBlocks:
     def places(self) -> list[TimeBlock]:
         return [
             (k, a, b)
-            for k, own in enumerate(self.edges)
-            for a, b in pairwise(own.tolist())
+            for k, edges in enumerate(self.edges)
+            for a, b in pairwise(edges.tolist())
         ]
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
@@ -322,17 +323,19 @@ def compress_cells(
     """The same with one block for each cell (of folds by phase), whichever runs and
     periods show it."""
     one = partial(_cells_of_run, model=model, folds=folds)
-    found = workers.map(one, list(enumerate(runs.runs)))
-    factors = [factor for own, _ in found for factor in own]
+    factors_by_run = workers.map(one, list(enumerate(runs.runs)))
+    factors = [factor for run_factors, _ in factors_by_run for factor in run_factors]
     rows = sum(f.rows for f in factors if f.joint == 0)
     own_errors = model.drives.any() and model.reference is not None
     if own_errors or any("qsim" in run.run.commanded for run in runs.runs):
-        made = instrumented(model, [(f.joint, f.indices, f.triangle) for f in factors])
+        instruments = instrumented(
+            model, [(f.joint, f.indices, f.triangle) for f in factors]
+        )
         factors = [
-            replace(f, indices=own, triangle=_folded(whole))
-            for f, (own, whole) in zip(factors, made, strict=True)
+            replace(f, indices=run_factors, triangle=_folded(full))
+            for f, (run_factors, full) in zip(factors, instruments, strict=True)
         ]
-    oversampling = rows / sum(samples for _, samples in found)
+    oversampling = rows / sum(samples for _, samples in factors_by_run)
     return Regression(
         model.parameters,
         model.robot.n,
@@ -346,7 +349,7 @@ def _cells_of_run(
     numbered: tuple[int, FilteredRun], model: Model, folds: Cells
 ) -> tuple[list[Factor], float]:
     """One run's factors by cell, and its independent samples."""
-    (index, run), count, found = numbered, 0, dict[tuple[int, int], Factor]()
+    (index, run), count, cells = numbered, 0, dict[tuple[int, int], Factor]()
     of_run = (
         instrumented_rows(run, model)
         if "qsim" in run.run.commanded
@@ -354,13 +357,13 @@ def _cells_of_run(
     )
     for rows in of_run:
         count += len(rows.torque)
-        _take(found, rows, folds.cell(index, rows.motion.t))
-    factors = [factor for _, factor in sorted(found.items(), key=lambda item: item[0])]
+        _take(cells, rows, folds.cell(index, rows.motion.t))
+    factors = [factor for _, factor in sorted(cells.items(), key=lambda item: item[0])]
     return factors, count / run.rows_per_sample
 
 
 def _take(
-    found: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]
+    cells: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]
 ) -> None:
     """Add rows to factors by block and joint, each to the block that ``owner`` (M,)
     says."""
@@ -373,8 +376,8 @@ def _take(
         for block, piece in zip(
             blocks.tolist(), np.split(both, begin[1:]), strict=True
         ):
-            old = found.get(
+            old = cells.get(
                 (block, joint), Factor(joint, block, columns.indices, both[:0], 0)
             )
             piece, count = np.vstack([old.triangle, piece]), old.rows + len(piece)
-            found[block, joint] = replace(old, triangle=_folded(piece), rows=count)
+            cells[block, joint] = replace(old, triangle=_folded(piece), rows=count)

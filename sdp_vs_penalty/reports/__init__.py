@@ -74,15 +74,17 @@ def report(
     first, last = next(iter(named.values())), list(named.values())[-1]
     names = first.robot.joint_names
     runs = as_measurements(measurements, names=names, what="report(measurements=...)")
-    whole = None
+    all_runs = None
     if noise_from is not None:
-        whole = as_measurements(noise_from, names=names, what="report(noise_from=...)")
+        all_runs = as_measurements(
+            noise_from, names=names, what="report(noise_from=...)"
+        )
     diagnosis = (
         load_diagnosis(findings) if isinstance(findings, str | Path) else findings
     )
     progress("comparing")
     filtered = FilteredRuns.of(driven(first, runs)[1], first.preprocessing)
-    comparisons, judged = compare(named, filtered, noise_from=whole), {}
+    comparisons, judged = compare(named, filtered, noise_from=all_runs), {}
     for c in comparisons:
         rows = (run.all_rows(c.estimate.model) for run in filtered.runs)
         judged[c.name] = [(row, predicted(row, c.estimate.theta)) for row in rows]
@@ -114,9 +116,11 @@ def report(
         diagnosis,
     )
     progress("drawing")
-    made = [(make.__name__, title, make(material)) for title, make in _SECTIONS.items()]
+    sections_made = [
+        (make.__name__, title, make(material)) for title, make in _SECTIONS.items()
+    ]
     title = f"{material.last.robot.name}: identified dynamics"
-    write_text(out, page(title, made, script.read_text("utf-8")))
+    write_text(out, page(title, sections_made, script.read_text("utf-8")))
     return material.verdict
 
 
@@ -124,23 +128,25 @@ def _checks(
     models: Mapping[str, Estimate], runs: Measurements
 ) -> dict[str, list[dict[str, Any]]]:
     """What the check says of each run: as a model keeps it of its own, else asked now."""
-    kept: dict[str, Any] = {}
+    issues_by_run: dict[str, Any] = {}
     for model in models.values():
         known = model.provenance.get("checks")
-        kept |= known if isinstance(known, dict) else {}
-    fresh = [run for run in runs.runs() if run.data_hash not in kept]
+        issues_by_run |= known if isinstance(known, dict) else {}
+    fresh = [run for run in runs.runs() if run.data_hash not in issues_by_run]
     problem = list(models.values())[-1].problem
-    asked = []
+    reports_needed = []
     if fresh:
         from sdp_vs_penalty.checks import check  # takes longer to import than to draw
 
-        asked = check(problem, concatenate(fresh), thorough=False)
-    said = {
-        run.names[0]: kept[run.data_hash]
+        reports_needed = check(problem, concatenate(fresh), thorough=False)
+    issues_found = {
+        run.names[0]: issues_by_run[run.data_hash]
         for run in runs.runs()
-        if run.data_hash in kept
+        if run.data_hash in issues_by_run
     }
-    return said | {report.run: [f.to_dict() for f in report.issues] for report in asked}
+    return issues_found | {
+        report.run: [f.to_dict() for f in report.issues] for report in reports_needed
+    }
 
 
 def check_name(out: Path) -> None:

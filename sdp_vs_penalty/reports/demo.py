@@ -36,12 +36,12 @@ RUNS = ("run1.csv", "run2.csv", "test.csv")
 @dataclass(frozen=True)
 class Demo:
     """compared : each method's model judged on motion that it has not seen; failures,
-    found : of the last one; after : that model with what was found added; truth : what
+    diagnosis : of the last one; after : that model with what was found added; truth : what
     was hidden."""
 
     compared: list[Comparison]
     failures: Failures
-    found: Diagnosis
+    diagnosis: Diagnosis
     model: Estimate
     after: Comparison
     truth: str
@@ -61,12 +61,12 @@ def demo(
     plotly_script()  # nothing is worked out for a report that cannot be written
     problem = load_problem(ARM)
     progress("simulating three runs")
-    made = hidden_runs(
+    hidden_result = hidden_runs(
         problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS)
     )
-    for name, run in zip(RUNS, made.runs, strict=True):
+    for name, run in zip(RUNS, hidden_result.runs, strict=True):
         save(run, folder / name)
-    train, test = concatenate(list(made.train)), made.test
+    train, test = concatenate(list(hidden_result.train)), hidden_result.test
     models = {}
     filtered = read_and_filter(problem, train)
     for method in METHODS:
@@ -78,9 +78,9 @@ def demo(
     progress("comparing on motion that no model has seen")
     failures = where_it_fails(model, test)
     progress("looking for what is missing")
-    found = diagnose(model, train, test, seed=seed)
+    diagnosis = diagnose(model, train, test, seed=seed)
     progress("adding it")
-    sure = found.selected(confident=True) if found.sure else None
+    sure = diagnosis.selected(confident=True) if diagnosis.sure else None
     better = model if sure is None else add(model, sure, train, seed=seed)
     *compared, after = compare({**models, "with what was found": better}, test)
     for name, estimate, judged in (
@@ -97,8 +97,13 @@ def demo(
         test,
         folder / "report.html",
         commands=["sdp-vs-penalty demo"],
-        findings=found,
+        findings=diagnosis,
     )
     return Demo(
-        compared, failures, found, better, after, f"{HIDDEN} on joint {problem.robot.n}"
+        compared,
+        failures,
+        diagnosis,
+        better,
+        after,
+        f"{HIDDEN} on joint {problem.robot.n}",
     )

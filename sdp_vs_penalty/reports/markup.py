@@ -54,7 +54,9 @@ def bars(
     rows = []
     for j, (old, new) in enumerate(zip(olds, news, strict=True)):
         unit = "" if known else f" {plain_unit(units[j])}"
-        said = f"{new:.3g}{unit}" if after is None else f"{old:.3g} → {new:.3g}{unit}"
+        value_words = (
+            f"{new:.3g}{unit}" if after is None else f"{old:.3g} → {new:.3g}{unit}"
+        )
         change = new / old - 1.0 if old > 0.0 else 0.0
         kind = (
             "better" if change < -CHANGES else "worse" if change > CHANGES else "same"
@@ -77,7 +79,7 @@ def bars(
             name = f'<button type="button" class="action cell" {at}>{name}</button>'
         rows.append(
             f'<tr><th scope="row">{name}</th><td class="drawn">{shapes}</td>'
-            f'<td class="number">{said}</td>{note}</tr>'
+            f'<td class="number">{value_words}</td>{note}</tr>'
         )
     caption = "over the noise floor of each joint; grey: noise" if known else ""
     caption = f"{what} {caption or '(RMS) of each joint; noise floor unknown'}"
@@ -105,26 +107,28 @@ def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:
 
 
 def heat_rows(
-    failures: Sequence[Mapping[str, Any]], found: Mapping[str, Sequence[float]]
+    failures: Sequence[Mapping[str, Any]], shares_found: Mapping[str, Sequence[float]]
 ) -> list[tuple[str, list[float]]]:
     """Causes and findings with each joint's share, those that explain nothing anywhere
     left out.
 
     failures : of each joint `held_out_shares`, as JointFailure.to_dict() has it."""
     names = failures[0]["held_out_shares"] if failures else {}
-    every = {
-        **found,
+    cells_by_row = {
+        **shares_found,
         **{name: [f["held_out_shares"][name] for f in failures] for name in names},
     }
     return [
-        (name, list(shares)) for name, shares in every.items() if _per_cent(max(shares))
+        (name, list(shares))
+        for name, shares in cells_by_row.items()
+        if _per_cent(max(shares))
     ]
 
 
 def _per_cent(share: float) -> str:
     """Nothing for what rounds to zero."""
-    whole = round(100.0 * share)
-    return str(whole) if whole > 0 else ""
+    per_cent = round(100.0 * share)
+    return str(per_cent) if per_cent > 0 else ""
 
 
 def heat_map(
@@ -140,15 +144,15 @@ def heat_map(
     data-signal)."""
 
     def cell(name: str, j: int, share: float) -> str:
-        said = _per_cent(share)
+        share_words = _per_cent(share)
         if shown_by is None:
-            return said
-        told = f"joint {j}, {escape(name)}: {100.0 * share:.0f} %"
+            return share_words
+        label = f"joint {j}, {escape(name)}: {100.0 * share:.0f} %"
         look = (
             f'data-key="heat-{escape(name)}-{j}" data-signal="{shown_by.get(name, "")}"'
         )
-        kind = f'type="button" class="action cell" aria-label="{told}"'
-        return f'<button {kind} data-joint="{j}" {look}>{said}</button>'
+        kind = f'type="button" class="action cell" aria-label="{label}"'
+        return f'<button {kind} data-joint="{j}" {look}>{share_words}</button>'
 
     heads = "".join(f'<th scope="col">{j + 1}</th>' for j in range(n))
     body = ""
@@ -314,7 +318,7 @@ def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> s
 def _unwrapped(script: str) -> str:
     """Plotly's script without the function around it, which a browser reads twice: 2.1
     s, not 1.3."""
-    head, begins, rest = script.partition("() => {\n")
-    body, ends, _ = rest.rpartition("return Plotly;")
+    head, begins, tail = script.partition("() => {\n")
+    body, ends, _ = tail.rpartition("return Plotly;")
     known = begins and ends and body.startswith('"use strict";var Plotly=')
     return f"{head[: head.find('*/') + 2]}\n{body}" if known else script

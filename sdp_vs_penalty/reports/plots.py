@@ -88,8 +88,8 @@ class Figure:
     def to_json(self) -> str:
         """For plotly's script; numbers of arrays in single precision, which is finer
         than any screen."""
-        every = {"data": self.data, "layout": self.layout}
-        return json.dumps(every, default=_packed, separators=(",", ":"))
+        content = {"data": self.data, "layout": self.layout}
+        return json.dumps(content, default=_packed, separators=(",", ":"))
 
 
 def _number(panel: int) -> str:
@@ -152,11 +152,11 @@ def shifts(times: Sequence[Array]) -> list[float]:
 
 
 def torque_figure(
-    runs: Sequence[Curves], joint: int, unit: str, beside: bool = True
+    runs: Sequence[Curves], joint: int, unit: str, side_by_side: bool = True
 ) -> Figure:
     """Measured and modelled torque of a joint (from 0) and what is left, run after run;
-    ``beside`` : at the right of the torques, else below them."""
-    plot = Figure(columns=2, gap=0.16) if beside else Figure(rows=2)
+    ``side_by_side`` : at the right of the torques, else below them."""
+    plot = Figure(columns=2, gap=0.16) if side_by_side else Figure(rows=2)
 
     def curve(
         t: Array, values: Array, name: str, colour: str, shown: bool, panel: int = 0
@@ -183,7 +183,7 @@ def torque_figure(
             curve(run.t, measured - y, name, colour, False, 1)
     plot.update_axes("y", 0, title=f"joint {joint + 1} [{plain_unit(unit)}]")
     plot.update_axes("x", 1, title="time [s]")
-    if beside:
+    if side_by_side:
         return plot.update_axes("x", 0, title="time [s]")
     return plot.update_axes("y", 1, title=f"left [{plain_unit(unit)}]")
 
@@ -224,7 +224,9 @@ def missing_figure(
         plot.update_axes("x", title=names[0])
         return plot.update_axes("y", 0, title=f"joint {curve.joint} [{unit}]")
     half = 0.5 * (curve.upper - curve.lower)
-    told = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
+    hover_texts = [
+        f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)
+    ]
     marker = {
         "color": curve.torque,
         "colorscale": "RdBu",
@@ -234,7 +236,7 @@ def missing_figure(
     marker["colorbar"] = {"title": {"text": unit}}
     plot, (x, y) = Figure(), curve.points.T
     known: dict[str, Any] = {"mode": "markers", "name": "missing torque and its band"}
-    plot.add("scatter", x=x, y=y, marker=marker, text=told, **known)
+    plot.add("scatter", x=x, y=y, marker=marker, text=hover_texts, **known)
     if rows:
         look: dict[str, Any] = {
             "mode": "markers",

@@ -58,11 +58,11 @@ class ReportData:
     @property
     def verdict(self) -> Verdict:
         """That of the last model."""
-        ahead = "" if isinstance(self.forward, str) else self.forward.verdict
+        forward_verdict = "" if isinstance(self.forward, str) else self.forward.verdict
         missing = (
             "" if self.diagnosis is None else still_missing(self.diagnosis, self.last)
         )
-        return self.comparisons[-1].verdict_with(missing, ahead)
+        return self.comparisons[-1].verdict_with(missing, forward_verdict)
 
     @property
     def name(self) -> str:
@@ -88,7 +88,7 @@ def judged_row(c: Comparison) -> list[str]:
 def verdict(material: ReportData) -> str:
     """How good the last model is, what became of each joint's error, and each model in
     a line."""
-    said, first, last = (
+    verdict_record, first, last = (
         material.verdict,
         material.comparisons[0],
         material.comparisons[-1],
@@ -96,16 +96,16 @@ def verdict(material: ReportData) -> str:
     several = len(material.comparisons) > 1
     body = (
         '<p class="verdict'
-        f' {said.grade.replace(" ", "-")}">{markup.marked(said.headline)}</p>'
+        f' {verdict_record.grade.replace(" ", "-")}">{markup.marked(verdict_record.headline)}</p>'
     )
     if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
         body += f"<p><b>{escape(changed[0].upper() + changed[1:])}</b></p>"
     after, units = last.rmse if several else None, material.last.robot.torque_units
     body += markup.bars(first.rmse, after, last.noise_floor, units)
-    lines = [(line.about, line.grade, line.text) for line in said.lines]
+    lines = [(line.about, line.grade, line.text) for line in verdict_record.lines]
     body += table(("verdict", "grade", "why"), lines, numbers_from=3)
-    if said.remark:
-        body += text(said.remark)
+    if verdict_record.remark:
+        body += text(verdict_record.remark)
     body += table(
         ("model", *JUDGED_HEADS),
         list(map(judged_row, material.comparisons)),
@@ -131,7 +131,7 @@ def torques(material: ReportData) -> str:
     )
     moved = plots.shifts([run.motion.t for run, _ in first])
     modelled = [
-        {name: each[k][1] for name, each in material.judged.items()}
+        {name: curves_by_run[k][1] for name, curves_by_run in material.judged.items()}
         for k in range(len(first))
     ]
     runs = [
@@ -179,8 +179,10 @@ def _bands(material: ReportData, moved: Sequence[float]) -> list[tuple[Array, Ar
         keep = np.unique(
             np.linspace(0, len(t) - 1, min(len(t), plots.POINTS)).astype(int)
         )
-        few = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
-        half = NORMAL_95 * np.hypot(known.band(theta, few)[1], known.torque_noise)
+        columns_kept = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
+        half = NORMAL_95 * np.hypot(
+            known.band(theta, columns_kept)[1], known.torque_noise
+        )
         bands.append((t[keep], half))
     return bands
 
@@ -188,14 +190,16 @@ def _bands(material: ReportData, moved: Sequence[float]) -> list[tuple[Array, Ar
 def history(material: ReportData) -> str:
     """What each model added, and the error of every joint, model by model, above the
     noise."""
-    compared, made, known = material.comparisons, [], set[str]()
+    compared, history_parts, known = material.comparisons, [], set[str]()
     for name, estimate in material.models.items():
         new = ", ".join(e.brief for e in estimate.model.effects if e.text not in known)
-        made.append(
+        history_parts.append(
             (name, estimate.method, len(estimate.theta), new or "the same effects")
         )
         known |= {e.text for e in estimate.model.effects}
-    body = table(("model", "method", "parameters", "new effects"), made, numbers_from=4)
+    body = table(
+        ("model", "method", "parameters", "new effects"), history_parts, numbers_from=4
+    )
     names, errors = [f"RMSE {c.name}" for c in compared], [c.rmse for c in compared]
     floor, units = compared[-1].noise_floor, material.last.robot.torque_units
     body += table(*formatting.error_table(names, errors, floor, units, compared[-1].r2))
@@ -207,13 +211,15 @@ def history(material: ReportData) -> str:
 def forward(material: ReportData) -> str:
     """The last model run forward: after one step, 0.1 s ahead, and freely from the
     first state."""
-    made = material.forward
-    if isinstance(made, str):
-        return text(f"{material.name} cannot be simulated: {made}")
+    following = material.forward
+    if isinstance(following, str):
+        return text(f"{material.name} cannot be simulated: {following}")
     body = (
-        text(made.verdict) + table(*made.table(), numbers_from=2) + text(made.explained)
+        text(following.verdict)
+        + table(*following.table(), numbers_from=2)
+        + text(following.explained)
     )
-    if any(f.cut for f in made.free):
+    if any(f.cut for f in following.free):
         return body + text(
             "`report --forward` goes on to the run's end, and shows the positions."
         )
@@ -223,10 +229,12 @@ def forward(material: ReportData) -> str:
     runs = [
         plots.Curves(f.simulated.t + shift, f.measured, {material.name: f.simulated.q})
         for f, shift in zip(
-            made.free, plots.shifts([f.simulated.t for f in made.free]), strict=True
+            following.free,
+            plots.shifts([f.simulated.t for f in following.free]),
+            strict=True,
         )
     ]
-    for j, unit in enumerate(made.units):
+    for j, unit in enumerate(following.units):
         body += figure(plots.torque_figure(runs, j, unit), group="forward")
     return body
 
@@ -234,7 +242,7 @@ def forward(material: ReportData) -> str:
 def failures(material: ReportData) -> str:
     """Which cause explains how much of each joint's error, before and after, and in
     words."""
-    found = markup.found_shares(material.diagnosis, material.last.robot.n)
+    shares_found = markup.found_shares(material.diagnosis, material.last.robot.n)
     body = text(
         "How much of each joint's error a function of each cause explains on held-out"
         " data, in per cent; causes that explain nothing are left out. `sdp-vs-penalty"
@@ -242,12 +250,14 @@ def failures(material: ReportData) -> str:
     )
     maps = ""
     for name, failing in material.failures.items():
-        rows = markup.heat_rows([f.to_dict() for f in failing], {} if maps else found)
+        rows = markup.heat_rows(
+            [f.to_dict() for f in failing], {} if maps else shares_found
+        )
         maps += markup.heat_map(name, rows, len(failing))
     body += f'<div class="maps wide" tabindex="0">{maps}</div>'
     last = material.failures[material.name]
     units = material.last.robot.torque_units
-    said = [
+    table_rows = [
         (
             f.joint,
             " ".join(sentences(f, unit)),
@@ -257,26 +267,33 @@ def failures(material: ReportData) -> str:
         for f, unit in zip(last, units, strict=True)
     ]
     heads = ("joint", f"where {material.name} errs", "RMS error", "noise floor")
-    return body + table(heads, said, numbers_from=2)
+    return body + table(heads, table_rows, numbers_from=2)
 
 
 def findings(material: ReportData) -> str:
     """What a diagnosis says: verdict, what the last model still lacks, a row a finding,
     each curve."""
-    found = material.diagnosis
-    if found is None:
+    diagnosis = material.diagnosis
+    if diagnosis is None:
         return text("No diagnosis was given. Name one with `--findings findings.json`.")
     rows, units = [], material.last.robot.torque_units
-    for f in found.effects:
+    for f in diagnosis.effects:
         joint = f.joints[0] - 1 if f.joints else 0
-        errors = f.held_out_rmse_before, f.held_out_rmse_after, found.noise_floor
+        errors = f.held_out_rmse_before, f.held_out_rmse_after, diagnosis.noise_floor
         joints, rivals = (
             ", ".join(map(str, f.joints)),
             ", ".join(f.indistinguishable_from),
         )
-        own = (number(x[joint]) for x in errors)
+        cells_of_joint = (number(x[joint]) for x in errors)
         rows.append(
-            (f.effect, joints or "all", f.rating, f.size_text, rivals or "-", *own)
+            (
+                f.effect,
+                joints or "all",
+                f.rating,
+                f.size_text,
+                rivals or "-",
+                *cells_of_joint,
+            )
         )
     heads = (
         "effect",
@@ -287,29 +304,33 @@ def findings(material: ReportData) -> str:
         "held-out RMSE",
         "with it",
     )
-    told = f": {found.headline}" if found.effects else ""
-    body = text(f"In the model that was diagnosed{told}" if told else found.headline)
+    headline_words = f": {diagnosis.headline}" if diagnosis.effects else ""
+    body = text(
+        f"In the model that was diagnosed{headline_words}"
+        if headline_words
+        else diagnosis.headline
+    )
     body += (
-        text(f"In {material.name}: {still_missing(found, material.last)}")
-        if told
+        text(f"In {material.name}: {still_missing(diagnosis, material.last)}")
+        if headline_words
         else ""
     )
     if rows:
-        first, last = found.held_out_rmse_before, found.held_out_rmse_with_all
-        floor = found.noise_floor.tolist() if found.noise_known else None
+        first, last = diagnosis.held_out_rmse_before, diagnosis.held_out_rmse_with_all
+        floor = diagnosis.noise_floor.tolist() if diagnosis.noise_known else None
         body += text(
             "Held-out error of each joint before all findings and with all of them:"
         )
         body += markup.bars(list(first), list(last), floor, units)
         body += table((*heads, "noise floor"), rows, numbers_from=5)
-    body += text(found.left_sentence)
-    body += "".join(text(remark) for remark in found.remarks)
+    body += text(diagnosis.left_sentence)
+    body += "".join(text(remark) for remark in diagnosis.remarks)
     judged = material.judged[material.name]
     motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]
-    for curve in found.curves:
-        said = curve.sentence(units)
+    for curve in diagnosis.curves:
+        sentence = curve.sentence(units)
         plot = plots.missing_figure(curve, units, motions)
-        body += figure(plot, f"{said[0].upper()}{said[1:]}", 360)
+        body += figure(plot, f"{sentence[0].upper()}{sentence[1:]}", 360)
     return body
 
 
@@ -363,17 +384,19 @@ def cells(i: Interval, source: str = "", nominal: float = np.nan) -> tuple[str, 
 def caveats(estimate: Estimate) -> list[str]:
     """What to know before parameters are read, a sentence each; the verdict judges the
     links."""
-    sources, said = estimate.sources, []
+    sources, sentences = estimate.sources, []
     if law := estimate.details.get("servo"):
-        told = f"the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
-        said.append(f"No torque was logged: {told}")
+        sentence = (
+            f"the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
+        )
+        sentences.append(f"No torque was logged: {sentence}")
     if others := [source for source in sources if source != "data"]:
-        told = (
+        sentence = (
             f"{len(others)} of {len(sources)} standard parameters are from the"
             f" {others[0]}"
         )
-        said.append(f"{told}, not from the data: do not read them one by one.")
-    return said
+        sentences.append(f"{sentence}, not from the data: do not read them one by one.")
+    return sentences
 
 
 def arm(material: ReportData) -> str:
@@ -478,9 +501,14 @@ def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
 def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
     """What is certified of each, as the command line says it: a row a figure, its name
     first."""
-    told = [dict(e.certificate.summary()) for e in estimates]
-    names = dict.fromkeys(name for own in told for name in own)
-    return [[name, *(own.get(name, "-") for own in told)] for name in names]
+    summaries = [dict(e.certificate.summary()) for e in estimates]
+    names = dict.fromkeys(
+        name for summary_of_model in summaries for name in summary_of_model
+    )
+    return [
+        [name, *(summary_of_model.get(name, "-") for summary_of_model in summaries)]
+        for name in names
+    ]
 
 
 #: What the certificate says, and who computed it.
@@ -502,11 +530,13 @@ def certificate(material: ReportData) -> str:
 def data(material: ReportData) -> str:
     """What `sdp-vs-penalty check` says of the runs."""
     parts = []
-    for run, found in material.checks.items():
+    for run, issues_of_run in material.checks.items():
         parts.append(f"<h3>{escape(run)}</h3>")
-        if all(f["severity"] == "note" for f in found):
+        if all(f["severity"] == "note" for f in issues_of_run):
             parts.append(text("No problems found."))
-        for f in ({name: escape(str(x)) for name, x in f.items()} for f in found):
+        for f in (
+            {name: escape(str(x)) for name, x in f.items()} for f in issues_of_run
+        ):
             parts.append(
                 f'<div class="finding {f["severity"]}"><b>{f["kind"]}</b>'
                 f" ({f['where']}): {f['what']} "
@@ -522,7 +552,7 @@ def provenance(material: ReportData) -> str:
     for name, e in material.models.items():
         settings = ", ".join(f"{k}={v}" for k, v in e.settings.items())
         p, known = e.preprocessing, e.provenance
-        said = {
+        facts = {
             "method": f"{e.method} ({settings})",
             "effects": ", ".join(effect.brief for effect in e.model.effects),
             "filters": (
@@ -536,7 +566,7 @@ def provenance(material: ReportData) -> str:
                 f"{k} {v}" for k, v in known.get("versions", {}).items()
             ),
         }
-        rows += [(name, what, value) for what, value in said.items()]
+        rows += [(name, what, value) for what, value in facts.items()]
     body = table(("model", "what", "which"), rows, numbers_from=3)
     if material.commands:
         body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"

@@ -17,9 +17,9 @@ except ImportError as error:
     raise InputError(what, remedy) from error
 
 if not (hasattr(pinocchio, "rnea") and pinocchio.__version__.startswith("4.")):
-    found = getattr(pinocchio, "__file__", None) or "a namespace package"
+    location = getattr(pinocchio, "__file__", None) or "a namespace package"
     raise InputError(
-        f"`import pinocchio` finds {found}, which is not Pinocchio 4",
+        f"`import pinocchio` finds {location}, which is not Pinocchio 4",
         "take that folder off PYTHONPATH (a ROS set-up script puts it there), or run"
         " `pip uninstall pinocchio` (another package), then `pip install"
         " --force-reinstall 'pin>=4,<5'`",

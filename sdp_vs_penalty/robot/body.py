@@ -72,8 +72,8 @@ def around(
     all points are inside.
     """
     cloud = np.asarray(points, float)
-    few = np.array_split(directions(), 20)  # a cloud may have many points
-    extremes = cloud[np.unique([np.argmax(cloud @ d.T, axis=0) for d in few])]
+    chunk = np.array_split(directions(), 20)  # a cloud may have many points
+    extremes = cloud[np.unique([np.argmax(cloud @ d.T, axis=0) for d in chunk])]
     lifted = np.column_stack([extremes, np.ones(len(extremes))])
     weights = np.full(len(lifted), 1.0 / len(lifted))
     inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment

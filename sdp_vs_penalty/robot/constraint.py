@@ -75,9 +75,9 @@ def smallest_eigenvalue(values: Array) -> Array:
     sign = np.linalg.eigvalsh(values * t[..., :, None] * t[..., None, :])[..., 0]
     # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of
     # T^-2.
-    least = sign * np.min(t**-2, axis=-1)
+    smallest = sign * np.min(t**-2, axis=-1)
     return np.asarray(
-        np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, least))
+        np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, smallest))
     )
 
 
@@ -140,13 +140,18 @@ def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, 
         across = np.where(on_axis, s > 0.0, np.clip(0.5 * (1.0 + s / norm), 0.0, 1.0))
     a_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
     both = np.array([directions[:, 0] + a_ray, directions[:, 0] - a_ray]) / np.sqrt(2.0)
-    rest = np.sqrt(across)[:, None, None] * (
+    scaled_tail = np.sqrt(across)[:, None, None] * (
         directions[:, 1:] - ray[:, :, None] * a_ray[:, None]
     )
     rows = np.concatenate(
-        [(both * (ends > 0.0)[:, :, None]).reshape(-1, width), rest.reshape(-1, width)]
+        [
+            (both * (ends > 0.0)[:, :, None]).reshape(-1, width),
+            scaled_tail.reshape(-1, width),
+        ]
     )
-    return np.concatenate([ends.ravel(), np.zeros(rest.shape[0] * rest.shape[1])]), rows
+    return np.concatenate(
+        [ends.ravel(), np.zeros(scaled_tail.shape[0] * scaled_tail.shape[1])]
+    ), rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,11 +233,11 @@ class ConstraintSet:
         """Worst violation of each family, max(0, -margin), in the family's own units."""
         out: dict[str, float] = {}
         families = [c.family for c in self.convex] + [b.family for b in self.nonconvex]
-        found = [
+        worst_by_family = [
             *self.entries.margins(theta)[0],
             *(b.margin(theta) for b in self.nonconvex),
         ]
-        for family, margin in zip(families, found, strict=True):
+        for family, margin in zip(families, worst_by_family, strict=True):
             out[family] = max(out.get(family, 0.0), -float(margin))
         return out
 
@@ -277,12 +282,14 @@ class ConstraintSet:
     def stack_multipliers(self, multipliers: Mapping[Constraint, Array]) -> Array:
         """(e,) multipliers of the convex ones as ``entries`` has them; zero for those
         left out."""
-        every = (self.convex[k] for group in self.groups for k in group.places.tolist())
-        each = [
+        constraints = (
+            self.convex[k] for group in self.groups for k in group.places.tolist()
+        )
+        values = [
             multipliers[c] if c in multipliers else np.zeros_like(c.constant)
-            for c in every
+            for c in constraints
         ]
-        return np.concatenate([np.zeros(0), *(x.ravel() for x in each)])
+        return np.concatenate([np.zeros(0), *(x.ravel() for x in values)])
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
         """These and further ones."""
@@ -338,12 +345,12 @@ def group_cones(constraints: Sequence[Constraint]) -> list[ConeGroup]:
         groups.setdefault((c.cone, c.coefficients.shape), []).append(place)
     out = []
     for (cone, _), places in groups.items():
-        own = [
+        arrays = [
             (c.indices, c.constant, c.coefficients)
             for c in (constraints[k] for k in places)
         ]
         out.append(
-            ConeGroup(cone, np.array(places), *map(np.array, zip(*own, strict=True)))
+            ConeGroup(cone, np.array(places), *map(np.array, zip(*arrays, strict=True)))
         )
     return out
 
@@ -365,10 +372,10 @@ class StackedCones:
         rows, columns, values = [none], [none], [np.zeros(0)]
         for group in groups:
             flat = group.coefficients.reshape(*group.indices.shape, -1)
-            member, own, entry = np.nonzero(flat)
+            member, position, entry = np.nonzero(flat)
             rows.append(start + member * flat.shape[2] + entry)
-            columns.append(group.indices[member, own])
-            values.append(flat[member, own, entry])
+            columns.append(group.indices[member, position])
+            values.append(flat[member, position, entry])
             start += group.constant.size
         constant = np.concatenate(
             [np.zeros(0), *(group.constant.ravel() for group in groups)]
@@ -411,12 +418,12 @@ class StackedCones:
     def each(self, flat: Array) -> list[Array]:
         """Of each constraint its part of (e,)."""
         parts = zip(self.groups, self.split(flat), strict=True)
-        own = {
+        by_place = {
             k: x
             for group, part in parts
             for k, x in zip(group.places.tolist(), part, strict=True)
         }
-        return [own[k] for k in range(len(own))]
+        return [by_place[k] for k in range(len(by_place))]
 
 
 def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constraint:

@@ -53,12 +53,12 @@ def link_geometry(
     out: list[Geometry | None] = []
     for parts in placed_links(path, held):
         with errors_located_in(path):
-            found = [_shapes(Path(path), link, at) for link, at in parts]
-        every = [shape for part in found for shape in part or []]
-        cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in every)])
-        known = len(cloud) and None not in found
+            shapes_of_parts = [_shapes(Path(path), link, at) for link, at in parts]
+        shapes = [shape for part in shapes_of_parts for shape in part or []]
+        cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in shapes)])
+        known = len(cloud) and None not in shapes_of_parts
         out.append(
-            Geometry(cloud, sum(shape.volume for shape in every)) if known else None
+            Geometry(cloud, sum(shape.volume for shape in shapes)) if known else None
         )
     return out
 
@@ -172,16 +172,16 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
     """One shape about its own origin; None for numbers that describe none, or a mesh
     that is missing."""
     shape = next(iter(geometry), None) if geometry is not None else None
-    made: Geometry | None = None
+    body_geometry: Geometry | None = None
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     if shape is None:
         return None
     if shape.tag == "box":
         half = 0.5 * _lengths(shape, "size", 3)
-        made = Geometry(corners * half, float(8.0 * half.prod()))
+        body_geometry = Geometry(corners * half, float(8.0 * half.prod()))
     elif shape.tag == "sphere":
         (radius,) = _lengths(shape, "radius", 1)
-        made = Geometry(corners * radius, 4.0 / 3.0 * np.pi * radius**3)
+        body_geometry = Geometry(corners * radius, 4.0 / 3.0 * np.pi * radius**3)
     elif shape.tag in ("cylinder", "capsule"):
         radius, length = (
             x for name in ("radius", "length") for x in _lengths(shape, name, 1)
@@ -193,12 +193,16 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
         )  # a prism around it
         circle = outer * np.cos(turn), outer * np.sin(turn)
         prism = [np.column_stack([*circle, np.full(16, z)]) for z in (ends, -ends)]
-        made = Geometry(np.concatenate(prism), np.pi * radius**2 * length)
+        body_geometry = Geometry(np.concatenate(prism), np.pi * radius**2 * length)
     elif shape.tag == "mesh":
         scale = _lengths(shape, "scale", 3, "1 1 1")
-        made = _mesh(path, shape.get("filename") or "", scale)
-    known = made is not None and len(made.points) and np.all(np.isfinite(made.points))
-    return made if known else None
+        body_geometry = _mesh(path, shape.get("filename") or "", scale)
+    known = (
+        body_geometry is not None
+        and len(body_geometry.points)
+        and np.all(np.isfinite(body_geometry.points))
+    )
+    return body_geometry if known else None
 
 
 def _lengths(shape: Any, attribute: str, count: int, default: str = "") -> Array:
@@ -208,8 +212,8 @@ def _lengths(shape: Any, attribute: str, count: int, default: str = "") -> Array
     if np.any(np.abs(values) > LARGEST_LENGTH):
         text = shape.get(attribute)[:40]
         where = f"line {shape.sourceline}, <{shape.tag} {attribute}={text!r}>"
-        most = f"a length beyond {LARGEST_LENGTH:g} m"
-        raise InputError(f"{where} has {most}", "correct the file")
+        problem = f"a length beyond {LARGEST_LENGTH:g} m"
+        raise InputError(f"{where} has {problem}", "correct the file")
     return values
 
 
@@ -240,11 +244,11 @@ def _places(path: Path, filename: str) -> Iterator[Path]:
     if not filename.startswith(("package://", "model://")):
         yield folder / filename.removeprefix("file://")
         return
-    package, _, rest = filename.partition("://")[2].partition("/")
+    package, _, path_in_package = filename.partition("://")[2].partition("/")
     for above in (folder, *folder.parents):
         if above.name == package:
-            yield above / rest
-        yield above / package / rest
+            yield above / path_in_package
+        yield above / package / path_in_package
     for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         for root in filter(None, os.environ.get(variable, "").split(os.pathsep)):
-            yield Path(root) / inside / package / rest
+            yield Path(root) / inside / package / path_in_package

@@ -166,14 +166,16 @@ def resolve_mimic_joints(
                 )
                 raise InputError(what, "correct its <mimic>")
             step[k] = ratio * unit[names.index(leader)] + shift * unit[-1]
-    whole = np.linalg.matrix_power(step, len(tree))[
+    powers = np.linalg.matrix_power(step, len(tree))[
         :-1
     ]  # through all that others follow
-    for k in np.flatnonzero(np.delete(whole, [*free, -1], axis=1).any(axis=1)).tolist():
+    for k in np.flatnonzero(
+        np.delete(powers, [*free, -1], axis=1).any(axis=1)
+    ).tolist():
         raise InputError(
             f"joint {names[k]!r} mimics itself through others", "correct its <mimic>"
         )
-    matrix, offset = whole.take(free, axis=1), whole[:, -1]
+    matrix, offset = powers.take(free, axis=1), powers[:, -1]
     return tuple(tree[k] for k in free), Mechanism(
         tuple(tree), matrix, offset, tuple(massless)
     )
@@ -230,12 +232,12 @@ def parse_mechanism(
         raise InputError(
             f"mechanism: no joint is q{k + 1} itself", f'write "q{k + 1}" for one'
         )
-    own = same.argmax(axis=0).tolist()
+    first_same = same.argmax(axis=0).tolist()
     if not all(1 <= k <= len(tree) for k in massless):
         what = "mechanism: massless names a link that is not there"
         raise InputError(what, f"choose from 1 to {len(tree)}")
     places = tuple(sorted({k - 1 for k in massless}))
-    return tuple(tree[k] for k in own), Mechanism(
+    return tuple(tree[k] for k in first_same), Mechanism(
         tuple(tree), rows[:, :n], rows[:, -1], places
     )
 

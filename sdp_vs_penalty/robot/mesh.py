@@ -51,7 +51,7 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
             copy = Path(folder) / f"mesh{'.gltf' if suffix == '.glb' else suffix}"
             copy.write_bytes(text)
             factors = [float(x) for x in scale]
-            (found,) = parse_isolated(
+            (mesh,) = parse_isolated(
                 mesh_of, copy, factors, triangles, prepare=load_coal
             )
     except (
@@ -69,7 +69,7 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
         what = f"{path}: this mesh is left out ({str(why)[:200]})"
         warnings.warn(what, Remark, stacklevel=2)
         return None
-    return Mesh(found["vertices"], found["triangles"], abs(float(found["volume"][0])))
+    return Mesh(mesh["vertices"], mesh["triangles"], abs(float(mesh["volume"][0])))
 
 
 def load_coal() -> None:

@@ -351,13 +351,13 @@ class Robot(JsonRecordSkippingNone):
         """
         states = self.tree_state(q, dq, ddq)
         out = np.empty((len(states[0]), len(self.tree), 10 * len(self.tree)))
-        made, model, data = (
+        rows, model, data = (
             self._pin.computeJointTorqueRegressor,
             self._model,
             self._model.createData(),
         )
         for k, row in enumerate(zip(*states, strict=True)):
-            out[k] = made(model, data, *row)
+            out[k] = rows(model, data, *row)
         blocks = self._projected(out).reshape(len(out), self.n, -1, 10)
         if self.mechanism is not None:
             blocks = blocks[:, :, list(self.link_joints)]
@@ -419,19 +419,19 @@ class Robot(JsonRecordSkippingNone):
         that Pinocchio derives (Carpentier, Mansard, RSS 2018).
         """
         pin, state = self._pin, np.array(self.tree_state(q, dq, ddq))
-        own = 7 * np.arange(len(self.tree)) + 6  # the tree's joints in the longer one
-        virtual = (own[:, None] - 6 + np.arange(6)).ravel()
-        states = np.zeros((3, state.shape[1], 7 * len(own)))
-        states[:, :, own] = state
-        out, wanted = (
-            np.zeros((state.shape[1], len(own), len(virtual))),
-            np.ix_(own, virtual),
+        rows = 7 * np.arange(len(self.tree)) + 6  # the tree's joints in the longer one
+        virtual = (rows[:, None] - 6 + np.arange(6)).ravel()
+        states = np.zeros((3, state.shape[1], 7 * len(rows)))
+        states[:, :, rows] = state
+        out, derivatives = (
+            np.zeros((state.shape[1], len(rows), len(virtual))),
+            np.ix_(rows, virtual),
         )
         for sign, inertias in self._signed(theta):
             model = pin.Model()
             model.gravity = self._model.gravity
             for i, one in enumerate(self.tree):
-                parent = 0 if one.parent == -1 else int(own[one.parent]) + 1
+                parent = 0 if one.parent == -1 else int(rows[one.parent]) + 1
                 pose = inertias.jointPlacements[i + 1]
                 for k in range(6):
                     kind = (
@@ -448,8 +448,8 @@ class Robot(JsonRecordSkippingNone):
             data = model.createData()
             for k, row in enumerate(np.swapaxes(states, 0, 1)):
                 pin.computeRNEADerivatives(model, data, *row)
-                out[k] += sign * data.dtau_dq[wanted]
-        return self._projected(out).reshape(len(out), self.n, len(own), 6)
+                out[k] += sign * data.dtau_dq[derivatives]
+        return self._projected(out).reshape(len(out), self.n, len(rows), 6)
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
         """(N, 6, n) of a tree joint's frame: linear, then angular velocity, in world

@@ -52,10 +52,8 @@ class FourierTrajectory:
             or self.duration <= 2.0 * self.blend
             or self.frequency <= 0.0
         ):
-            each = f"blend {self.blend:g} s, duration {self.duration:g} s"
-            what = (
-                f"trajectory: {each} and frequency {self.frequency:g} rad/s do not fit"
-            )
+            settings = f"blend {self.blend:g} s, duration {self.duration:g} s"
+            what = f"trajectory: {settings} and frequency {self.frequency:g} rad/s do not fit"
             raise InputError(
                 what, "make all positive, and the duration above twice the blend"
             )
@@ -171,10 +169,10 @@ def shortest_moves(
     d = np.abs(np.diff(points, axis=0))
     # Extremes of the smooth step's derivatives, one to three.
     extremes = (35.0 / 16.0, velocity), (7.5132, acceleration), (52.5, jerk)
-    each = [
+    durations = [
         (c * d / limit) ** (1.0 / k) for k, (c, limit) in enumerate(extremes, start=1)
     ]
-    return np.maximum(np.max(each, axis=(0, 2)), 1e-2)
+    return np.maximum(np.max(durations, axis=(0, 2)), 1e-2)
 
 
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:

@@ -73,12 +73,12 @@ def _numbers(
     values = numbers_of(text, len(default))
     if not np.all(np.abs(values) <= largest):
         where = f"line {element.sourceline}, <{element.tag} {attribute}={text[:40]!r}>"
-        wanted = formatting.count(len(default), "number")
+        expected = formatting.count(len(default), "number")
         if np.isfinite(largest):
-            wanted = (
+            expected = (
                 f"{formatting.count(len(default), 'finite number')}, up to {largest:g}"
             )
-        raise InputError(f"{where} must hold {wanted}", "correct the file")
+        raise InputError(f"{where} must hold {expected}", "correct the file")
     return list(values.tolist())
 
 
@@ -152,10 +152,13 @@ def load_urdf(
         followers = {n: f for n, f in _followers(root).items() if n in moving}
         joints, mechanism = resolve_mimic_joints(tree, followers, massless)
         transmission = _transmission(root, [joint.name for joint in joints])
-    name, given = root.get("name") or Path(path).stem, tuple(map(float, gravity))
-    kept = [x for k, x in enumerate(nominal) if k not in massless]
-    robot = Robot(name, joints, given, transmission, mechanism, still)
-    return robot, np.array(kept)
+    name, gravity_vector = (
+        root.get("name") or Path(path).stem,
+        tuple(map(float, gravity)),
+    )
+    nominal_with_mass = [x for k, x in enumerate(nominal) if k not in massless]
+    robot = Robot(name, joints, gravity_vector, transmission, mechanism, still)
+    return robot, np.array(nominal_with_mass)
 
 
 def _followers(root: Any) -> dict[str, Follower]:
@@ -177,18 +180,21 @@ def placed_links(
     parts = _read(path, held)[2]
     with errors_located_in(path):
         massless = _weighed(parts)[1]
-    return [own for k, own in enumerate(parts) if k not in massless]
+    return [elements for k, elements in enumerate(parts) if k not in massless]
 
 
 def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
     """(10,) of each moving link with what is fixed to it; which links say themselves
     that they have no mass, beside others that have one."""
     moved = [
-        [inertia.transform(at) @ read_inertial(e) for e, at in own] for own in parts
+        [inertia.transform(at) @ read_inertial(e) for e, at in elements]
+        for elements in parts
     ]
-    nominal = [np.sum(own, axis=0) for own in moved]
-    said = [any(e.find("inertial") is not None for e, _ in own) for own in parts]
-    none = tuple(k for k, x in enumerate(nominal) if said[k] and not x.any())
+    nominal = [np.sum(elements, axis=0) for elements in moved]
+    has_inertial = [
+        any(e.find("inertial") is not None for e, _ in elements) for elements in parts
+    ]
+    none = tuple(k for k, x in enumerate(nominal) if has_inertial[k] and not x.any())
     return nominal, none if any(x.any() for x in nominal) else ()
 
 
@@ -303,9 +309,9 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
         children[parent].append(element)
     roots = [name for name in links if name not in carried]
     if len(roots) != 1:
-        found = ", ".join(roots[:5]) if roots else "none, the joints form a loop"
+        root_names = ", ".join(roots[:5]) if roots else "none, the joints form a loop"
         raise InputError(
-            f"one link without a parent joint is needed (found: {found})",
+            f"one link without a parent joint is needed (found: {root_names})",
             "give one base",
         )
     return links, children, roots[0]

@@ -77,16 +77,16 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
     freedom."""
     count = len(pieces.predicted)
     if count < 4 * ORDER:
-        every = np.concatenate([x[p] for p in pieces]) if pieces else x
+        samples = np.concatenate([x[p] for p in pieces]) if pieces else x
         return (
             np.zeros(ORDER),
-            max(float(every.std()), 1e-12),
-            max(len(every) - 1.0, 1.0),
+            max(float(samples.std()), 1e-12),
+            max(len(samples) - 1.0, 1.0),
         )
     matrix, target = np.column_stack([x[k] for k in pieces.past]), x[pieces.predicted]
     a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
-    rest = target - matrix @ a
-    sigma = float(np.sqrt(rest @ rest / (count - ORDER)))
+    residual = target - matrix @ a
+    sigma = float(np.sqrt(residual @ residual / (count - ORDER)))
     smallest = max(1e-9 * float(np.abs(x).max(initial=1.0)), 1e-15)
     return np.asarray(a, float), max(sigma, smallest), float(count - ORDER)
 
@@ -146,19 +146,19 @@ def lone_windows(
         x for p in pieces for x in np.array_split(p, max(1, round(len(p) / size)))
     ]
     for length in LENGTHS:
-        around = partial(np.convolve, np.ones(length), mode="same")
+        moving_sum = partial(np.convolve, np.ones(length), mode="same")
         energy, slowly = np.full(len(white), -np.inf), np.zeros(len(white), bool)
         for piece in pieces:  # of the window around each row
             if len(piece) >= length:
                 with np.errstate(divide="ignore"):  # no energy: minus infinity
-                    energy[piece] = np.log(around(white[piece] ** 2))
-                slowly[piece] = around(slow[piece]) > 0.5
+                    energy[piece] = np.log(moving_sum(white[piece] ** 2))
+                slowly[piece] = moving_sum(slow[piece]) > 0.5
         for kind in (slowly, ~slowly):
-            own = np.where(kind, energy, -np.inf)
-            largest = np.array([own[rows].max() for rows in stretches])
+            energy_of_kind = np.where(kind, energy, -np.inf)
+            largest = np.array([energy_of_kind[rows].max() for rows in stretches])
             known = np.sort(largest[np.isfinite(largest)])[::-1]
             for row in np.flatnonzero(
-                own > _tail_limit(known, 2 * len(LENGTHS) * tests)
+                energy_of_kind > _tail_limit(known, 2 * len(LENGTHS) * tests)
             ):
                 mask[max(row - length // 2, 0) : row - length // 2 + length] = True
     return mask
@@ -184,9 +184,9 @@ def _tail_limit(values: Array, tests: int) -> float:
     return np.inf
 
 
-def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
+def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     """(K,) standard deviation of white noise as the motion modulates it, on rows
-    ``wanted`` (K, r), around 1 on those of ``white``.
+    ``at`` (K, r), around 1 on those of ``white``.
 
     A log's clock that jitters turns rates of change into noise: its variance is
     modelled as a + sum b_i rate_i with a, b_i >= 0, rates (M, r) squared, from squares
@@ -197,15 +197,15 @@ def noise_profile(white: Array, rates: Array, wanted: Array) -> Array:
 
     used = white != 0.0
     if used.sum() < 20 * (rates.shape[1] + 1):
-        return np.ones(len(wanted))
+        return np.ones(len(at))
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
     squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
     law = nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
     level = float(law.sum())
     if level <= 0.0:
-        return np.ones(len(wanted))
-    variance = (law[0] + (wanted / size) @ law[1:]) / level
+        return np.ones(len(at))
+    variance = (law[0] + (at / size) @ law[1:]) / level
     return np.sqrt(np.clip(variance, 1.0 / ABOVE, ABOVE))
 
 

@@ -47,7 +47,7 @@ class FilteredChunk:
     around them, the low-pass from there to the rows, the same of smooth columns, motion
     and torque at the rows."""
 
-    around: Motion
+    column_motion: Motion
     low_pass: Decimator
     smooth: Motion
     smooth_low_pass: Decimator
@@ -80,10 +80,14 @@ class _ChunkCache:
         }
         known = {k: read() for k, read in reads.items()}
         smooth = None if model.needs_reference else piece.smooth
-        made = model.blocks(piece.around, known, smooth)
-        few = [k for k in made if smooth is not None and effects[k].smooth]
-        known |= low_passed(piece.smooth_low_pass, {k: made.pop(k) for k in few})
-        known |= low_passed(piece.low_pass, made)
+        computed = model.blocks(piece.column_motion, known, smooth)
+        smooth_effects = [
+            k for k in computed if smooth is not None and effects[k].smooth
+        ]
+        known |= low_passed(
+            piece.smooth_low_pass, {k: computed.pop(k) for k in smooth_effects}
+        )
+        known |= low_passed(piece.low_pass, computed)
         put = partial(partial, list) if self.shelf is None else self.shelf.put
         self.columns = [
             (effect, width, reads.get(k) or put(known[k]))
@@ -101,13 +105,14 @@ def low_passed(
 ) -> dict[int, list[Block]]:
     """Effects' columns at the rows: by one product, which reads the low-pass once for
     all."""
-    every = [b.columns.T for own in blocks.values() for b in own]
-    if not every:
+    columns = [b.columns.T for effect_blocks in blocks.values() for b in effect_blocks]
+    if not columns:
         return dict(blocks)
-    ends = np.cumsum([len(x) for x in every])
-    parts = iter(np.split(low_pass @ np.vstack(every).T, ends[:-1], axis=1))
+    ends = np.cumsum([len(x) for x in columns])
+    parts = iter(np.split(low_pass @ np.vstack(columns).T, ends[:-1], axis=1))
     return {
-        k: [replace(b, columns=next(parts)) for b in own] for k, own in blocks.items()
+        k: [replace(b, columns=next(parts)) for b in effect_blocks]
+        for k, effect_blocks in blocks.items()
     }
 
 
@@ -144,18 +149,18 @@ class FilteredRun:
     @cached_property
     def simulated(self) -> FilteredRun:
         """The motion "qsim" that the run holds beside its own, at the same instants."""
-        told = dict(self.run.commanded)
-        if "isim" in told:
-            told["isum"] = told["isim"]
-        run = replace(self.run, q=told["qsim"], commanded=told)
+        commanded = dict(self.run.commanded)
+        if "isim" in commanded:
+            commanded["isum"] = commanded["isim"]
+        run = replace(self.run, q=commanded["qsim"], commanded=commanded)
         return FilteredRun(run, self.settings, self.moving)
 
     def rows(self, model: Model) -> Iterator[Rows]:
         """The regression rows, piece by piece, in the columns of a model."""
         # What an effect with memory remembers has to be followed sample by sample, from
         # the start.
-        whole = any(effect.has_memory for effect in model.effects)
-        return (kept.rows(model) for kept in self._pieces(whole))
+        uncut = any(effect.has_memory for effect in model.effects)
+        return (chunk.rows(model) for chunk in self._pieces(uncut))
 
     def all_rows(self, model: Model) -> Rows:
         """All of them at once."""
@@ -170,7 +175,7 @@ class FilteredRun:
     def states(self) -> Iterator[Motion]:
         """The states at the rows, piece by piece, without columns: enough to judge
         data."""
-        return (kept.read().rows for kept in self._pieces(False))
+        return (chunk.read().rows for chunk in self._pieces(False))
 
     @property
     def step(self) -> int:
@@ -188,25 +193,25 @@ class FilteredRun:
         kernel = self.filters.column.value
         return float(1.0 / (self.step * (kernel @ kernel)))
 
-    def _pieces(self, whole: bool) -> list[_ChunkCache]:
-        """The run cut into pieces; ``whole``: where effects remember, each stretch
+    def _pieces(self, uncut: bool) -> list[_ChunkCache]:
+        """The run cut into pieces; ``uncut``: where effects remember, each stretch
         sample by sample."""
-        if whole not in self._kept:
+        if uncut not in self._kept:
             shelf = DiskCache() if self.run.q.size > SAMPLES else None
             put: Any = (lambda piece: lambda: piece) if shelf is None else shelf.put
-            self._kept[whole] = [
-                _ChunkCache(put(piece), shelf) for piece in self._cut(whole)
+            self._kept[uncut] = [
+                _ChunkCache(put(piece), shelf) for piece in self._cut(uncut)
             ]
-        return self._kept[whole]
+        return self._kept[uncut]
 
-    def _cut(self, whole: bool) -> Iterator[FilteredChunk]:
-        filters = self.filters.every_sample if whole else self.filters
-        margin, found = filters.state.half + filters.column.half, False
+    def _cut(self, uncut: bool) -> Iterator[FilteredChunk]:
+        filters = self.filters.every_sample if uncut else self.filters
+        margin, has_rows = filters.state.half + filters.column.half, False
         for part in split_at_gaps(self.run):
             outputs = np.arange(margin, part.count - margin, self.step)
             at_once = (
                 len(outputs)
-                if whole or self.run.q.size <= SAMPLES
+                if uncut or self.run.q.size <= SAMPLES
                 else PART // self.step
             )
             for start in range(0, len(outputs), max(at_once, 1)):
@@ -214,7 +219,7 @@ class FilteredRun:
                 keep = self.moving.at(part.clock(at))
                 if not keep.any():
                     continue
-                found = True
+                has_rows = True
                 motion, smooth = filters.around(part, at)
                 local = (at[keep] - at[0]) // filters.stride + filters.coarse.half
                 coarse = (
@@ -233,7 +238,7 @@ class FilteredRun:
                     ),
                     filters.torque(part, at[keep]),
                 )
-        if not found:
+        if not has_rows:
             raise no_rows(self.run, 2 * margin * filters.dt)
 
 
@@ -259,6 +264,6 @@ class FilteredRuns:
 
 def joined(pieces: Iterable[Motion]) -> Motion:
     """The states of several motions, one after the other."""
-    every = ((m.t, m.q, m.dq, m.ddq) for m in pieces)
-    t, q, dq, ddq = (np.concatenate(parts) for parts in zip(*every, strict=True))
+    states = ((m.t, m.q, m.dq, m.ddq) for m in pieces)
+    t, q, dq, ddq = (np.concatenate(parts) for parts in zip(*states, strict=True))
     return Motion(t, q, dq, ddq)

@@ -35,22 +35,22 @@ class Decimator:
         self.blocks: list[tuple[slice, Array]] = []
         known: dict[bytes, Array] = {}  # evenly spaced rows share one block
         for start in range(0, len(at), 16):
-            few = at[start : start + 16]
-            places = few - few[0]
+            block_rows = at[start : start + 16]
+            places = block_rows - block_rows[0]
             block = known.get(places.tobytes())
             if block is None:
                 block = known[places.tobytes()] = np.zeros(
-                    (len(few), places[-1] + size)
+                    (len(block_rows), places[-1] + size)
                 )
                 taps = places[:, None] + np.arange(size)
-                block[np.arange(len(few))[:, None], taps] = kernel.value[::-1]
-            begin = int(few[0]) - kernel.half
+                block[np.arange(len(block_rows))[:, None], taps] = kernel.value[::-1]
+            begin = int(block_rows[0]) - kernel.half
             self.blocks.append((slice(begin, begin + block.shape[1]), block))
 
     def __matmul__(self, x: Array) -> Array:
         """Of x (N, ...) the rows (M, ...)."""
         flat = x.reshape(len(x), int(np.prod(x.shape[1:])))
-        parts = [block @ flat[around] for around, block in self.blocks]
+        parts = [block @ flat[samples] for samples, block in self.blocks]
         return np.concatenate([flat[:0], *parts]).reshape(len(self.at), *x.shape[1:])
 
     def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
@@ -134,11 +134,11 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
     (scipy.signal does the same, but its import takes longer than to identify a robot.)
     """
     length = fft.next_fast_len(len(x), real=True)
-    spectrum, found = fft.rfft(x.T, length), list[Array]()
+    spectrum, filtered = fft.rfft(x.T, length), list[Array]()
     for kernel in kernels:
         out = fft.irfft(spectrum * fft.rfft(kernel, length), length)
-        found.append(out[:, len(kernel) - 1 : len(x)].T)
-    return found
+        filtered.append(out[:, len(kernel) - 1 : len(x)].T)
+    return filtered
 
 
 def _moment_factor(

@@ -86,8 +86,11 @@ def record_motion(runs: FilteredRuns) -> MotionRecord | None:
     first = total = square = np.zeros(2 * n)
     for rows in _paths(runs):
         first = first if count else rows[0]
-        count, away = count + len(rows), rows - first
-        total, square = total + away.sum(axis=0), square + np.sum(away**2, axis=0)
+        count, displacement = count + len(rows), rows - first
+        total, square = (
+            total + displacement.sum(axis=0),
+            square + np.sum(displacement**2, axis=0),
+        )
     if not count:
         return None
     spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0)).reshape(
@@ -133,15 +136,19 @@ def _record(
 def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
     """Few points of each path, and only where it has not been before; None for too
     many."""
-    lines, seen = list[Array](), 0
+    lines, n_read = list[Array](), 0
     for path in paths:
         start = 0
         while not start or start < len(path):
             # A quarter of all before is looked up at a time, so that a long path takes
             # few looks and its first periods are enough for the later ones; and one row
             # more, to the next part.
-            few = min(max(200, seen // 4), PART)
-            rows, start, seen = path[start : start + few + 1], start + few, seen + few
+            n_picked = min(max(200, n_read // 4), PART)
+            rows, start, n_read = (
+                path[start : start + n_picked + 1],
+                start + n_picked,
+                n_read + n_picked,
+            )
             fresh = np.ones(len(rows), bool)
             if lines:
                 fresh = ~_near(_tree(lines, distance), rows, _NEAR * distance)
@@ -176,13 +183,13 @@ def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
     return np.isfinite(tree.query(rows, p=np.inf, distance_upper_bound=reach)[0])
 
 
-def _straight(rows: Array, beside: float) -> Array:
-    """Rows between which straight lines pass all the others within ``beside``: halved
+def _straight(rows: Array, tolerance: float) -> Array:
+    """Rows between which straight lines pass all the others within ``tolerance``: halved
     until they do."""
-    each, knots = np.arange(float(len(rows))), np.unique([0, len(rows) - 1])
+    index, knots = np.arange(float(len(rows))), np.unique([0, len(rows) - 1])
     while len(knots) > 1:
-        line = interpolated(each, knots, rows[knots])
-        off = np.flatnonzero(np.abs(rows - line).max(axis=1) > beside)
+        line = interpolated(index, knots, rows[knots])
+        off = np.flatnonzero(np.abs(rows - line).max(axis=1) > tolerance)
         if not len(off):
             break
         far = np.unique(np.searchsorted(knots, off))

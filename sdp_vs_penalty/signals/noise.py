@@ -100,23 +100,27 @@ class Noise:
         return np.asarray(white / (scale if values.ndim == 1 else scale[:, None]))
 
 
-def noise_of(runs: SegmentedRuns, whole: SegmentedRuns | None = None) -> Noise:
+def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> Noise:
     """The noise from repetition; where too little repeats from the torque's spectrum,
     at most the model's residual, or from that residual alone, and then taken for white:
     a colour would be that of the model's error, and hide what is looked for.
 
-    whole : all that was measured, where ``runs`` are windows of it: the noise is that
+    noise_runs : all that was measured, where ``runs`` are windows of it: the noise is that
     of the whole, which may repeat what a window does not; profile, suspect and repeats
     are of the rows of ``runs``.
     """
-    known = _from_repetition(whole or runs, runs)
+    known = _from_repetition(noise_runs or runs, runs)
     if known is not None:
         return known
     guess, floor = noise_in(runs, runs.residual), spectral_floor(runs)
-    least = guess.floor if floor is None else np.minimum(floor, guess.floor)
+    floor_estimate = guess.floor if floor is None else np.minimum(floor, guess.floor)
     source = RESIDUAL if floor is None else SPECTRUM
     return replace(
-        guess, floor=least, sigma=least, ar=np.zeros_like(guess.ar), source=source
+        guess,
+        floor=floor_estimate,
+        sigma=floor_estimate,
+        ar=np.zeros_like(guess.ar),
+        source=source,
     )
 
 
@@ -159,7 +163,7 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     n, count = runs.n, len(runs.t)
     difference, both = differences(runs, repeats), pairs(repeats)
     index, later = both.T
-    every, stuck = (
+    differences_of_repeats, stuck = (
         Pieces(consecutive(repeats)),
         runs.unexplained_standstill_torque[1][index]
         | runs.unexplained_standstill_torque[1][later],
@@ -188,21 +192,29 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
         laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
         drift = gap[:, None] * np.column_stack([laws, since[:, None] * laws])
         drift /= nonzero_or_one(np.linalg.norm(drift, axis=0))
-        pieces = _without(every, stuck[:, j])
-        rest, good = _without_events(
+        pieces = _without(differences_of_repeats, stuck[:, j])
+        differences_without_drift, good = _without_events(
             difference[:, j], drift, rates[j][index], pieces, n, comes_back
         )
         steady = Pieces(p[good[p]] for p in pieces)
-        ar[j], own, free = autoregression(rest, steady)
+        ar[j], deviation, free = autoregression(differences_without_drift, steady)
         used, rank = (
             sum(map(len, steady)),
             int(np.linalg.matrix_rank(drift * good[:, None])),
         )
         left = max(used - rank, 1)  # slow columns take noise with them
-        floor[j] = np.sqrt(sum(np.sum(rest[p] ** 2) for p in steady) / left)
-        sigma[j], degrees[j] = own * np.sqrt(used / left), max(share * free - rank, 1.0)
+        floor[j] = np.sqrt(
+            sum(np.sum(differences_without_drift[p] ** 2) for p in steady) / left
+        )
+        sigma[j], degrees[j] = (
+            deviation * np.sqrt(used / left),
+            max(share * free - rank, 1.0),
+        )
         # Known on the rows that repeat, wanted on all.
-        white = steady.filter(ar[j], len(rest)) @ rest
+        white = (
+            steady.filter(ar[j], len(differences_without_drift))
+            @ differences_without_drift
+        )
         swell = noise_profile(white, rates[j][index], rates[j])
         floor[j] *= np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
         profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
@@ -222,14 +234,14 @@ def _carried(
     out = []
     for window in shown.segments:
         marked = np.zeros((len(window.t), runs.n), bool)
-        for number, whole in enumerate(runs.segments):
-            if is_part(window, whole):
-                own, at = (
+        for number, source_segment in enumerate(runs.segments):
+            if is_part(window, source_segment):
+                rows_here, at = (
                     suspect[runs.segment == number],
-                    np.searchsorted(whole.t, window.t),
+                    np.searchsorted(source_segment.t, window.t),
                 )
                 for k in (at - 1, at):
-                    marked |= own[np.clip(k, 0, len(own) - 1)]
+                    marked |= rows_here[np.clip(k, 0, len(rows_here) - 1)]
         out.append(marked)
     return np.concatenate(out)
 
@@ -259,17 +271,19 @@ def _without_events(
     no events."""
     good = np.ones(len(x), bool)
     for _ in range(3):
-        rest = x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
-        ar = autoregression(rest, Pieces(p[good[p]] for p in pieces))[0]
-        white = pieces.filter(ar, len(rest)) @ rest
+        without_drift = (
+            x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+        )
+        ar = autoregression(without_drift, Pieces(p[good[p]] for p in pieces))[0]
+        white = pieces.filter(ar, len(without_drift)) @ without_drift
         white /= noise_profile(white, rates, rates)
         white /= max(robust_scale(white[white != 0.0]), 1e-12)
-        odd = local_excess(white, pieces, tests, len(x))
-        odd &= ~comes_back(odd)
-        good = ~odd
+        is_event = local_excess(white, pieces, tests, len(x))
+        is_event &= ~comes_back(is_event)
+        good = ~is_event
         if good.mean() < 1.0 - RARE:
             good[:] = True  # noise that is not stationary, rather than an event
-    return rest, good
+    return without_drift, good
 
 
 def rate_features(runs: SegmentedRuns) -> Array:
@@ -288,10 +302,10 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     mean over w of S |H|^2. None where the logs show nothing above the motion, only what
     a filter has left of it, or what comes and goes with the motion."""
     stretches = [s.stretch for s in runs.segments]
-    found = torque_spectrum(stretches, runs.cutoff)
-    if found is None or any(found[2:]):
+    spectrum = torque_spectrum(stretches, runs.cutoff)
+    if spectrum is None or any(spectrum[2:]):
         return None
-    (frequency, density, *_), dt = found, stretches[0].dt
+    (frequency, density, *_), dt = spectrum, stretches[0].dt
     kernel = Kernel(runs.cutoff, dt).value
     size = max(2 * len(frequency) - 2, 4 * len(kernel))
     passed = np.interp(

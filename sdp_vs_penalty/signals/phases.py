@@ -64,16 +64,16 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
     for k, track in enumerate(tracks):
         t, period = track[0], repeat_period(*track)
         length = float(t[-1] - t[0]) if period is None else period
-        own = MotionClock(k, float(t[0]), length, period is not None)
+        clock = MotionClock(k, float(t[0]), length, period is not None)
         for other, there in zip(clocks, tracks, strict=False):
-            both = own.periodic and other.periodic
+            both = clock.periodic and other.periodic
             if both and abs(other.length - length) > ALIKE * length:
                 continue
             lag = repeat_lag(there, track, *([0.6 * length] if both else []))
             if lag is not None:
-                own = replace(other, start=other.start + lag)
+                clock = replace(other, start=other.start + lag)
                 break
-        clocks.append(own)
+        clocks.append(clock)
     return tuple(clocks)
 
 

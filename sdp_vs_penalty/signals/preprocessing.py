@@ -93,7 +93,7 @@ class Preprocessing:
             )
 
     def resolve(
-        self, measurements: Measurements, least: float | None = None
+        self, measurements: Measurements, lowest_cutoff: float | None = None
     ) -> Preprocessing:
         """The same settings with every number filled in for these measurements. least :
         where the states' cut-off begins [Hz]; by default ten times the motion's highest
@@ -101,7 +101,7 @@ class Preprocessing:
         rate = min(sample_rate(run) for run in measurements.runs())
         state, highest = self.state_cutoff, rate / 10.0
         if state is None:
-            state = least or 10.0 * max(
+            state = lowest_cutoff or 10.0 * max(
                 highest_harmonic(run) for run in measurements.runs()
             )
         state = min(state, highest)
@@ -151,9 +151,9 @@ class RunFilter:
             self.step(OVERSAMPLING),
             settings.torque_cutoff + 4.0 * settings.state_cutoff,
         )
-        most = max(1.0, 1.0 / (STOPS * highest * self.dt))
+        highest_stride = max(1.0, 1.0 / (STOPS * highest * self.dt))
         self.smooth_stride = max(
-            k for k in range(1, step + 1) if step % k == 0 and k <= most
+            k for k in range(1, step + 1) if step % k == 0 and k <= highest_stride
         )
         self.smooth = self.column.sampled(self.smooth_stride)
         self.standstill = settings.standstill
@@ -185,9 +185,9 @@ class RunFilter:
         reach = [self.stride * self.coarse.half, self.smooth_stride * self.smooth.half]
         first, last = at[0] - max(reach), at[-1] + max(reach)
         states = self._states(part, part.q, first, last)
-        beside = (max(reach) - r for r in reach)
-        own, smooth = (slice(k, last + 1 - first - k) for k in beside)
-        grid = [x[own][:: self.stride] for x in states]
+        margins = (max(reach) - r for r in reach)
+        samples, smooth = (slice(k, last + 1 - first - k) for k in margins)
+        grid = [x[samples][:: self.stride] for x in states]
         fine = self.motion(part, at[0] - reach[0], at[-1] + reach[0], grid)
         q, dq, ddq = (x[smooth][:: self.smooth_stride] for x in states)
         clock = part.clock(
@@ -200,8 +200,10 @@ class RunFilter:
     ) -> tuple[Array, Array, Array]:
         """Positions of a log and their rates, low-passed, from sample ``first`` to
         ``last``."""
-        around = part.resampled(q, first - self.state.half, last + 1 + self.state.half)
-        return self.state.states(around)
+        positions = part.resampled(
+            q, first - self.state.half, last + 1 + self.state.half
+        )
+        return self.state.states(positions)
 
     def motion(
         self,
@@ -241,15 +243,15 @@ class RunFilter:
         and the integral of the positions from there to ``last``: filtered as the
         positions are."""
         assert part.qcmd is not None
-        every = slice(None, None, self.stride)
+        on_grid = slice(None, None, self.stride)
         # Profiles look a little beyond the latest.
         begin = first - self.stride * -(-int(1.2 * LATEST / self.dt) // self.stride)
         of_command, of_motion = part.integrals
-        told, since = (
+        commanded, since = (
             self._states(part, x, begin, last) for x in (part.qcmd, of_command)
         )
-        states = (x[every] for x in (*told, since[0]))
-        path = self._states(part, of_motion, first, last)[0][every]
+        states = (x[on_grid] for x in (*commanded, since[0]))
+        path = self._states(part, of_motion, first, last)[0][on_grid]
         return (
             Command(part.clock(np.arange(begin, last + 1, self.stride)), *states),
             path,

@@ -43,21 +43,26 @@ def repeat_period(t: Array, q: Array) -> float | None:
     scale = motion_scale(q)
     if scale is None:
         return None
-    away = [np.any(np.abs(q - rest) > ALIKE * scale, axis=1) for rest in (q[0], q[-1])]
-    moving = slice(int(np.argmax(away[0])), len(t) - int(np.argmax(away[1][::-1])))
+    is_away = [
+        np.any(np.abs(q - rest_position) > ALIKE * scale, axis=1)
+        for rest_position in (q[0], q[-1])
+    ]
+    moving = slice(
+        int(np.argmax(is_away[0])), len(t) - int(np.argmax(is_away[1][::-1]))
+    )
     t, q = t[moving], q[moving]
     for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST) if len(t) > 1 else ():
         inside = (t >= t[0] + cut) & (t <= t[-1] - cut)
-        own = t[inside], q[inside]
-        if len(own[0]) < 3 or (scale := motion_scale(own[1])) is None:
+        samples = t[inside], q[inside]
+        if len(samples[0]) < 3 or (scale := motion_scale(samples[1])) is None:
             continue
-        step = float(np.median(np.diff(own[0])))
-        last = int((own[0][-1] - own[0][0] - _SHORTEST) / step)
+        step = float(np.median(np.diff(samples[0])))
+        last = int((samples[0][-1] - samples[0][0] - _SHORTEST) / step)
         # The first that is one, not its multiples.
         for _, lag in _valleys(
-            own, own, scale, step, np.arange(max(1, int(0.5 / step)), last)
+            samples, samples, scale, step, np.arange(max(1, int(0.5 / step)), last)
         ):
-            if _alike(own, own, scale, lag):
+            if _alike(samples, samples, scale, lag):
                 return lag
     return None
 
@@ -72,12 +77,12 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
     if scale is None or min(len(a[0]), len(b[0])) < 3:
         return None
     step = float(np.median(np.diff(a[0])))
-    back, ahead = (
+    back, forward = (
         int(min(slip, float(t[-1] - t[0]) - _SHORTEST) / step) for t, _ in (a, b)
     )
-    if min(back, ahead) <= 0:
+    if min(back, forward) <= 0:
         return None
-    best = min(_valleys(a, b, scale, step, np.arange(-back, ahead + 1)), default=None)
+    best = min(_valleys(a, b, scale, step, np.arange(-back, forward + 1)), default=None)
     if best is None or not _alike(a, b, scale, best[1]):
         return None
     return best[1] + float(b[0][0] - a[0][0])
@@ -101,12 +106,12 @@ def _valleys(
     spectra = [fft.rfft(z - middle, length) for z in (x, y)]
     product = fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=0), length)[lags]
     first, last = np.maximum(0, -lags), np.minimum(M, N - lags)
-    own, other = (
+    first_samples, other = (
         np.append(0.0, np.cumsum(np.sum((z - middle) ** 2, axis=0))) for z in (x, y)
     )
     total = (
-        own[last]
-        - own[first]
+        first_samples[last]
+        - first_samples[first]
         + other[last + lags]
         - other[first + lags]
         - 2.0 * product
@@ -159,17 +164,17 @@ class Repeat:
     there: NDArray[np.intp]
 
 
-def is_part(window: Filtered, whole: Filtered) -> bool:
+def is_part(window: Filtered, longer: Filtered) -> bool:
     """Whether a segment is a stretch of another one: the same positions at the same
     instants."""
-    t, span = window.t_dense, whole.t_dense
+    t, span = window.t_dense, longer.t_dense
     inside = (t >= span[0]) & (t <= span[-1])
-    scale = motion_scale(whole.q_dense)
+    scale = motion_scale(longer.q_dense)
     if not inside.any() or scale is None:
         return False
     from scipy.interpolate import CubicSpline
 
-    there = CubicSpline(span, whole.q_dense)(t[inside])
+    there = CubicSpline(span, longer.q_dense)(t[inside])
     return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
 
 
@@ -180,12 +185,12 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
     out = []
     starts = np.cumsum([0, *(len(s.t) for s in segments)])
     for k, a in enumerate(segments):
-        own, scale = (a.t_dense, a.q_dense), motion_scale(a.q_dense)
+        samples, scale = (a.t_dense, a.q_dense), motion_scale(a.q_dense)
         for m, b in enumerate(segments[k:], k):
             shift = (
-                repeat_period(*own)
+                repeat_period(*samples)
                 if m == k
-                else repeat_lag(own, (b.t_dense, b.q_dense))
+                else repeat_lag(samples, (b.t_dense, b.q_dense))
             )
             if shift is None or scale is None:
                 continue
@@ -198,8 +203,8 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
             q, there = (
                 CubicSpline(s.t_dense, s.q_dense)(x) for s, x in ((a, at), (b, later))
             )
-            alike = np.all(np.abs(q - there) < ALIKE * scale, axis=1)
-            index, later = starts[k] + np.flatnonzero(inside)[alike], later[alike]
+            is_same = np.all(np.abs(q - there) < ALIKE * scale, axis=1)
+            index, later = starts[k] + np.flatnonzero(inside)[is_same], later[is_same]
             if len(index) >= fewest:
                 place = np.clip(np.searchsorted(b.t, later), 0, len(b.t) - 1)
                 out.append(Repeat(index, m, later, starts[m] + place))
@@ -221,8 +226,8 @@ def new_differences(both: NDArray[np.intp], count: int) -> int:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    alike = coo_array((np.ones(len(both)), tuple(both.T)), shape=(count, count))
-    return count - int(connected_components(alike, directed=False, return_labels=False))
+    graph = coo_array((np.ones(len(both)), tuple(both.T)), shape=(count, count))
+    return count - int(connected_components(graph, directed=False, return_labels=False))
 
 
 def phases(both: NDArray[np.intp], count: int) -> Array:

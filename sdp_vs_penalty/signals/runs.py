@@ -48,8 +48,11 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     total = square = steps = np.zeros(run.n)
     for _, part in iter_chunks(run.q, overlap=1):
         q = np.ascontiguousarray(part.T)  # several times as fast as row by row
-        away = q[:, :PART] - run.q[0][:, None]
-        total, square = total + away.sum(axis=1), square + np.sum(away**2, axis=1)
+        displacement = q[:, :PART] - run.q[0][:, None]
+        total, square = (
+            total + displacement.sum(axis=1),
+            square + np.sum(displacement**2, axis=1),
+        )
         steps = steps + np.sum(np.diff(q, axis=1) ** 2, axis=1)
     count = len(run.q)
     spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0))
@@ -131,12 +134,12 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     piece; each column contiguous, as they are worked on one by one."""
     out = np.empty((values.shape[1], len(at)))
     for start in range(0, len(at), PART):
-        few = at[start : start + PART]
+        instants = at[start : start + PART]
         # Of a long run only what lies around: interpolation copies what it is given.
-        first = max(int(np.searchsorted(t, few[0], "right")) - 1, 0)
-        around = slice(first, int(np.searchsorted(t, few[-1])) + 1)
-        for row, known in zip(out, values[around].T, strict=True):
-            row[start : start + PART] = np.interp(few, t[around], known)
+        first = max(int(np.searchsorted(t, instants[0], "right")) - 1, 0)
+        samples = slice(first, int(np.searchsorted(t, instants[-1])) + 1)
+        for row, known in zip(out, values[samples].T, strict=True):
+            row[start : start + PART] = np.interp(instants, t[samples], known)
     return out.T
 
 
@@ -145,15 +148,15 @@ def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
     ms) is a gap."""
     dt = 1.0 / sample_rate(run)
     pause = max(20.0 * dt, _PAUSE)
-    found = [
+    segments = [
         k + np.flatnonzero(np.diff(t) > pause) for k, t in iter_chunks(run.t, overlap=1)
     ]
-    breaks = np.concatenate(found) + 1
+    breaks = np.concatenate(segments) + 1
     for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
         if stop - start >= 2:
             part = run.rows(slice(start, stop))
-            told = (part.commanded.get(name) for name in ("qcmd", "isum", "qmot"))
-            yield Stretch(part.t, part.q, part.tau, dt, part.temperature, *told)
+            logged = (part.commanded.get(name) for name in ("qcmd", "isum", "qmot"))
+            yield Stretch(part.t, part.q, part.tau, dt, part.temperature, *logged)
 
 
 def no_motion(run: Measurements) -> InputError:

@@ -58,13 +58,13 @@ Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
 
 @dataclass(frozen=True)
-class Columns:
+class ColumnCache:
     """Effects' columns at the rows. parts : low-pass (M, N) and motion of each segment;
-    kept : those that were asked for, of the motion alone and, with the model's torque
+    cache : those that were asked for, of the motion alone and, with the model's torque
     and links, of this model."""
 
     parts: Sequence[tuple[Decimator, Motion]]
-    kept: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
+    cache: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
 
     def of(self, effect: Effect, keep: bool) -> list[Block]:
         """Blocks of (M, k) of the true torque; keep : for who asks again."""
@@ -72,30 +72,33 @@ class Columns:
             None if effect.signless or not self.parts else self.parts[0][1].sign_width
         )
         key = type(effect), effect.joints, *effect.shape.items(), width
-        kept = self.kept[depends(effect)]
-        known, blocks = kept.get(key, (None, None))
+        cache = self.cache[depends(effect)]
+        known, blocks = cache.get(key, (None, None))
         if blocks is None or known is None or not known.same_columns(effect):
             blocks = self._made(effect)
             if keep:
-                kept[key] = effect, blocks
+                cache[key] = effect, blocks
         return blocks
 
     def _made(self, effect: Effect) -> list[Block]:
         """A few rows at a time, of a column grid many times as fine: the fewer, the
         more columns."""
-        whole, pieces = depends(effect) or effect.has_memory, list[list[Block]]()
+        uncut, pieces = depends(effect) or effect.has_memory, list[list[Block]]()
         for low_pass, motion in self.parts:
             count = len(low_pass.at)
-            step = count if whole else PART // (2 * len(effect.parameters))
+            step = count if uncut else PART // (2 * len(effect.parameters))
             for start in range(0, count, step):
-                few, around = low_pass, motion
+                chunk_low_pass, chunk_motion = low_pass, motion
                 if step < count:
-                    few, samples = low_pass.part(start, start + step)
-                    around = motion.part(samples)
-                pieces.append(low_passed(few, {0: effect.blocks(around)})[0])
-        every = zip(*pieces, strict=True)
+                    chunk_low_pass, samples = low_pass.part(start, start + step)
+                    chunk_motion = motion.part(samples)
+                pieces.append(
+                    low_passed(chunk_low_pass, {0: effect.blocks(chunk_motion)})[0]
+                )
+        blocks_by_place = zip(*pieces, strict=True)
         return [
-            replace(b[0], columns=np.concatenate([x.columns for x in b])) for b in every
+            replace(b[0], columns=np.concatenate([x.columns for x in b]))
+            for b in blocks_by_place
         ]
 
 
@@ -140,7 +143,7 @@ class SegmentedRuns:
     cutoff: float
     rate: float
     names: tuple[str, ...]
-    columns: Columns
+    columns: ColumnCache
     repeats: Callable[[], tuple[Repeat, ...]]
     with_shifted_encoders: Callable[[], SegmentedRuns]
     masked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
@@ -278,17 +281,17 @@ class SegmentedRuns:
     def with_model(
         self,
         attach: Attach,
-        beside: Attach = lambda motion: motion,
+        add_others: Attach = lambda motion: motion,
         gains: tuple[float, ...] | None = None,
     ) -> SegmentedRuns:
         """The same with a model's torque and links attached to each segment's motion;
-        beside : what adds to these the torque of others, where columns refer to it;
+        add_others : what adds to these the torque of others, where columns refer to it;
         gains : the model's."""
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
-        parts = [(s.low_pass, beside(s.motion)) for s in segments]
-        columns = Columns(parts, (self.columns.kept[0], {}))
+        parts = [(s.low_pass, add_others(s.motion)) for s in segments]
+        columns = ColumnCache(parts, (self.columns.cache[0], {}))
         again = cache(lambda: self.with_shifted_encoders().with_model(attach))
-        model = attach, beside, gains
+        model = attach, add_others, gains
         return replace(
             self,
             segments=segments,
@@ -300,10 +303,12 @@ class SegmentedRuns:
     def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k); keep : them for who asks
         again."""
-        found = self.columns.of(effect, keep)
+        column_blocks = self.columns.of(effect, keep)
         if self.gains is None or effect.needs_torque:
-            return found
-        return [replace(b, columns=self.gains[b.joint] * b.columns) for b in found]
+            return column_blocks
+        return [
+            replace(b, columns=self.gains[b.joint] * b.columns) for b in column_blocks
+        ]
 
 
 def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:
@@ -319,7 +324,7 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             if segment is not None:
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * filters.step(0.5 * OVERSAMPLING))
-    columns = Columns([(s.low_pass, s.motion) for s in segments])
+    columns = ColumnCache([(s.low_pass, s.motion) for s in segments])
     repeats = cache(
         partial(find_repeats, segments)
     )  # a report whose noise is known never asks
@@ -354,9 +359,17 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
         partial(standstill_leakage, part, (state, column), grid[rows])
     )  # by most logs never asked
     torque, dense_torque = (filters.torque(part, grid[at]) for at in (rows, dense))
-    seen = motion.t[rows], keep, motion.t[dense], motion.q[dense]
+    grid_states = motion.t[rows], keep, motion.t[dense], motion.q[dense]
     return Segment(
-        *seen, index, motion, torque, part, still, low_pass, dense_torque, low_dense
+        *grid_states,
+        index,
+        motion,
+        torque,
+        part,
+        still,
+        low_pass,
+        dense_torque,
+        low_dense,
     )
 
 

@@ -24,12 +24,12 @@ def highest_harmonic(run: Measurements) -> float:
     moving = moving_joints(run)
     if not moving.any():
         raise no_motion(run)
-    found = [
+    harmonics = [
         _last_harmonic(part, part.q[:, moving])
         for part in split_at_gaps(run)
         if part.count >= 16
     ]
-    highest = max(found, default=0.0)
+    highest = max(harmonics, default=0.0)
     if highest == 0.0:
         what = f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time"
         raise InputError(what, "record longer", run.names[0])
@@ -48,11 +48,11 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     (Welch 1967), and its frequencies [Hz]."""
     length = min(part.count, c.SAMPLES)
     starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
-    found = (
+    spectra = (
         periodograms(part.resampled(values, k, k + length), length)[0] for k in starts
     )
     frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
-    return np.asarray(np.mean(list(found), axis=0)), frequency
+    return np.asarray(np.mean(list(spectra), axis=0)), frequency
 
 
 def periodograms(x: Array, length: int, degree: int = 0) -> Array:
@@ -101,21 +101,21 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
         return np.zeros((2, 0, len(cutoffs)))
     powers, f = _power(part, part.q[:, moving_joints(run)])
     twice = (2.0 * np.pi * f) ** 4
-    seen = twice * _gain(Kernel(band, part.dt), length) ** 2
+    transfer = twice * _gain(Kernel(band, part.dt), length) ** 2
     gains = np.array([_gain(Kernel(x, part.dt), length) for x in cutoffs])
     # The spectrum is smoothed over 1 Hz.
     wide = np.ones(max(1, int(1.0 / f[1])))
-    found = []
+    errors = []
     for power in powers.T:
         noise = float(power[f > c.LAST / part.dt].mean())
         below = np.convolve(power, wide / len(wide), mode="same") < c.ABOVE * noise
-        motion = np.where(f < min(f[below], default=np.inf), power, 0.0) * seen
+        motion = np.where(f < min(f[below], default=np.inf), power, 0.0) * transfer
         if motion.any():
             passed = noise * (twice @ gains.T**2)
-            found.append(
+            errors.append(
                 (motion @ (1.0 - gains.T) ** 2 / motion.sum(), passed / motion.sum())
             )
-    return np.array(found).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
+    return np.array(errors).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
 
 
 def _gain(kernel: Kernel, length: int) -> Array:
@@ -169,9 +169,9 @@ def torque_spectrum(
     best = np.argmin(np.var(apart, axis=2), axis=1)
     apart = np.take_along_axis(apart, best[:, None, None], axis=1)[:, 0]
     level = apart.mean(axis=1, keepdims=True)
-    away = np.median(np.abs(apart - level), axis=1).max()
+    deviation = np.median(np.abs(apart - level), axis=1).max()
     swings = np.sqrt(np.maximum(loud, powers) / powers)[band].mean(axis=0).max()
-    smoothed, uneven = away > 2.0 * np.log(c.NOISE_LIKE), swings > c.NOISE_LIKE
+    smoothed, uneven = deviation > 2.0 * np.log(c.NOISE_LIKE), swings > c.NOISE_LIKE
     return frequency, np.exp(level) * shapes[best], bool(smoothed), bool(uneven)
 
 
@@ -182,8 +182,8 @@ def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
     Above it columns would hold what torque lost."""
     last = 0.0
     for run in runs:
-        found = torque_spectrum(parts := list(split_at_gaps(run)), cutoff)
-        if found is None or not found[2]:
+        spectrum = torque_spectrum(parts := list(split_at_gaps(run)), cutoff)
+        if spectrum is None or not spectrum[2]:
             return cutoff
         longest = max(parts, key=lambda p: p.count)
         last = max(last, _last_harmonic(longest, longest.tau))

@@ -50,22 +50,27 @@ def is_still(q: Array) -> NDArray[np.bool_]:
     out = np.zeros(q.shape[::-1], bool)
     if len(q) < 16:
         return out.T
-    alike, half = resolution(q), 1
-    joints, own = np.arange(q.shape[1]), np.ascontiguousarray(q.T)
+    step, half = resolution(q), 1
+    joints, positions_by_joint = np.arange(q.shape[1]), np.ascontiguousarray(q.T)
     while half < 0.1 * len(q) and len(joints):
         width = 2 * half + 1
-        near = np.pad(own, ((0, 0), (half, half)), mode="symmetric")
+        near = np.pad(positions_by_joint, ((0, 0), (half, half)), mode="symmetric")
         spread = sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
-        quiet = spread <= 2.0 * alike[joints, None]
+        quiet = spread <= 2.0 * step[joints, None]
         some = quiet.any(axis=1)  # the others are not quiet for longer either
-        joints, own, quiet = joints[some], own[some], quiet[some]
-        ends = np.pad(own, ((0, 0), (3 * half, 3 * half)), mode="edge")
+        joints, positions_by_joint, quiet = (
+            joints[some],
+            positions_by_joint[some],
+            quiet[some],
+        )
+        ends = np.pad(positions_by_joint, ((0, 0), (3 * half, 3 * half)), mode="edge")
         aside = np.maximum(
-            np.abs(ends[:, : -6 * half] - own), np.abs(ends[:, 6 * half :] - own)
+            np.abs(ends[:, : -6 * half] - positions_by_joint),
+            np.abs(ends[:, 6 * half :] - positions_by_joint),
         )
         # In three times the time a moving joint comes 9 times as far where it turns
         # round, and 27 times where its velocity passes through zero. Farther: it stood.
-        stood = (quiet & (aside > 3**3 * alike[joints, None])).astype(np.uint8)
+        stood = (quiet & (aside > 3**3 * step[joints, None])).astype(np.uint8)
         near = np.pad(stood, ((0, 0), (half, half)))
         out[joints] |= sliding(np.maximum, near, width) > 0
         half = max(half + 1, 3 * half // 2)
@@ -118,9 +123,9 @@ def unexplained_standstill_torque(
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)
     laws = laws / nonzero_or_one(size)
-    rest = (left - laws @ np.linalg.lstsq(laws, left, rcond=1e-10)[0]) ** 2
-    usual = float(rest[moves].mean())
-    variance = max(float(rest[stands].mean()) - usual, 0.0)
+    squared_residual = (left - laws @ np.linalg.lstsq(laws, left, rcond=1e-10)[0]) ** 2
+    usual = float(squared_residual[moves].mean())
+    variance = max(float(squared_residual[stands].mean()) - usual, 0.0)
     if variance <= 4.0 * usual:  # no more than twice as far off as moving rows
         return float(np.sqrt(variance)), False
     return float(np.sqrt(variance * np.sum(share**2))), True

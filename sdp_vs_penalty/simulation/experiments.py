@@ -244,13 +244,13 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
 def _assumed(problem: Problem) -> Experiment:
     """Friction of 2 % and noise of 0.1 % of the torque that it moves with."""
     robot, none = problem.robot, np.zeros(problem.robot.n)
-    told = (
+    assumed_parts = (
         random_trajectory(robot, seed=1, duration=21.0),
         Sensor(50.0, none),
         (10, 10.0),
     )
     bare = Experiment(
-        problem, problem.nominal_links, None, *told, problem.default_effects
+        problem, problem.nominal_links, None, *assumed_parts, problem.default_effects
     )
     size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
     # A motor whose links weigh nothing rubs all the same, and is measured with noise.

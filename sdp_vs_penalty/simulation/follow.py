@@ -195,14 +195,14 @@ class Following(Shown):
             "units": list(self.units),
             "left_out": list(self.left_out),
         }
-        ahead = {
+        horizon_fields = {
             "one_step_velocity": self.one_step.to_dict(),
             "ahead_position": self.ahead.to_dict(),
         }
         return {
             "verdict": self.verdict,
             **held,
-            **ahead,
+            **horizon_fields,
             "free_run": [f.to_dict() for f in self.free],
         }
 
@@ -272,14 +272,20 @@ def follow(
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
     rides = [_Ride(plant, course, loop, servo) for course in courses]
     progress("simulating windows")
-    ahead = zip(*(_windows(ride, horizon, windows) for ride in rides), strict=True)
-    one, far, naive_one, naive_far = (np.concatenate(x) for x in ahead)
+    windows_by_ride = zip(
+        *(_windows(ride, horizon, windows) for ride in rides), strict=True
+    )
+    one, far, naive_one, naive_far = (np.concatenate(x) for x in windows_by_ride)
     drawn = _drawn(estimate, seed, draws)
     free = []
     for ride in rides:
         progress(f"simulating {ride.course.name} freely")
-        most = None if steps is None else 1 + steps // (len(courses) * ride.substeps)
-        free.append(_free_run(estimate, drawn[:1] if servo else drawn, ride, most))
+        most_steps = (
+            None if steps is None else 1 + steps // (len(courses) * ride.substeps)
+        )
+        free.append(
+            _free_run(estimate, drawn[:1] if servo else drawn, ride, most_steps)
+        )
     return Following(
         drive,
         estimate.robot.position_units,
@@ -312,13 +318,13 @@ class _Ride:
         of h [s], between samples k and k + 1, and (W, n, n) its fall with the velocity
         there."""
         assert self.loop is not None
-        (mass, w), seen = self.loop, self.course.states
-        q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (seen.q, seen.dq))
+        (mass, w), states = self.loop, self.course.states
+        q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (states.q, states.dq))
         half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
         pull = w * w * (q - state.q - half) + 2.0 * w * (
             dq - state.dq - 0.5 * h * state.ddq
         )
-        M = mass.mass(seen.q[k])
+        M = mass.mass(states.q[k])
         return np.einsum("kij,kj->ki", M, pull), (2.0 * w + 0.5 * h * w * w) * M
 
     def step(self, state: State, k: NDArray[np.intp]) -> State:
@@ -343,26 +349,28 @@ class _Ride:
 
 
 def _windows(
-    ride: _Ride, horizon: float, most: int
+    ride: _Ride, horizon: float, most_windows: int
 ) -> tuple[Array, Array, Array, Array]:
     """Errors (W, n) of windows all over the course: of velocity after one step, of
     position at the horizon; and both at constant velocity."""
-    course, seen, dt = ride.course, ride.course.states, ride.course.dt
+    course, states, dt = ride.course, ride.course.states, ride.course.dt
     steps = max(1, round(horizon / dt))
-    starts = np.flatnonzero(course.moving[: len(seen.t) - steps - 1])
+    starts = np.flatnonzero(course.moving[: len(states.t) - steps - 1])
     if not len(starts):
-        starts = np.arange(len(seen.t) - steps - 1)
+        starts = np.arange(len(states.t) - steps - 1)
     at = starts[
-        np.unique(np.linspace(0, len(starts) - 1, min(most, len(starts))).astype(int))
+        np.unique(
+            np.linspace(0, len(starts) - 1, min(most_windows, len(starts))).astype(int)
+        )
     ]
-    state, first = seen.rows(at), np.zeros((len(at), seen.q.shape[1]))
+    state, first = states.rows(at), np.zeros((len(at), states.q.shape[1]))
     for k in range(steps):
         state = ride.step(state, at + k)
         if k == 0:
-            first = state.dq - seen.dq[at + 1]
-    straight = seen.q[at] + steps * dt * seen.dq[at]
-    there = seen.q[at + steps]
-    return first, state.q - there, seen.dq[at] - seen.dq[at + 1], straight - there
+            first = state.dq - states.dq[at + 1]
+    straight = states.q[at] + steps * dt * states.dq[at]
+    there = states.q[at + steps]
+    return first, state.q - there, states.dq[at] - states.dq[at + 1], straight - there
 
 
 def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
@@ -383,18 +391,18 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
 
 
 def _free_run(
-    estimate: Estimate, drawn: Array, measured: _Ride, most: int | None
+    estimate: Estimate, drawn: Array, measured: _Ride, most_steps: int | None
 ) -> FreeRun:
     ride = replace(measured, plant=Plant(estimate.model, drawn))
-    course, seen, size = ride.course, ride.course.states, len(drawn)
+    course, states, size = ride.course, ride.course.states, len(drawn)
     limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
-    state = seen.rows(np.full(size, start))
+    state = states.rows(np.full(size, start))
     q, added, left = [state.q], [], False
     end = (
         len(course.torque) - 1
-        if most is None
-        else min(start + most, len(course.torque) - 1)
+        if most_steps is None
+        else min(start + most_steps, len(course.torque) - 1)
     )
     for k in range(start, end):
         at = np.full(size, k)
@@ -402,17 +410,17 @@ def _free_run(
             added.append(ride.added(state, at, 0.0, 0.0)[0][0])
         state = ride.step(state, at)
         q.append(state.q)
-        if not np.all(np.abs(state.q[0] - seen.q[k + 1]) <= limit):
+        if not np.all(np.abs(state.q[0] - states.q[k + 1]) <= limit):
             left = True
             break
     motion, until = np.array(q), start + len(q)
-    error = motion[:, 0] - seen.q[start:until]
+    error = motion[:, 0] - states.q[start:until]
     spread = None
     if size > 2:
         spread = NORMAL_95 * np.sqrt(
             np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1))
         )
-    torque, t = course.torque[start:until], seen.t[start:until]
+    torque, t = course.torque[start:until], states.t[start:until]
     return FreeRun(
         seconds=float(t[-1] - t[0]),
         left=left,
@@ -421,8 +429,8 @@ def _free_run(
         loop=_rms(np.array(added)) if added else None,
         torque=_rms(torque),
         simulated=Measurements(t, motion[:, 0], torque, names=(course.name,)),
-        measured=seen.q[start:until],
-        cut=not left and bool(seen.t[-1] - seen.t[end] > 1.0),
+        measured=states.q[start:until],
+        cut=not left and bool(states.t[-1] - states.t[end] > 1.0),
     )
 
 

@@ -240,12 +240,14 @@ def _measure(
 ) -> Measurements:
     """One run as the sensor logs it, on the sitting's clock."""
 
-    def torque(seen: Motion) -> Array:
-        motion = _motion(trajectory, seen.t, k)
+    def torque(motion_now: Motion) -> Array:
+        motion = _motion(trajectory, motion_now.t, k)
         return world.torque(motion) + sum(torques(world, motion, hidden))
 
-    whole = measured(trajectory, torque, setup.sensor, [seed, 3, k], name=f"run{k + 1}")
-    run = whole.window(_BLEND, _BLEND + DURATION)
+    full_run = measured(
+        trajectory, torque, setup.sensor, [seed, 3, k], name=f"run{k + 1}"
+    )
+    run = full_run.window(_BLEND, _BLEND + DURATION)
     clock = run.t + _start(k)
     warm = any(h.effect == "warming_friction" for h in hidden)
     return replace(run, t=clock, temperature=world.temperature(clock) if warm else None)

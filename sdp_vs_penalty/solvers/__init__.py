@@ -18,12 +18,12 @@ def solver_types() -> dict[str, type[Solver]]:
 def solver(name: str) -> Solver:
     """The solver of a name; InputError where it is unknown or absent, saying what
     installs it."""
-    found: Solver = load_class(
+    chosen: Solver = load_class(
         "solver", __name__, __path__, Solver, name, solver_types
     )()
-    if found.absent:
-        raise InputError(f"solver {name} cannot be used here", found.absent)
-    return found
+    if chosen.absent:
+        raise InputError(f"solver {name} cannot be used here", chosen.absent)
+    return chosen
 
 
 __getattr__ = lazy_exports(

@@ -23,7 +23,7 @@ class Clarabel(Solver):
         **dict.fromkeys(("DualInfeasible", "AlmostDualInfeasible"), "unbounded"),
     }
 
-    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         import clarabel
 
         settings = clarabel.DefaultSettings()
@@ -36,7 +36,7 @@ class Clarabel(Solver):
         # one certified gap in twenty loose.
         settings.dynamic_regularization_enable = False
         settings.static_regularization_constant = 1e-10
-        for key, value in told.items():
+        for key, value in options.items():
             setattr(settings, key, value)
         kinds = {
             "zero": clarabel.ZeroConeT,

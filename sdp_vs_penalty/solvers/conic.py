@@ -111,11 +111,11 @@ def sdpa_text(problem: ConicProblem) -> str:
         " ".join(f"{x:.17g}" for x in problem.q),
     ]
     block, i, j, factor = svec_entries(problem.cones)
-    whole = sparse.hstack(
+    stacked = sparse.hstack(
         [sparse.csc_matrix(problem.b[:, None]), problem.A], "csc"
     ).tocoo()
     for row, k, value in zip(
-        whole.row, whole.col, -whole.data * factor[whole.row], strict=True
+        stacked.row, stacked.col, -stacked.data * factor[stacked.row], strict=True
     ):
         if value != 0.0:
             lines.append(f"{k} {block[row] + 1} {i[row] + 1} {j[row] + 1} {value:.17g}")
@@ -134,9 +134,9 @@ def cbf_text(problem: ConicProblem) -> str:
     rows, cones = [np.zeros(0, np.intp)], []
     for start, cone in zip(starts, problem.cones, strict=False):
         if cone.kind != "psd":
-            own = np.arange(start, start + cone.rows)
+            row_numbers = np.arange(start, start + cone.rows)
             rows.append(
-                own[::-1] if cone.kind == "exp" else own
+                row_numbers[::-1] if cone.kind == "exp" else row_numbers
             )  # CBF: (t, s, r), t >= s exp(r / s)
             cones.append(f"{CBF_NAMES[cone.kind]} {cone.rows}")
     order = np.concatenate(rows)
@@ -149,8 +149,8 @@ def cbf_text(problem: ConicProblem) -> str:
     at, values = matrices[part.row], part.data * factor[matrices[part.row]]
     lines += _section("OBJACOORD", *_nonzero(problem.q))
     lines += _section("HCOORD", number[block[at]], part.col, j[at], i[at], values)
-    rest = matrix[order].tocoo()
-    lines += _section("ACOORD", rest.row, rest.col, rest.data)
+    entries = matrix[order].tocoo()
+    lines += _section("ACOORD", entries.row, entries.col, entries.data)
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
     at = matrices[problem.b[matrices] != 0.0]
     lines += _section(
@@ -167,11 +167,11 @@ def _nonzero(values: Any) -> tuple[Any, Any]:
 def _section(name: str, *columns: Any) -> list[str]:
     """Whole numbers and a value a line, behind their count; nothing where there are
     none."""
-    found = [
+    lines = [
         " ".join([*map(str, row[:-1]), f"{row[-1]:.17g}"])
         for row in zip(*(column.tolist() for column in columns), strict=True)
     ]
-    return [name, str(len(found)), *found, ""] if found else []
+    return [name, str(len(lines)), *lines, ""] if lines else []
 
 
 def svec_entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:

@@ -66,10 +66,10 @@ class Slice:
         )
         # Scaled so that all columns together, as seen from the interior point, are
         # orthonormal.
-        seen = _posed(
+        posed = _posed(
             [_reduced(c, free, self.interior) for c in constraints.convex]
         ).conic.A
-        r = np.linalg.qr(seen.toarray(), mode="r")
+        r = np.linalg.qr(posed.toarray(), mode="r")
         self.basis = scipy.linalg.solve_triangular(r, free.T, trans="T").T
         self.reduced = ConstraintSet(
             tuple(_reduced(c, self.basis, self.interior) for c in constraints.convex)
@@ -102,8 +102,8 @@ class Slice:
 
     def maximum(self, slope: Array) -> Extreme:
         """max slope^T theta: no feasible theta is above its ``bound``."""
-        found = self.minimum(-slope)
-        return replace(found, value=-found.value, bound=-found.bound)
+        minimum = self.minimum(-slope)
+        return replace(minimum, value=-minimum.value, bound=-minimum.bound)
 
     def _solve(self, g: Array) -> tuple[Array, float]:
         """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that
@@ -112,9 +112,9 @@ class Slice:
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.stack_multipliers(self.sdp.multipliers(solution))
         fit = Fit(solution.x, objective, self.reduced, multipliers, bound=self.limit)
-        found = dual_evidence(fit)
+        evidence = dual_evidence(fit)
         return solution.x, lower_bound(
-            objective, self.reduced.entries, found, self.limit
+            objective, self.reduced.entries, evidence, self.limit
         )
 
 
@@ -141,9 +141,9 @@ def _interior(
 def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
     """The constraint in x with theta = origin + free x."""
     coefficients = np.tensordot(free[c.indices].T, c.coefficients, axes=(1, 0))
-    every = np.arange(free.shape[1])
+    columns = np.arange(free.shape[1])
     return replace(
-        c, indices=every, constant=c.value(origin), coefficients=coefficients
+        c, indices=columns, constant=c.value(origin), coefficients=coefficients
     )
 
 

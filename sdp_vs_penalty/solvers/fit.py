@@ -89,14 +89,16 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     objective, theta, bound = fit.objective, fit.theta, fit.bound
     data, slopes = objective.least_squares, fit.entropy_slopes
     if objective.entropy is not None and (polished or slopes is None):
-        own = np.zeros_like(objective.entropy.nominal) if slopes is None else slopes
-        definite = np.linalg.eigvalsh(own)[:, 0] > 0.0
-        slopes = own
+        entropy_slopes = (
+            np.zeros_like(objective.entropy.nominal) if slopes is None else slopes
+        )
+        definite = np.linalg.eigvalsh(entropy_slopes)[:, 0] > 0.0
+        slopes = entropy_slopes
         if not definite.all():
             inverse = np.linalg.inv(
                 np.array([link.value(theta) for link in objective.entropy.links])
             )
-            slopes = np.where(definite[:, None, None], own, inverse)
+            slopes = np.where(definite[:, None, None], entropy_slopes, inverse)
     gram = bound[:, None] * data.curvature * bound
     gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram) + float(not gram.any())
     cholesky, failed = dpotrf(
@@ -108,13 +110,15 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     def push(slope: Array) -> Array:
         return data.R @ (bound * dpotrs(cholesky, slope, lower=1)[0])
 
-    given = DualEvidence(
+    evidence = DualEvidence(
         fit.multipliers,
         data.R @ theta - data.rho,
         np.zeros((0, 4, 4)) if slopes is None else slopes,
         push,
     )
-    return _polished(given, objective, fit.constraints, bound) if polished else given
+    return (
+        _polished(evidence, objective, fit.constraints, bound) if polished else evidence
+    )
 
 
 def _polished(
@@ -129,10 +133,12 @@ def _polished(
         pulls = entropy.weight * (entropy.nominal_terms[0] - e.entropy_slopes)
         slope = slope + entropy.entries.adjoint(pulls.ravel(), p)
     u, strength, vt = np.linalg.svd(data.R * bound, full_matrices=False)
-    told = strength > _CUT * strength.max(initial=0.0)
+    is_active = strength > _CUT * strength.max(initial=0.0)
 
     def push(slope: Array) -> Array:
-        return np.asarray(u[:, told] @ ((vt[told] @ slope) / (2.0 * strength[told])))
+        return np.asarray(
+            u[:, is_active] @ ((vt[is_active] @ slope) / (2.0 * strength[is_active]))
+        )
 
     # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near
     # depends on units.
@@ -141,7 +147,7 @@ def _polished(
         unit_diagonals(x) if g.cone == "psd" else np.ones_like(g.constant)
         for g, x in terms
     ]
-    dual, kept, best = entries.split(e.multipliers), e.multipliers, -np.inf
+    dual, multipliers, best = entries.split(e.multipliers), e.multipliers, -np.inf
     for _ in range(_DUAL_ROUNDS):
         dual = [
             t * project(g.cone, s / t)
@@ -161,7 +167,7 @@ def _polished(
         )
         gained, best = value - best, max(best, value)
         if gained > 0.0:
-            kept = flat
+            multipliers = flat
         if gained <= _WORTHWHILE * cost:
             break
         dual = [
@@ -172,7 +178,7 @@ def _polished(
             )
             for g, s, t in zip(entries.groups, dual, sizes, strict=True)
         ]
-    return replace(e, multipliers=kept, push=push)
+    return replace(e, multipliers=multipliers, push=push)
 
 
 def _inverse(group: ConeGroup, t: Array) -> Array:
@@ -208,7 +214,7 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
 
     def feasible(step: float) -> bool:
         depths = constraints.depths(theta + step * (interior - theta))
-        return all(depth >= least for depth, least in zip(depths, safe, strict=True))
+        return all(depth >= margin for depth, margin in zip(depths, safe, strict=True))
 
     if feasible(0.0):
         return theta

@@ -95,10 +95,12 @@ class SdpProblem:
         For :func:`largest_margin` they add up to one where no theta satisfies all
         constraints.
         """
-        each = (
+        loss_parts = (
             (solution.z[item.rows], item.constraint.identity) for item in self.placed
         )
-        return np.array([float(z @ (svec(e) if e.ndim > 1 else e)) for z, e in each])
+        return np.array(
+            [float(z @ (svec(e) if e.ndim > 1 else e)) for z, e in loss_parts]
+        )
 
 
 def least_squares_sdp(
@@ -124,10 +126,10 @@ def least_squares_sdp(
     p = len(bound)
     torque = float(np.sqrt(data.tau_squared)) or 1.0
     norms = np.linalg.norm(data.R, axis=0)
-    seen = norms * bound > UNSEEN * torque
+    is_seen = norms * bound > UNSEEN * torque
     unit = np.where(
-        seen,
-        torque / np.where(seen, norms, 1.0),
+        is_seen,
+        torque / np.where(is_seen, norms, 1.0),
         moving_scale(constraints, reference, bound),
     )
     rows, rho, out_of_reach = _independent_rows(
@@ -138,11 +140,11 @@ def least_squares_sdp(
         float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss))) or 1.0
     )
     finer = loss_scale / torque if fine else 1.0
-    scale = np.where(seen, np.minimum(bound, finer * unit), unit)
+    scale = np.where(is_seen, np.minimum(bound, finer * unit), unit)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
     residual = np.hstack([rows * (scale / unit) / loss_scale, -np.eye(r)])
-    own, placed = scaled(constraints, centre, scale, reference, first=r)
-    groups = [plain_rows("zero", residual, -rho / loss_scale), *own]
+    scaled_constraints, placed = scaled(constraints, centre, scale, reference, first=r)
+    groups = [plain_rows("zero", residual, -rho / loss_scale), *scaled_constraints]
     quadratic, linear, start = np.repeat([0.0, 2.0], [p, r]), np.zeros(p + r), 0
     if entropy is not None:
         start = sum(group.constant.size for group in groups)
@@ -187,9 +189,9 @@ def conic_problem(
 ) -> ConicProblem:
     """minimise 1/2 x^T quadratic x + linear^T x (m,), every F(x) of the groups in its
     cone; matrices are svec's there, constant (g, rows), coefficients (g, k, rows)."""
-    every, m = StackedCones.from_groups(groups), len(linear)
+    stacked, m = StackedCones.from_groups(groups), len(linear)
     A = sparse.csc_matrix(
-        (-every.value, (every.row, every.column)), (len(every.constant), m)
+        (-stacked.value, (stacked.row, stacked.column)), (len(stacked.constant), m)
     )
     cones = list[Cone]()
     for group in groups:
@@ -198,7 +200,7 @@ def conic_problem(
             Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)
         ] * count
     P = sparse.csc_matrix((m, m)) if quadratic is None else quadratic
-    return ConicProblem(P, linear, A, every.constant, tuple(cones))
+    return ConicProblem(P, linear, A, stacked.constant, tuple(cones))
 
 
 def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
@@ -264,9 +266,11 @@ def scaled(
                 [indices, np.full(len(indices), len(theta_scale))]
             )
         groups.append(ConeGroup(group.cone, group.places, indices, constant, columns))
-        for place, own in zip(group.places.tolist(), scale, strict=True):
+        for place, member_scale in zip(group.places.tolist(), scale, strict=True):
             placed[place] = Placed(
-                constraints[place], slice(first, first + constant.shape[1]), own
+                constraints[place],
+                slice(first, first + constant.shape[1]),
+                member_scale,
             )
             first += constant.shape[1]
     return groups, tuple(placed[k] for k in range(len(constraints)))
@@ -366,6 +370,6 @@ def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
     rank = int(np.sum(diagonal > 1e-13 * diagonal[0])) if diagonal[0] > 0.0 else 0
     rows = np.zeros((rank, matrix.shape[1]))
     rows[:, pivots] = r[:rank]
-    kept = q[:, :rank].T @ rho
-    missed = rho - q[:, :rank] @ kept
-    return rows, kept, float(missed @ missed)
+    reduced = q[:, :rank].T @ rho
+    missed = rho - q[:, :rank] @ reduced
+    return rows, reduced, float(missed @ missed)

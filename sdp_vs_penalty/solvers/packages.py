@@ -38,7 +38,7 @@ class Cvxopt(Solver):
         "dual infeasible": "unbounded",
     }
 
-    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+    def run(self, problem: ConicProblem, settings: Mapping[str, Any]) -> Solution:
         import cvxopt
         from cvxopt import solvers
 
@@ -55,7 +55,7 @@ class Cvxopt(Solver):
             A[:equal, :],
             b[:equal],
         )
-        options = {**told, "show_progress": False}
+        options = {**settings, "show_progress": False}
         try:
             result = solvers.conelp(
                 cvxopt.matrix(problem.q), *parts, kktsolver="ldl", options=options
@@ -87,17 +87,19 @@ class Qics(Solver):
         | dict.fromkeys(("dinfeas", "near_dinfeas"), "unbounded")
     )
 
-    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         import qics
 
-        made = {
+        answer = {
             "nonnegative": qics.cones.NonNegOrthant,
             "soc": lambda size: qics.cones.SecondOrder(size - 1),
             "psd": qics.cones.PosSemidefinite,
             "exp": lambda size: qics.cones.ClassRelEntr(1),
         }
         cones = [
-            made[cone.kind](cone.size) for cone in problem.cones if cone.kind != "zero"
+            answer[cone.kind](cone.size)
+            for cone in problem.cones
+            if cone.kind != "zero"
         ]
         dims, rows = sizes(problem.cones), len(problem.b)
         # y exp(x / y) <= z exactly if -x >= y log(y / z): of three rows the first with
@@ -110,7 +112,7 @@ class Qics(Solver):
         )
         parts = {"A": A[:equal], "b": b[:equal], "G": A[equal:], "h": b[equal:]}
         model = qics.Model(problem.q[:, None], **parts, cones=cones)
-        info = qics.Solver(model, verbose=0, **told).solve()
+        info = qics.Solver(model, verbose=0, **options).solve()
         duals = (
             info["y_opt"],
             getattr(info["z_opt"], "vec", info["z_opt"]),
@@ -150,7 +152,7 @@ class Scs(Solver):
         "unbounded": "unbounded",
     }
 
-    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         import scs
 
         rows, start = [np.zeros(0, np.intp)], 0
@@ -166,14 +168,18 @@ class Scs(Solver):
         lower = np.concatenate(rows)
         A = problem.A.tocsr()[lower].tocsc()
         data = {"P": problem.P, "A": A, "b": problem.b[lower], "c": problem.q}
-        result = scs.SCS(data, sizes(problem.cones), verbose=False, **told).solve()
+        result = scs.SCS(data, sizes(problem.cones), verbose=False, **options).solve()
         z, info = np.empty(len(lower)), result["info"]
         z[lower] = result["y"]
         # The first word of its status; what follows says that it is inaccurate.
         word, _, more = info["status"].partition(" ")
-        found = self.make_solution(np.array(result["x"]), z, word, info["iter"], more)
+        solution = self.make_solution(
+            np.array(result["x"]), z, word, info["iter"], more
+        )
         return (
-            replace(found, claims="inaccurate") if word == "solved" and more else found
+            replace(solution, claims="inaccurate")
+            if word == "solved" and more
+            else solution
         )
 
 
@@ -192,14 +198,14 @@ class Sdpa(Solver):
     }
     status_meaning = SDPA_CLAIMS
 
-    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         import sdpap
 
         dims = sizes(problem.cones)
         # minimise c^T x subject to (-A) x - (-b) in J, x free
         free = sdpap.SymCone(f=len(problem.q))
         cones = sdpap.SymCone(l=dims["l"], s=tuple(dims["s"]))
-        settings = {**told, "print": "no", "numThreads": 1}
+        settings = {**options, "print": "no", "numThreads": 1}
         x, y, info, _, more = sdpap.solve(
             -problem.A, -problem.b, problem.q, free, cones, settings
         )

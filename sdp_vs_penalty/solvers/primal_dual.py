@@ -87,8 +87,8 @@ class _InteriorPoint:
         self.theta = start.theta if isinstance(start, Iterate) else start
         self.both = np.empty((2, len(cones.constant)))
         self.rows, self.mats = self._views(self.both)
-        self.ahead = np.empty_like(self.both)
-        self.ahead_rows, self.ahead_mats = self._views(self.ahead)
+        self.change = np.empty_like(self.both)
+        self.change_rows, self.change_mats = self._views(self.change)
         self.target = np.empty(self.both.shape[1])
         self.target_rows, self.target_mats = (
             view[0] for view in self._views(self.target[None])
@@ -124,23 +124,23 @@ class _InteriorPoint:
 
     def solve(self, accuracy: float) -> Optimum | None:
         best: Optimum | None = None
-        central = self.here()
+        central = self.iterate()
         for k in range(60):  # twice what the slowest of the shootout's instances needs
             try:
                 error = self.factorize()
             except np.linalg.LinAlgError:
                 break
-            here = self.here()
+            iterate = self.iterate()
             if error > _CENTRAL:
-                central = here
+                central = iterate
             if best is None or error < best.error:
-                found = here if error > accuracy else self.polished()
-                best = Optimum(found.theta, found.multipliers, k, error, central)
+                final = iterate if error > accuracy else self.polished()
+                best = Optimum(final.theta, final.multipliers, k, error, central)
             if error <= accuracy or not self.advance():
                 break
         return best
 
-    def here(self) -> Iterate:
+    def iterate(self) -> Iterate:
         return Iterate(self.theta, self.both[1].copy())
 
     def factorize(self) -> float:
@@ -193,14 +193,14 @@ class _InteriorPoint:
         return out
 
     def direction(self, step: Array, second: Array | float) -> float:
-        """ahead : changes of S and Z for a step (p,) of theta; returns how far they
+        """change : changes of S and Z for a step (p,) of theta; returns how far they
         stay inside."""
-        self.ahead[0] = self.cones.slack_map @ step
-        Z, dS = self.mats[1], self.ahead_mats[0]
-        self.ahead[1] = self.target - self.both[1] - second
-        self.ahead[1] -= self.scaled(self.ahead_rows[0], Z, dS, self.rows[1])
-        inward = float((self.ahead_rows / self.rows).min(initial=-1e-12))
-        turned = self.roots @ self.ahead_mats @ self.turned
+        self.change[0] = self.cones.slack_map @ step
+        Z, dS = self.mats[1], self.change_mats[0]
+        self.change[1] = self.target - self.both[1] - second
+        self.change[1] -= self.scaled(self.change_rows[0], Z, dS, self.rows[1])
+        inward = float((self.change_rows / self.rows).min(initial=-1e-12))
+        turned = self.roots @ self.change_mats @ self.turned
         # The norm bounds each eigenvalue; less than _SHARE inward lets a whole step be
         # taken.
         blocks = np.einsum("kbij,kbij->kb", turned, turned) > max(-inward, _SHARE) ** 2
@@ -210,21 +210,21 @@ class _InteriorPoint:
 
     def complementarity(self, both: Array) -> float:
         rows, mats = self._views(both)
-        each = np.einsum("bij,bij->b", mats[0], mats[1]) - ORDER * self.cones.weight
-        return float(rows[0] @ rows[1] + np.abs(each).sum())
+        by_block = np.einsum("bij,bij->b", mats[0], mats[1]) - ORDER * self.cones.weight
+        return float(rows[0] @ rows[1] + np.abs(by_block).sum())
 
     def advance(self) -> bool:
         """One predictor and corrector; False where hardly a step is possible."""
         cones = self.cones
         reach = min(1.0, 0.999 * self.direction(self.step, 0.0))
         now = self.complementarity(self.both)
-        left = self.complementarity(self.both + reach * self.ahead) / (now or 1.0)
+        left = self.complementarity(self.both + reach * self.change) / (now or 1.0)
         centring = min(max(left ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
         second = self.scaled(
-            self.ahead_rows[0],
-            self.ahead_mats[1],
-            self.ahead_mats[0],
-            self.ahead_rows[1],
+            self.change_rows[0],
+            self.change_mats[1],
+            self.change_mats[0],
+            self.change_rows[1],
         )
         self.set_target(centring * now / self.degree)
         right = cones.adjoint @ (self.target - second) - self.gradient
@@ -234,7 +234,7 @@ class _InteriorPoint:
         if not share > _SHORTEST:
             return False
         self.theta = self.theta + share * step
-        self.both[1] += share * self.ahead[1]
+        self.both[1] += share * self.change[1]
         self.both[0] = cones.constant + cones.slack_map @ self.theta
         return bool(np.all(self.rows[0] > 0.0))
 
@@ -248,4 +248,4 @@ class _InteriorPoint:
             np.linalg.cholesky(self._views(moved)[1])
             if np.all(moved[:, : self.cones.rows] > 0.0):
                 return Iterate(self.theta - self.correction, multipliers)
-        return self.here()
+        return self.iterate()

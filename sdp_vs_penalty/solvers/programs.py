@@ -32,7 +32,7 @@ class Program(Solver):
     order = "psd", "nonnegative"
 
     @abstractmethod
-    def command(self, told: Mapping[str, Any]) -> list[str]:
+    def command(self, options: Mapping[str, Any]) -> list[str]:
         """What is run."""
 
     @abstractmethod
@@ -59,15 +59,15 @@ class Program(Solver):
                 z[k] = value / factor[k]
         return x, z
 
-    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
-        command = self.command(told)
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+        command = self.command(options)
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
             folder = Path(name)
             (folder / "problem.dat-s").write_text(sdpa_text(problem))
             parameters = Path(__file__).with_name(f"param.{command[0]}")
             if parameters.is_file():
                 (folder / parameters.name).write_text(
-                    parameters.read_text().format(**told)
+                    parameters.read_text().format(**options)
                 )
             piped = {
                 "stdout": subprocess.PIPE,
@@ -106,20 +106,20 @@ class Csdp(Program):
         "maxiter": 200,
     }
 
-    def command(self, told: Mapping[str, Any]) -> list[str]:
+    def command(self, options: Mapping[str, Any]) -> list[str]:
         return ["csdp", "problem.dat-s", "solution"]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
-        said = re.findall(
+        words = re.findall(
             r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M
         )
-        found = (s for s in text.splitlines() if said and s.startswith(said[-1]))
+        line = (s for s in text.splitlines() if words and s.startswith(words[-1]))
         iterations = len(re.findall(r"^Iter:", text, re.M)) - 1
         # By its exit codes. Our problem is the one that CSDP calls the dual.
         claims = dict(enumerate(("optimal", "unbounded", "infeasible", "inaccurate")))
         return (
             claims.get(code, "failed"),
-            next(found, f"exit code {code}"),
+            next(line, f"exit code {code}"),
             max(iterations, 0),
         )
 
@@ -140,9 +140,9 @@ class Dsdp(Program):
         "DSDP Terminated": "failed",
     }
 
-    def command(self, told: Mapping[str, Any]) -> list[str]:
+    def command(self, options: Mapping[str, Any]) -> list[str]:
         words = [
-            word for key, value in told.items() for word in (f"-{key}", str(value))
+            word for key, value in options.items() for word in (f"-{key}", str(value))
         ]
         return ["dsdp5", "problem.dat-s", "-save", "solution", *words]
 
@@ -170,7 +170,7 @@ class SdpaProgram(Program):
     }
     status_meaning = SDPA_CLAIMS
 
-    def command(self, told: Mapping[str, Any]) -> list[str]:
+    def command(self, options: Mapping[str, Any]) -> list[str]:
         files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
         return ["sdpa", *files, "-numThreads", "1"]
 
@@ -191,9 +191,9 @@ class SdpaProgram(Program):
         z, at = list[Array](), 0
         for cone in problem.cones:
             d = cone.size
-            own = values[at : at + (d * d if cone.kind == "psd" else d)]
-            z.append(svec(own.reshape(d, d)) if cone.kind == "psd" else own)
-            at += len(own)
+            entries = values[at : at + (d * d if cone.kind == "psd" else d)]
+            z.append(svec(entries.reshape(d, d)) if cone.kind == "psd" else entries)
+            at += len(entries)
         return x, np.concatenate(z)
 
 

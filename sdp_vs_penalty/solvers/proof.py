@@ -133,8 +133,8 @@ def stated(
     }
 
 
-def difference(proof: Proof, own: Proof) -> str:
-    """The first thing in which a proof states another problem than ``own``
+def difference(proof: Proof, recomputed: Proof) -> str:
+    """The first thing in which a proof states another problem than ``recomputed``
     (:func:`stated`), in words; "" where they are the same.
 
     Names, their order, cones and indices are compared exactly, numbers to the promised
@@ -144,14 +144,16 @@ def difference(proof: Proof, own: Proof) -> str:
     """
     titles = [
         [f"{_title(c)}, {c['cone']} in {c['indices']}" for c in p["constraints"]]
-        for p in (proof, own)
+        for p in (proof, recomputed)
     ]
-    names = proof["parameters"], own["parameters"]
+    names = proof["parameters"], recomputed["parameters"]
     for kind, pair in (("parameter", names), ("constraint", titles)):
         for k, (a, b) in enumerate(zip_longest(*pair, fillvalue="none"), start=1):
             if a != b:
                 return f"{kind} {k} is {a} in the proof, {b} of the model"
-    for (what, x, _), (_, y, size) in zip(_facts(proof), _facts(own), strict=True):
+    for (what, x, _), (_, y, size) in zip(
+        _facts(proof), _facts(recomputed), strict=True
+    ):
         if x.shape != y.shape or np.any(np.abs(x - y) > TIGHT * size):
             return f"the proof has another {what}"
     return ""
@@ -219,23 +221,23 @@ def _proof(
     )
     proved = []
     duals = _duals(constraints, evidence)
-    for c, own, dual in zip(
+    for c, name, dual in zip(
         constraints.convex, problem["constraints"], duals, strict=True
     ):
         roots = [np.linalg.cholesky(0.5 * (s + s.T)) for link, s in slopes if link is c]
         pulls = [
             {**e, "dual": _gram(root)}
-            for e, root in zip(own["entropy"], roots, strict=True)
+            for e, root in zip(name["entropy"], roots, strict=True)
         ]
-        proved.append({**own, "dual": dual, "entropy": pulls})
+        proved.append({**name, "dual": dual, "entropy": pulls})
     about = {"format": verify_proof.FORMAT, "kind": kind, "model": "", "data": ""}
     return {**about, **problem, "constraints": proved}
 
 
 def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
     """Of the constraints as they are, each inside its cone exactly: V V^T for a matrix."""
-    out, each = [], constraints.entries.each(evidence.multipliers)
-    for c, multiplier in zip(constraints.convex, each, strict=True):
+    out, multipliers = [], constraints.entries.each(evidence.multipliers)
+    for c, multiplier in zip(constraints.convex, multipliers, strict=True):
         if c.cone == "psd":
             out.append(_gram(factor(0.5 * (multiplier + multiplier.T)[None])[0]))
         elif c.cone == "soc":
@@ -296,9 +298,9 @@ def _signed(proof: Proof) -> Proof:
 
 
 def _checked(proof: Proof) -> Proof:
-    whole = _signed(proof)
-    verify_proof.check(whole)
-    return whole
+    signed_proof = _signed(proof)
+    verify_proof.check(signed_proof)
+    return signed_proof
 
 
 def _text(x: float | Fraction) -> str:

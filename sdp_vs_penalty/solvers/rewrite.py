@@ -63,20 +63,18 @@ def suited(
 
     Raises NotApplicableError where a cone is left that it lacks.
     """
-    found = unchanged(problem)
+    form = unchanged(problem)
     if "quadratic" not in kinds:
         # Ten rows share one matrix where only these are left: many small ones are
         # cheaper.
-        found = found.then(
-            lambda p: linear_objective(p, None if "soc" in kinds else 10)
-        )
+        form = form.then(lambda p: linear_objective(p, None if "soc" in kinds else 10))
     if "zero" not in kinds:
-        found = found.then(without_equalities)
+        form = form.then(without_equalities)
     if "soc" not in kinds:
-        found = found.then(arrows)
-    if lacking := sorted({c.kind for c in found.problem.cones} - set(kinds)):
+        form = form.then(arrows)
+    if lacking := sorted({c.kind for c in form.problem.cones} - set(kinds)):
         raise NotApplicableError(f"the solver has no {', '.join(lacking)} cone")
-    return found.then(lambda p: reorder(p, order)) if order else found
+    return form.then(lambda p: reorder(p, order)) if order else form
 
 
 def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
@@ -84,15 +82,17 @@ def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
     P = sparse.csc_matrix(problem.P)
     diagonal = P.diagonal()
     if P.nnz == np.count_nonzero(diagonal):
-        seen = np.flatnonzero(diagonal)
-        ones = np.arange(len(seen))
+        nonzero = np.flatnonzero(diagonal)
+        ones = np.arange(len(nonzero))
         return sparse.csr_matrix(
-            (np.sqrt(diagonal[seen]), (ones, seen)), (len(seen), P.shape[0])
+            (np.sqrt(diagonal[nonzero]), (ones, nonzero)), (len(nonzero), P.shape[0])
         )
     full = P.toarray()
     values, vectors = np.linalg.eigh(full + np.triu(full, 1).T)
-    kept = values > 1e-15 * values[-1]
-    return sparse.csr_matrix(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
+    significant = values > 1e-15 * values[-1]
+    return sparse.csr_matrix(
+        np.sqrt(values[significant])[:, None] * vectors[:, significant].T
+    )
 
 
 def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritten:
@@ -113,14 +113,14 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
         blocks += [[None, top], [None, top], [-np.sqrt(2.0) * part, None]]
         constants += [np.array([1.0, -1.0]), np.zeros(part.shape[0])]
         cones.append(Cone("soc", 2 + part.shape[0]))
-    made = ConicProblem(
+    rewritten = ConicProblem(
         sparse.csc_matrix((m + columns, m + columns)),
         np.concatenate([problem.q, np.ones(columns)]),
         sparse.csc_matrix(sparse.bmat(blocks)),
         np.concatenate(constants),
         tuple(cones),
     )
-    return Rewritten(made, lambda x, z: (x[:m], z[: len(problem.b)]))
+    return Rewritten(rewritten, lambda x, z: (x[:m], z[: len(problem.b)]))
 
 
 def without_equalities(problem: ConicProblem) -> Rewritten:
@@ -137,7 +137,7 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     if not equal.any():
         return unchanged(problem)
     A = sparse.csr_matrix(problem.A)
-    E, e, rest = sparse.csc_matrix(A[equal]), problem.b[equal], A[~equal]
+    E, e, inequalities = sparse.csc_matrix(A[equal]), problem.b[equal], A[~equal]
     lonely = np.flatnonzero(np.diff(E.indptr) == 1)
     row_of, value = E.indices[E.indptr[lonely]], E.data[E.indptr[lonely]]
     # The largest coefficient of each row; the residual variables' are all -1.
@@ -146,29 +146,31 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     if len(rows) != E.shape[0]:
         raise NotApplicableError("an equality holds no variable of its own")
     pivots, size = lonely[order][first], value[order][first]
-    kept = np.setdiff1d(np.arange(A.shape[1]), pivots)
+    free_columns = np.setdiff1d(np.arange(A.shape[1]), pivots)
     # x_pivot = offset - slope x_kept
-    slope = sparse.diags(1.0 / size) @ E[:, kept]
+    slope = sparse.diags(1.0 / size) @ E[:, free_columns]
     offset = e / size
-    rest = sparse.csc_matrix(rest)
-    made = ConicProblem(
-        sparse.csc_matrix((len(kept), len(kept))),
-        problem.q[kept] - slope.T @ problem.q[pivots],
-        sparse.csc_matrix(rest[:, kept] - rest[:, pivots] @ slope),
-        problem.b[~equal] - rest[:, pivots] @ offset,
+    inequalities = sparse.csc_matrix(inequalities)
+    rewritten = ConicProblem(
+        sparse.csc_matrix((len(free_columns), len(free_columns))),
+        problem.q[free_columns] - slope.T @ problem.q[pivots],
+        sparse.csc_matrix(
+            inequalities[:, free_columns] - inequalities[:, pivots] @ slope
+        ),
+        problem.b[~equal] - inequalities[:, pivots] @ offset,
         tuple(c for c in problem.cones if c.kind != "zero"),
     )
 
     def back(x: Array, z: Array) -> tuple[Array, Array]:
         full_x, full_z = np.zeros(A.shape[1]), np.zeros(len(equal))
-        full_x[kept] = x
+        full_x[free_columns] = x
         full_x[pivots] = offset - slope @ x
         full_z[~equal] = z
         # Stationarity in the pivots: q + A^T z = 0.
-        full_z[equal] = -(problem.q[pivots] + rest[:, pivots].T @ z) / size
+        full_z[equal] = -(problem.q[pivots] + inequalities[:, pivots].T @ z) / size
         return full_x, full_z
 
-    return Rewritten(made, back, float(problem.q[pivots] @ offset))
+    return Rewritten(rewritten, back, float(problem.q[pivots] @ offset))
 
 
 def arrows(problem: ConicProblem) -> Rewritten:
@@ -200,10 +202,10 @@ def _mapped(
     problem: ConicProblem, change: sparse.csr_matrix, home: sparse.csr_matrix
 ) -> Rewritten:
     """Other rows, and their multipliers brought home."""
-    made = replace(
+    mapped = replace(
         problem, A=sparse.csc_matrix(change @ problem.A), b=change @ problem.b
     )
-    return Rewritten(made, lambda x, z: (x, home @ z))
+    return Rewritten(mapped, lambda x, z: (x, home @ z))
 
 
 def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
@@ -227,8 +229,12 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
     """How large the cones are, under the names that SCS and CVXOPT share."""
     of = {kind: [c.size for c in cones if c.kind == kind] for kind in KINDS}
-    whole = {"z": sum(of["zero"]), "l": sum(of["nonnegative"]), "ep": len(of["exp"])}
-    return whole | {"q": of["soc"], "s": of["psd"]}
+    cone_sizes = {
+        "z": sum(of["zero"]),
+        "l": sum(of["nonnegative"]),
+        "ep": len(of["exp"]),
+    }
+    return cone_sizes | {"q": of["soc"], "s": of["psd"]}
 
 
 def full_matrices(problem: ConicProblem) -> Rewritten:

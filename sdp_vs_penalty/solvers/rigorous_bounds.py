@@ -55,18 +55,21 @@ def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array
     size = np.maximum(multipliers, 0.0)
     exact = np.asarray(size, Long)
     parts = [entries.split(x) for x in (multipliers, exact, size)]
-    each = zip(entries.groups, *parts, strict=True)
-    for group, raw, own, its_size in each:
+    groups_with_values = zip(entries.groups, *parts, strict=True)
+    for group, raw, values, its_size in groups_with_values:
         if group.cone == "psd" and raw.any():
-            own[:], its_size[:] = _square(factor(0.5 * (raw + np.swapaxes(raw, 1, 2))))
+            values[:], its_size[:] = _square(
+                factor(0.5 * (raw + np.swapaxes(raw, 1, 2)))
+            )
         elif group.cone == "soc":
-            own[:] = raw
+            values[:] = raw
             norm = (
-                np.sqrt(np.sum(own[:, 1:] ** 2, axis=1)) * (1 + _gamma(own.shape[1]))
+                np.sqrt(np.sum(values[:, 1:] ** 2, axis=1))
+                * (1 + _gamma(values.shape[1]))
                 + _TINY
             )
-            own[:, 0] = np.maximum(own[:, 0], norm)
-            its_size[:] = np.abs(own)
+            values[:, 0] = np.maximum(values[:, 0], norm)
+            its_size[:] = np.abs(values)
     return exact, size
 
 
@@ -194,9 +197,9 @@ def lower_bound(
     left_at_most = np.abs(left) + gamma * (slope[1] + sizes) + _TINY
     cost = left_at_most @ limit
     size = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
-    least = constant[0] + floor - 2 * (y @ rho) - y @ y - cost - gamma * size - _TINY
-    double = float(least)  # the largest that is not above it
-    return double if double <= least else float(np.nextafter(double, -np.inf))
+    lowest = constant[0] + floor - 2 * (y @ rho) - y @ y - cost - gamma * size - _TINY
+    double = float(lowest)  # the largest that is not above it
+    return double if double <= lowest else float(np.nextafter(double, -np.inf))
 
 
 #: Gap relative to the loss that is promised: an answer within it is kept at once, a

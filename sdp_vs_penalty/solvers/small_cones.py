@@ -40,21 +40,21 @@ class SmallCones:
         barred = {
             ("pseudo-inertia", *link.indices.tolist()) for link in links
         }  # by their log det
-        kept = {
+        place_by_size = {
             c
             for c in constraints.essential
             if (c.family, *c.indices.tolist()) not in barred
         }
         groups, start, parts = (*constraints.groups, *group_cones(links)), 0, []
         for number, group in enumerate(groups):
-            own, turn = np.arange(len(group.places)), 1
+            members, turn = np.arange(len(group.places)), 1
             if number < len(constraints.groups):
-                own = np.flatnonzero(
-                    [constraints.convex[k] in kept for k in group.places]
+                members = np.flatnonzero(
+                    [constraints.convex[k] in place_by_size for k in group.places]
                 )
                 turn = 0 if group.cone == "nonnegative" else 2
             image, ones = _image(group.cone, group.constant.shape[1])
-            parts.append((turn, image, ones, start + image.shape[1] * own))
+            parts.append((turn, image, ones, start + image.shape[1] * members))
             start += group.constant.size
         parts.sort(key=lambda part: part[0])  # rows, links, others
         none, first = np.zeros(0, np.intp), 0
@@ -67,13 +67,13 @@ class SmallCones:
             column.append((begins[:, None] + of).ravel())
             value.append(np.tile(image[entry, of], len(begins)))
             first += len(image) * len(begins)
-        every = StackedCones.from_groups(groups)
+        cones = StackedCones.from_groups(groups)
         where = np.concatenate(row), np.concatenate(column)
         image = sparse.csr_matrix((np.concatenate(value), where), (first, start))
         self.rows = sum(
             ones.size * len(begins) for turn, _, ones, begins in parts if turn == 0
         )
-        self.constant = image @ every.constant
+        self.constant = image @ cones.constant
         self.constant += np.concatenate(
             [np.zeros(0), *(np.tile(x[2], len(x[3])) for x in parts)]
         )
@@ -87,7 +87,7 @@ class SmallCones:
             self._weigh(entropy)
         shape = (start, p)
         slack_map = image @ sparse.csr_matrix(
-            (every.value, (every.row, every.column)), shape
+            (cones.value, (cones.row, cones.column)), shape
         )
         curvature = _curvature(slack_map, self.rows)
         self.places = np.flatnonzero(np.diff(curvature.indptr))

@@ -88,9 +88,9 @@ class Solver(ABC):
         be given."""
         form = suited(problem, self.cones, self.order)
         form = form.then(full_matrices) if self.full_matrices else form
-        found = self.run(form.problem, self.options(accuracy))
-        x, z = form.back(found.x, found.z)
-        return replace(found, x=x, z=z)
+        answer = self.run(form.problem, self.options(accuracy))
+        x, z = form.back(answer.x, answer.z)
+        return replace(answer, x=x, z=z)
 
     def make_solution(
         self, x: Array, z: Array, status: str, iterations: float, more: str = ""

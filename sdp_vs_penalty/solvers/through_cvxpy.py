@@ -47,13 +47,15 @@ class ThroughCvxpy(Solver):
     def absent(self) -> str:
         """Why it cannot be used on this machine: for lack of the package, or of a
         licence."""
-        found = (Path(os.path.expandvars(path)).expanduser() for path in self.licences)
-        there = any("@" in path.name or path.is_file() for path in found)
+        licence_files = (
+            Path(os.path.expandvars(path)).expanduser() for path in self.licences
+        )
+        there = any("@" in path.name or path.is_file() for path in licence_files)
         return super().absent or (
             "" if there else f"no licence in {', '.join(self.licences)}"
         )
 
-    def run(self, problem: ConicProblem, told: Mapping[str, Any]) -> Solution:
+    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         import cvxpy as cp
 
         x, A = cp.Variable(len(problem.q)), sparse.csr_matrix(problem.A)
@@ -70,7 +72,7 @@ class ThroughCvxpy(Solver):
             with warnings.catch_warnings(action="ignore"):
                 model.solve(
                     solver=self.name.upper(),
-                    **({self.group: told} if self.group else told),
+                    **({self.group: options} if self.group else options),
                 )
         except cp.error.SolverError as error:
             return Solution.none(problem, str(error))

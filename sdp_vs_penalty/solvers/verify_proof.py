@@ -129,19 +129,19 @@ def symmetric(flat):
 def determinant(flat):
     """Of a positive semidefinite matrix, by Bareiss' elimination in integers; None if
     it is not one."""
-    scale, last, least = math.lcm(*(x.denominator for x in flat)), 1, 1
+    scale, last, sign = math.lcm(*(x.denominator for x in flat)), 1, 1
     rows = [[int(x * scale) for x in row] for row in symmetric(flat)]
     for k, row in enumerate(rows):
         if row[k] < 0 or (row[k] == 0 and any(row[k:])):
             return None
-        least = min(least, row[k])
+        sign = min(sign, row[k])
         for i in range(k + 1, len(rows) if row[k] else 0):
             rows[i] = [
                 (row[k] * a - rows[i][k] * b) // last
                 for a, b in zip(rows[i], row, strict=True)
             ]
         last = row[k] or last
-    return Fraction(last if least else 0, scale ** len(rows))
+    return Fraction(last if sign else 0, scale ** len(rows))
 
 
 def inside(cone, value):

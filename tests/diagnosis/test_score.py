@@ -12,12 +12,12 @@ from sdp_vs_penalty import Problem, identify
 from sdp_vs_penalty.diagnosis import (
     Batch,
     Candidate,
-    Columns,
+    CurveColumns,
     EvidenceScorer,
-    Fit,
     Nuisance,
     ScoredEffect,
     Search,
+    WhiteFit,
     diagnosis_rows,
     list_candidates,
     spectral_lines,
@@ -58,12 +58,12 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
     data = SimpleNamespace(
         X=X, y=y, n=n, clusters=clusters, count=np.full(n, float(M)), known=True
     )
-    data.own = data.constants = {}
+    data.own_effects = data.constants = {}
     return data, z[:, None]
 
 
 def plain(
-    data: Any, fit: Fit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()
+    data: Any, fit: WhiteFit, z: np.ndarray | None = None, drop: tuple[int, ...] = ()
 ) -> np.ndarray:
     """(n, M) what least squares leave of weighted rows."""
     A = np.delete(data.X, drop, axis=2)
@@ -365,7 +365,7 @@ def test_what_the_model_makes_itself_is_no_candidate():
 def test_another_constant_of_the_models_own_effect_stands_in_its_place():
     data, z = made(size=1.0)
     data.X[1, :, 4], key = 0.0, ("own", 0)
-    data.own = {key: (form().effect, 4)}
+    data.own_effects = {key: (form().effect, 4)}
     score = EvidenceScorer(data, 10)
     own = replace(form(), key=key, replaces_own_constant=True)
     fit = score.fit(())
@@ -402,8 +402,8 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
     )  # by clusters
     data.y[0] += 2.0 * errors
     fit = (score := EvidenceScorer(data, 10)).fit(())
-    robust = Columns.of(score, fit, z[:, None], 0, robust=True)
-    plainly = Columns.of(score, fit, z[:, None], 0, robust=False)
+    robust = CurveColumns.of(score, fit, z[:, None], 0, robust=True)
+    plainly = CurveColumns.of(score, fit, z[:, None], 0, robust=False)
     assert plainly.v == pytest.approx(1.0 + plainly.count / COARSENING_ROWS)
     assert robust.v > 2.0 * plainly.v
 
@@ -412,7 +412,7 @@ def test_a_curve_without_a_fold_is_that_of_the_other_rows():
     data, z = made()
     z, fold = z + data.X[0, :, :1], np.arange(M) % 2
     data.y[0] += 30.0 * (1.0 + fold) * z[:, 0]
-    columns = Columns.of(score := EvidenceScorer(data, 10), score.fit(()), z, 0)
+    columns = CurveColumns.of(score := EvidenceScorer(data, 10), score.fit(()), z, 0)
     found = columns.without_fold(fold, np.zeros((1, 1)))
     np.testing.assert_allclose(found, [[60.0], [30.0]], rtol=0.02)
 

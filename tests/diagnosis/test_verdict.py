@@ -183,5 +183,5 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     monkeypatch.setattr(
         "sdp_vs_penalty.diagnosis.conclude.size_of", lambda *_: (1.0, case.std)
     )
-    known = SimpleNamespace(beta=np.array([beta]), given=None)
+    known = SimpleNamespace(beta=np.array([beta]), covariance_given_constants=None)
     assert set(reasons_for_doubt(found, own, known, errors)) == doubts

@@ -16,11 +16,10 @@ from sdp_vs_penalty.effects.measured_curve import Variable
 
 def test_a_model_computes_its_current_torque_from_its_own_reference():
     robot = robots()["arm"]
-    motion, effects = steady_motion(robot), "rigid_body,torque_gain,viscous_friction"
-    model, bare = (
-        Model(robot, parse_effects(effects, robot)),
-        replace(motion, torque=None, current=None),
-    )
+    motion = steady_motion(robot)
+    effects = "rigid_body,torque_gain,viscous_friction"
+    model = Model(robot, parse_effects(effects, robot))
+    bare = replace(motion, torque=None, current=None)
     refusal(lambda: model.columns(bare), "identify the robot without it first")
     links = motion.model_links
     theta = np.concatenate([links.ravel(), np.full(3, 0.05), np.full(3, 0.3)])
@@ -58,7 +57,8 @@ def test_a_model_knows_the_gain_of_each_joints_position_error():
 
 
 def test_a_curve_reads_a_combination_of_joints():
-    robot, motion = robots()["arm"], steady_motion(robots()["arm"])
+    robot = robots()["arm"]
+    motion = steady_motion(robots()["arm"])
     ends = "@xlow=-9@xhigh=9@v1=-9@v2=9"
     both, fast = parse_effects(
         [
@@ -68,7 +68,8 @@ def test_a_curve_reads_a_combination_of_joints():
         robot,
     )
     assert [e.of(1) for e in (both, fast)] == [("q2-2q3",), ("dq1+dq2",)]
-    q, dq = motion.q, motion.dq
+    q = motion.q
+    dq = motion.dq
     for effect, x in ((both, q[:, 1] - 2.0 * q[:, 2]), (fast, dq[:, 0] + dq[:, 1])):
         np.testing.assert_allclose(
             wide_columns(effect, motion)[1, :, 0], np.clip(x, -9.0, 9.0)
@@ -79,13 +80,12 @@ def test_a_curve_reads_a_combination_of_joints():
 def test_a_curve_is_its_values_between_its_ends_and_constant_beyond():
     """Against SciPy's interpolation, over one variable and over two; and tables that
     cannot be."""
-    robot, motion, kind = (
-        robots()["arm"],
-        steady_motion(robots()["arm"]),
-        effect_types()["measured_curve"],
-    )
+    robot = robots()["arm"]
+    motion = steady_motion(robots()["arm"])
+    kind = effect_types()["measured_curve"]
     values = np.random.default_rng(3).normal(size=12)
-    q, dq = motion.q[:, 1], motion.dq[:, 1]
+    q = motion.q[:, 1]
+    dq = motion.dq[:, 1]
     low, high = np.quantile(q, (0.1, 0.8)).tolist()  # beyond both it is held
     table = {f"v{k}": float(v) for k, v in enumerate(values, start=1)} | {
         "xlow": low,
@@ -173,7 +173,8 @@ def test_torque_is_that_of_the_columns_over_the_models_own_width():
     torque = np.column_stack(
         [c.columns @ theta[c.indices] for c in model.columns(motion)]
     )
-    sign, dip = np.tanh(motion.dq / 0.3), np.exp(-((motion.dq / 0.1) ** 2))
+    sign = np.tanh(motion.dq / 0.3)
+    dip = np.exp(-((motion.dq / 0.1) ** 2))
     np.testing.assert_allclose(torque, sign * (theta[:3] + theta[3:] * dip), atol=1e-12)
     np.testing.assert_allclose(model.torque(theta, motion), torque, atol=1e-12)
 
@@ -182,6 +183,7 @@ def test_what_is_smoothed_is_the_motion_without_what_is_faster():
     """To its ends, where Butterworth's filter there and back lies twice as far beside
     it."""
     t = np.arange(1501) / 1000.0
-    slow, fast = np.sin(5.0 * t + 0.3), 0.1 * np.sin(2.0 * np.pi * 80.0 * t)
+    slow = np.sin(5.0 * t + 0.3)
+    fast = 0.1 * np.sin(2.0 * np.pi * 80.0 * t)
     left = Motion(t, *[slow[:, None]] * 3).smoothed(slow + fast, 20.0) - slow
     assert np.abs(left).max() < 5e-4

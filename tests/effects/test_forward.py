@@ -63,7 +63,9 @@ def test_simulations_side_by_side_weigh_what_each_does_alone():
 def test_as_mujoco_with_armature_and_damping(name):
     mujoco = pytest.importorskip("mujoco")
     p = plant(name, "rigid_body,viscous_friction,rotor_inertia")
-    n, h, steps = p.robot.n, 1e-3, 300
+    n = p.robot.n
+    h = 1e-3
+    steps = 300
     others = (
         np.full(n, SIZES["viscous_friction"]),
         np.zeros(n),
@@ -141,7 +143,8 @@ def test_friction_that_follows_the_load_follows_that_of_the_links_alone():
         p.theta[0],
     )
     p = Plant(replace(p.model, reference=theta), theta)
-    mass, h = float(p.mass(np.zeros((1, 1)))[0, 0, 0]), 1e-3
+    mass = float(p.mass(np.zeros((1, 1)))[0, 0, 0])
+    h = 1e-3
     t = h * (np.arange(80) + 0.5)
     u = 100.0 + 50.0 * np.sin(6.0 * t)
     start = at_rest(p)._replace(dq=np.full((1, 1), 0.1))
@@ -166,10 +169,13 @@ def test_channels_are_undone_and_others_left_out():
 @pytest.mark.parametrize("width", [1e-4, 0.1])
 def test_impulses_of_dry_friction_solve_their_law(width):
     """f = p tanh(y / w), y = y0 - G f, of joints that move each other strongly."""
-    rng, count, m = np.random.default_rng(0), 300, 5
+    rng = np.random.default_rng(0)
+    count = 300
+    m = 5
     A = rng.normal(size=(count, m, m))
     G = np.einsum("kij,klj->kil", A, A) + 0.05 * np.eye(m)
-    y0, p = 3.0 * rng.normal(size=(count, m)), rng.uniform(0.1, 2.0, (count, m))
+    y0 = 3.0 * rng.normal(size=(count, m))
+    p = rng.uniform(0.1, 2.0, (count, m))
     f = _solved(y0, G, p, np.zeros((count, m)), np.full(m, width))
     y = y0 - np.einsum("kij,kj->ki", G, f)
     left = f - p * np.tanh(y / width)

@@ -19,7 +19,8 @@ def to_and_fro(period: float = 4.0) -> Motion:
     radian."""
     t = np.arange(0.0, 2.0 * period, 1e-3)
     w = 2.0 * np.pi / period * np.array([1.0, 3.0])
-    s, c = (np.sin(np.outer(t, w)), np.cos(np.outer(t, w)))
+    s = np.sin(np.outer(t, w))
+    c = np.cos(np.outer(t, w))
     size = np.outer([1.0, 0.3], [0.004, 0.02, 0.3])
     return Motion(t, s @ size, (c * w) @ size, -(s * w**2) @ size, sign_width=1e-4)
 
@@ -47,7 +48,8 @@ def test_friction_takes_energy_and_a_rotor_keeps_it(text):
             z = z + wide_columns(dry, motion)
         assert np.all(np.abs(z) <= 1.0)
     power = np.einsum("jnk,nj->nk", z, motion.dq)[motion.t >= 4.0]
-    energy, moved = power.sum(axis=0), np.abs(power).sum(axis=0)
+    energy = power.sum(axis=0)
+    moved = np.abs(power).sum(axis=0)
     if text.endswith("inertia"):
         assert np.all(np.abs(energy) < 1e-3 * moved)
         return
@@ -64,7 +66,8 @@ def test_friction_takes_energy_and_a_rotor_keeps_it(text):
 )
 def test_states_that_are_advanced_step_by_step_are_those_along_the_motion(text):
     (made,) = parse_effects(text, ARM)
-    q, along = to_and_fro().q, made.bristles.along(to_and_fro())
+    q = to_and_fro().q
+    along = made.bristles.along(to_and_fro())
     z = along[:1]
     for k in range(1, 3000):
         z = made.bristles.advanced(z, q[k : k + 1] - q[k - 1 : k])

@@ -12,9 +12,9 @@ from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimation import (
     ShapeSensitivity,
+    fit_constants_jointly,
     free_constants,
     prior_deviation,
-    settled,
 )
 from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.signals import FilteredRuns
@@ -55,7 +55,7 @@ def settled_from(two_link, start, truth, stribeck=0.5):
     data = Measurements(motion.t, motion.q, model.torque(theta, motion))
     begin = two_link.model(texts(*start))
     settings = two_link.preprocessing.resolve(data)
-    return settled(
+    return fit_constants_jointly(
         begin, WANTED, lambda m: compress(FilteredRuns.of(data, settings), m)
     )
 

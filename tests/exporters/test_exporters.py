@@ -106,8 +106,14 @@ def test_a_users_urdf_is_edited_byte_for_byte(tmp_path):
     reloaded, _ = load_urdf(out)
     assert reloaded.n == 3
     by_link = {check.link: check for check in check_urdf(out)}
-    assert by_link["plate"].given.mass == by_link["tip"].given.mass == 0.0
-    assert by_link["bare"].given.mass == pytest.approx(estimate.links[1, 0], abs=0)
+    assert (
+        by_link["plate"].inertial_given.mass
+        == by_link["tip"].inertial_given.mass
+        == 0.0
+    )
+    assert by_link["bare"].inertial_given.mass == pytest.approx(
+        estimate.links[1, 0], abs=0
+    )
     # A second export over the result changes nothing at all.
     again = tmp_path / "again.urdf"
     export(estimate, again, urdf=out)

@@ -38,7 +38,8 @@ def test_a_body_holds_its_points_and_little_else(seed):
     corners = (
         np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
     )
-    turn, shift = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    shift = rng.normal(size=3)
     inner = rng.uniform(-1.0, 1.0, (200, 3)) * half
     body = around(np.concatenate([corners, inner]) @ turn.T + shift, "geometry")
     ends = np.column_stack([corners @ turn.T + shift, np.ones(8)])
@@ -57,8 +58,10 @@ def test_a_body_is_as_large_as_what_it_is_known_from_says():
     robot = Robot(
         "pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),)
     )
-    nothing, nowhere = np.zeros((1, 10)), np.tile([-np.inf, np.inf], (1, 3, 1))
-    half, centre = np.array([0.4, 0.3, 0.2]), np.array([0.5, 0.0, 0.0])
+    nothing = np.zeros((1, 10))
+    nowhere = np.tile([-np.inf, np.inf], (1, 3, 1))
+    half = np.array([0.4, 0.3, 0.2])
+    centre = np.array([0.5, 0.0, 0.0])
     lifted = np.append(centre, 1.0)
     second = np.pad(np.diag(half**2 / 5.0), (0, 1)) + np.outer(lifted, lifted)
     inertial = inertia.from_pseudo_inertia(2.0 * second)[None]
@@ -89,10 +92,8 @@ def test_the_body_of_a_cylinder_is_not_for_rounding_to_choose():
     robot = Robot(
         "pendulum", (Joint("j", "revolute", -1, np.eye(4), np.eye(3)[2], np.eye(4)),)
     )
-    lifted, nowhere = (
-        np.array([0.4, 0.1, 0.0, 1.0]),
-        np.tile([-np.inf, np.inf], (1, 3, 1)),
-    )
+    lifted = np.array([0.4, 0.1, 0.0, 1.0])
+    nowhere = np.tile([-np.inf, np.inf], (1, 3, 1))
     second = np.pad(np.diag([0.02, 4e-4, 4e-4]), (0, 1)) + np.outer(lifted, lifted)
     quadrics = []
     for share in (-1e-12, 0.0, 1e-12):

@@ -91,10 +91,8 @@ def test_nominal_robots_of_built_in_problems_come_from_their_bounds(name, reques
 def test_turned_gravity_finds_its_own_base_parameters(panda):
     """Mounted on a wall, joint 1 carries weight: more parameters make torque than the
     43 named."""
-    upright, wall = (
-        panda.with_gravity((0.0, 0.0, -9.8)),
-        panda.with_gravity((-9.81, 0.0, 0.0)),
-    )
+    upright = panda.with_gravity((0.0, 0.0, -9.8))
+    wall = panda.with_gravity((-9.81, 0.0, 0.0))
     assert upright.independent == panda.independent
     assert (
         len(base_parameters(upright.model("rigid_body"), upright.independent)[0]) == 43
@@ -140,7 +138,8 @@ def test_with_the_corrections_every_printed_digit_of_table_three_follows(
     made, shown, differ, panda
 ):
     """And as printed the known rows do not; two are printed empty (erratum 8)."""
-    found, empty = set(), set()
+    found = set()
+    empty = set()
     for row, value in zip(
         panda.published["table_III"], pi_p_hat(panda, made), strict=False
     ):
@@ -164,7 +163,9 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
     torque limits, or, where these are missing or placeholders, thrice what holds 10
     kg/m, up to 1000 N m.
     """
-    here, apart, out = np.eye(4), np.eye(4), np.array([0.0, 1.0, 0.0])
+    here = np.eye(4)
+    apart = np.eye(4)
+    out = np.array([0.0, 1.0, 0.0])
     apart[0, 3] = length
     places = zip((here, apart), efforts, strict=True)
     joints = tuple(
@@ -191,7 +192,8 @@ def test_a_nominal_link_is_a_tube_between_half_actuators(length, efforts):
 def test_what_bounds_a_link_by_default_is_the_largest_that_is_known():
     """1 m, 1.5 times the reach, the stroke, twice a given mass's root mean square; 100
     kg or thrice."""
-    here, up = np.eye(4), np.array([0.0, 0.0, 1.0])
+    here = np.eye(4)
+    up = np.array([0.0, 0.0, 1.0])
     arm = Joint("j", "revolute", -1, here, up, here)
     far = np.eye(4)
     far[0, 3] = 2.0
@@ -276,7 +278,8 @@ def test_bounds_on_central_inertia_are_sent_as_their_convex_consequence(panda):
     demands = panda.constraints(panda.model("rigid_body")).convex
     sent = np.array([c.value(theta) for c in demands if c.family == "trace"])
     far = np.abs(panda.box[:, 1:4]).max(axis=2) ** 2
-    mass, moments = theta.reshape(7, 10)[:, :1], theta.reshape(7, 10)[:, [4, 6, 9]]
+    mass = theta.reshape(7, 10)[:, :1]
+    moments = theta.reshape(7, 10)[:, [4, 6, 9]]
     others = np.roll(far, 1, axis=1) + np.roll(far, 2, axis=1)
     np.testing.assert_allclose(
         sent, panda.box[:, [4, 6, 9], 1] + mass * others - moments
@@ -289,7 +292,9 @@ def test_bounds_on_central_inertia_are_sent_as_their_convex_consequence(panda):
 def test_a_given_inertial_is_as_slender_as_its_link_is_long(length, thin, kept):
     """A rod of 5 mm is a short link's, one of 1 mm is no link of three metres; its
     weight stays."""
-    here, apart, out = np.eye(4), np.eye(4), np.array([0.0, 1.0, 0.0])
+    here = np.eye(4)
+    apart = np.eye(4)
+    out = np.array([0.0, 1.0, 0.0])
     apart[0, 3] = length
     joints = tuple(
         Joint(f"j{k}", "revolute", k - 1, p, out, here)
@@ -322,10 +327,8 @@ def test_what_a_problem_leaves_out_is_open(tmp_path):
         'title = "t"\n[kinematics]\nconvention = "standard"\na = [0.0, 0.5]\nd = [0.2,'
         " 0.0]\nalpha_over_pi = [0.5, 0.0]\n"
     )
-    problem, plain = (
-        load_problem(tmp_path),
-        replace(load_problem("two_link"), effects=None),
-    )
+    problem = load_problem(tmp_path)
+    plain = replace(load_problem("two_link"), effects=None)
     assert np.array_equal(problem.box, open_box(2))
     assert (problem.total_mass, problem.cones, problem.independent) == (
         (0.0, np.inf),

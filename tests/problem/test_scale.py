@@ -39,11 +39,13 @@ def scaled(axis: Axis, length: float) -> Axis:
 
 def run_of(problem: sdp.Problem, seed: int) -> sdp.Measurements:
     """Twenty seconds with friction of 1 % of a usual torque and noise of .3 % of it."""
-    rng, n = np.random.default_rng(seed), problem.robot.n
+    rng = np.random.default_rng(seed)
+    n = problem.robot.n
     t = np.arange(0.0, 20.0, 0.01)
     q, dq, ddq = np.zeros((3, len(t), n))
     for frequency in (0.1, 0.2, 0.3, 0.5, 0.7):
-        w, phase = 2.0 * np.pi * frequency, rng.uniform(-3.0, 3.0, n)
+        w = 2.0 * np.pi * frequency
+        phase = rng.uniform(-3.0, 3.0, n)
         a = rng.uniform(0.1, 0.4, n)
         q += a * np.sin(w * t[:, None] + phase)
         dq += a * w * np.cos(w * t[:, None] + phase)

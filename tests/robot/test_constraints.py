@@ -43,7 +43,8 @@ def test_ellipsoid_is_the_mean_over_the_mass(seed):
     """tr(P Q) is the integral of 1 - (x - c)^T D (x - c), written here as a sum over
     points."""
     rng = np.random.default_rng(seed)
-    masses, x = rng.uniform(0.1, 1.0, 20), rng.normal(size=(20, 3))
+    masses = rng.uniform(0.1, 1.0, 20)
+    x = rng.normal(size=(20, 3))
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     body = Body(0.3 * rng.normal(size=3), rng.uniform(0.5, 3.0, 3), axes, "geometry")
     homogeneous = np.column_stack([x, np.ones(20)])
@@ -63,7 +64,8 @@ def test_ellipsoid_is_the_mean_over_the_mass(seed):
 def test_projection_is_the_nearest_point_of_the_cone(cone, seed):
     """Moreau: x = P(x) - P(-x) with both parts in the self-dual cone and orthogonal."""
     x = random_value(np.random.default_rng(seed), cone)
-    inside, polar = project(cone, x), project(cone, -x)
+    inside = project(cone, x)
+    polar = project(cone, -x)
     assert cone_margin(cone, inside) >= -1e-12
     assert cone_margin(cone, polar) >= -1e-12
     np.testing.assert_allclose(inside - polar, x, atol=1e-12)
@@ -184,7 +186,8 @@ def test_parameter_bound_holds_on_the_boundary_of_a_default_robot(seed):
     box[:, 1:, 1] = np.where(known, limits, np.inf)
     problem = Problem("r", "r", robot, box, np.zeros((3, 10)))
     model = problem.model(["rigid_body"])
-    demands, bound = problem.constraints(model), problem.parameter_bound(model)
+    demands = problem.constraints(model)
+    bound = problem.parameter_bound(model)
     for _ in range(5):
         theta = extreme_point(demands, rng, 30)
         assert demands.margin(theta) >= -1e-6
@@ -276,7 +279,8 @@ def test_transform_moves_the_mass(seed):
     masses, x = cloud(rng)
     placement = pose(rng, 2.0)
     moved = x @ placement[:3, :3].T + placement[:3, 3]
-    theta, expected = parameters_of(masses, x), parameters_of(masses, moved)
+    theta = parameters_of(masses, x)
+    expected = parameters_of(masses, moved)
     np.testing.assert_allclose(
         inertia.transform(placement) @ theta, expected, rtol=1e-9, atol=1e-9
     )

@@ -31,7 +31,8 @@ FINGERS = """
 @pytest.fixture
 def urdf(tmp_path) -> Path:
     path = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
-    robot, text = load_urdf(path)[0], path.read_text()
+    robot = load_urdf(path)[0]
+    text = path.read_text()
     tip = text.rpartition('<link name="')[2].partition('"')[0]
     assert robot.n == 3
     path.write_text(text.replace("</robot>", FINGERS.format(tip=tip)))
@@ -46,7 +47,8 @@ def test_a_held_arm_makes_the_torque_of_the_whole_one(urdf):
     whole, links = load_urdf(urdf)
     held, fewer = load_urdf(urdf, held={"finger_joint": 0.3})
     q, dq, ddq = states(3)
-    zeros, still = np.zeros((20, 1)), np.full((20, 1), 0.3)
+    zeros = np.zeros((20, 1))
+    still = np.full((20, 1), 0.3)
     full = (np.hstack([q, still]), np.hstack([dq, zeros]), np.hstack([ddq, zeros]))
     expected = whole.inverse_dynamics(links, *full)[:, :3]
     np.testing.assert_allclose(held.inverse_dynamics(fewer, q, dq, ddq), expected)
@@ -80,9 +82,11 @@ def test_a_problem_says_what_is_held(urdf):
 
 
 def test_a_joint_of_a_table_is_held_too():
-    whole, held = load_problem("panda"), load_problem("panda", held={"joint7": 0.4})
+    whole = load_problem("panda")
+    held = load_problem("panda", held={"joint7": 0.4})
     q, dq, ddq = states(6)
-    zeros, still = np.zeros((20, 1)), np.full((20, 1), 0.4)
+    zeros = np.zeros((20, 1))
+    still = np.full((20, 1), 0.4)
     full = (np.hstack([q, still]), np.hstack([dq, zeros]), np.hstack([ddq, zeros]))
     expected = whole.robot.inverse_dynamics(whole.nominal_links, *full)[:, :6]
     torque = held.robot.inverse_dynamics(whole.nominal_links, q, dq, ddq)
@@ -108,7 +112,8 @@ def log(urdf: Path, joints: int) -> Path:
 
 
 def test_an_idle_joint_is_held_by_itself(urdf, capfd):
-    path, model = log(urdf, 4), urdf.with_name("model.json")
+    path = log(urdf, 4)
+    model = urdf.with_name("model.json")
     words = ("identify", urdf, "--data", path, "--method", "ols", "--out", model)
     assert run_cli(*words) == 0
     said = " ".join(capfd.readouterr().err.split())
@@ -124,12 +129,14 @@ def test_columns_of_held_joints_are_left_out(urdf):
 
 
 def test_a_log_without_the_finger_says_how_to_hold_it(urdf):
-    path, names = log(urdf, 3), load_problem(urdf).robot.joint_names
+    path = log(urdf, 3)
+    names = load_problem(urdf).robot.joint_names
     refusal(lambda: read_run(path, 4, names), "--hold finger_joint=0")
 
 
 def test_a_log_by_names_without_the_finger_needs_no_option(urdf):
-    path, robot = log(urdf, 3), load_problem(urdf).robot
+    path = log(urdf, 3)
+    robot = load_problem(urdf).robot
     header, _, rows = path.read_text().partition("\n")
     for k, name in enumerate(robot.joint_names[:3], start=1):
         for ours, theirs in (("q", "position"), ("dq", "velocity"), ("tau", "effort")):

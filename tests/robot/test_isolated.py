@@ -115,7 +115,8 @@ def test_no_process_is_left(file):
 def test_a_mat_file_with_one_wrong_byte(two_link_run, tmp_path):
     save(two_link_run, tmp_path / "run.mat")
     content = (tmp_path / "run.mat").read_bytes()
-    rng, n_refused = np.random.default_rng(0), 0
+    rng = np.random.default_rng(0)
+    n_refused = 0
     for _ in range(12):
         place = int(rng.integers(128, 200))
         changed = bytes([int(rng.integers(256))])

@@ -133,10 +133,8 @@ def test_the_tool_turns_about_the_remote_centre_and_slides_through_it():
     names = [joint.name for joint in robot.tree]
     for q in robot.random_configurations(20, seed=0):
         (poses,) = robot.poses(robot.tree_state(q)[0])
-        pitch, insertion = (
-            poses[names.index("pitch_joint")],
-            poses[names.index("insertion_joint")],
-        )
+        pitch = poses[names.index("pitch_joint")]
+        insertion = poses[names.index("insertion_joint")]
         centre = insertion[:3, 3] - (q[2] - 0.4318) * insertion[:3, 2]
         np.testing.assert_allclose(
             centre, [0.0, 0.516, 0.0], atol=1e-9
@@ -163,7 +161,8 @@ def test_tables_without_header_are_read_at_their_rate(tmp_path):
 @pytest.mark.parametrize("seed", range(8))
 def test_joints_come_back_from_channels_of_either_side(seed):
     """Of any regular coupling, each channel on either side."""
-    rng, n = np.random.default_rng(seed), 5
+    rng = np.random.default_rng(seed)
+    n = 5
     matrix = np.diag(rng.choice([-1.0, 1.0], n) * rng.uniform(20.0, 120.0, n))
     matrix[rng.integers(n), rng.integers(n)] += 30.0
     sides = [tuple(map(str, rng.choice(SIDES, n))) for _ in range(2)]
@@ -203,7 +202,8 @@ def test_the_tx40_converts_as_its_authors_do():
     rng = np.random.default_rng(0)
     q_m, tau_m = rng.normal(size=(2, 30, 6))
     ratio = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
-    q, tau = q_m / ratio, tau_m * ratio
+    q = q_m / ratio
+    tau = tau_m * ratio
     q[:, 5] -= q[:, 4]
     q[:, 1] -= np.pi / 2.0
     q[:, 2] += np.pi / 2.0
@@ -221,7 +221,8 @@ def test_a_log_of_motors_is_recognised_by_the_robots_transmission():
     tau = np.ones_like(q)
     turned = q @ robot.transmission.matrix.T + robot.transmission.offset
     check_plausible(robot, Measurements(t, q, tau))
-    logged, unknown = Measurements(t, turned, tau), replace(robot, transmission=None)
+    logged = Measurements(t, turned, tau)
+    unknown = replace(robot, transmission=None)
     refusal(
         lambda: check_plausible(robot, logged),
         "those of the motors",

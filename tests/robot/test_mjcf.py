@@ -66,7 +66,8 @@ def torques_of_mujoco(text: str, state: list[np.ndarray]) -> np.ndarray:
     """(N, L) by mj_inverse of all joints; friction and equalities count as constraints."""
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    data, out = mujoco.MjData(model), []
+    data = mujoco.MjData(model)
+    out = []
     for data.qpos, data.qvel, data.qacc in zip(*state, strict=True):
         mujoco.mj_inverse(model, data)
         out.append(np.array(data.qfrc_inverse))
@@ -187,7 +188,8 @@ def test_xacro_is_expanded_where_its_package_is_installed(tmp_path, monkeypatch)
 def test_names_of_robot_descriptions(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "robot_descriptions", None)
     refusal(lambda: load_problem("panda_description"), "pip install robot_descriptions")
-    package, one = ModuleType("robot_descriptions"), ModuleType("own_description")
+    package = ModuleType("robot_descriptions")
+    one = ModuleType("own_description")
     one.URDF_PATH = str(xacro_file(tmp_path)[0])  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "robot_descriptions", package)
     monkeypatch.setitem(sys.modules, "robot_descriptions.own_description", one)

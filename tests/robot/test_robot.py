@@ -78,9 +78,8 @@ def test_masses_of_least_squares_may_be_negative(seed):
     ):
         step = np.zeros_like(states)
         step[k, :, j] = 1e-6
-        after, before = (
-            robot.inverse_dynamics(wild, *(states + s * step)) for s in (1.0, -1.0)
-        )
+        after = robot.inverse_dynamics(wild, *states + 1.0 * step)
+        before = robot.inverse_dynamics(wild, *states + -1.0 * step)
         slope = (after - before) / 2e-6
         np.testing.assert_allclose(
             by[:, :, j], slope, atol=1e-5 * (np.abs(slope).max() + scale)
@@ -88,8 +87,11 @@ def test_masses_of_least_squares_may_be_negative(seed):
 
 
 def test_dh_tables_place_frames_as_craig_and_the_standard_do():
-    a, alpha, d = 0.3, 0.7, 0.2
-    c, s = np.cos(alpha), np.sin(alpha)
+    a = 0.3
+    alpha = 0.7
+    d = 0.2
+    c = np.cos(alpha)
+    s = np.sin(alpha)
     (craig,), (far,) = (
         Robot.from_dh("r", [a], [alpha], [d], k).joints
         for k in ("modified", "standard")
@@ -112,7 +114,8 @@ def test_velocity_and_acceleration_are_the_derivatives(seed):
     t = np.random.default_rng(seed).uniform(h, trajectory.duration - h, 200)
     t = t[np.abs(t[:, None] - joins).min(axis=1) > h]  # ddq jumps there
     _, dq, ddq = trajectory.states(t)
-    before, after = trajectory.states(t - h), trajectory.states(t + h)
+    before = trajectory.states(t - h)
+    after = trajectory.states(t + h)
     np.testing.assert_allclose(dq, (after[0] - before[0]) / (2 * h), atol=1e-8)
     np.testing.assert_allclose(ddq, (after[1] - before[1]) / (2 * h), atol=1e-7)
 

@@ -62,8 +62,10 @@ def test_a_shape_lies_in_the_hull_of_its_points(name, tag, tmp_path):
         robot_file(tmp_path, body, f"{pose}{body}", tag=tag)
     )
     assert found.volume == pytest.approx(2.0 * volume)
-    d, half = directions(200), len(found.points) // 2
-    own, turned = found.points[:half], found.points[half:] - [0.5, 0.0, 1.0]
+    d = directions(200)
+    half = len(found.points) // 2
+    own = found.points[:half]
+    turned = found.points[half:] - [0.5, 0.0, 1.0]
     for points, along in ((own, d), (turned, d[:, [2, 1, 0]] * [-1.0, 1.0, 1.0])):
         hull = (points @ d.T).max(axis=0)
         assert np.all(hull >= reach(along) - 1e-12)
@@ -105,10 +107,8 @@ def test_a_mesh_is_found_beside_the_file_and_where_ros_has_it(tmp_path, monkeypa
 @given(seeds)
 def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
     rng = np.random.default_rng(seed)
-    points, limits = (
-        rng.normal(size=(4, 3)),
-        rng.uniform(0.5, 3.0, (3, 3)) ** [[1], [2], [3]],
-    )
+    points = rng.normal(size=(4, 3))
+    limits = rng.uniform(0.5, 3.0, (3, 3)) ** [[1], [2], [3]]
     limits[np.arange(3) != seed % 3] *= (
         100.0  # of velocity, acceleration and jerk one binds
     )
@@ -122,7 +122,8 @@ def test_a_move_from_point_to_point_is_smooth_and_as_fast_as_its_limits(seed):
         q, dq, ddq = path.states([at])
         np.testing.assert_allclose(q[0], point, atol=1e-9)
         assert max(np.abs(dq).max(), np.abs(ddq).max()) < 1e-9
-    t, h = np.linspace(0.0, path.duration, 4001), 1e-4
+    t = np.linspace(0.0, path.duration, 4001)
+    h = 1e-4
     (q, dq, ddq), (before, low, _), (after, high, _) = (
         path.states(t + x) for x in (0.0, -h, h)
     )
@@ -148,7 +149,8 @@ def test_the_depth_in_a_cone_has_its_margins_sign_in_any_unit(seed, cone):
     if cone == "psd":
         terms = [x @ x.T for x in rng.normal(size=(3, 3, 3))]
     signs = np.array([1.0, -0.3, 0.4])
-    value, size = (np.tensordot(s, terms, axes=1) for s in (signs, np.abs(signs)))
+    value = np.tensordot(signs, terms, axes=1)
+    size = np.tensordot(np.abs(signs), terms, axes=1)
     unit = 2.0 ** rng.integers(-20, 20)
     found = [
         constraint.cone_depths(cone, x[None], np.abs(y)[None])[0]
@@ -223,12 +225,15 @@ def test_formulas_of_joints_are_sums():
 def test_work_done_by_gravity_is_the_fall_of_the_links(name):
     """Poses against torques: tau dq is the change of the links' potential energy, m g .
     c."""
-    robot, rng = load_problem(name).robot, np.random.default_rng(0)
+    robot = load_problem(name).robot
+    rng = np.random.default_rng(0)
     theta = np.concatenate([link_parameters(rng, 0.4) for _ in range(robot.links)])
-    q, h = rng.normal(size=(20, robot.n)), 1e-6
+    q = rng.normal(size=(20, robot.n))
+    h = 1e-6
 
     def energy(q: np.ndarray) -> np.ndarray:
-        poses, links = robot.poses(robot.tree_state(q)[0]), theta.reshape(-1, 10)
+        poses = robot.poses(robot.tree_state(q)[0])
+        links = theta.reshape(-1, 10)
         out = np.zeros(len(q))
         for k, link in zip(robot.link_joints, links, strict=True):
             frame = poses[:, k] @ robot.tree[k].link_frame

@@ -9,7 +9,7 @@ from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
-from sdp_vs_penalty.checks.repair import Event, LogTransform
+from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
 
 #: Share of the time on either side of a step that the joint has to move each way: else
 #: it is friction's.
@@ -34,12 +34,12 @@ class Beside(Transformation):
             for x in laws.values()
         ]
         for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
-            yield now.with_event(Event(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
+            yield now.with_event(LogEvent(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
         steps = np.linspace(
             0.12, 0.88, c.ROWS // 2
         )  # two rows each: the wrong moment explains nothing
         events = [None, *(float(motion.t[0] + s * span) for s in steps)]
-        shapes = np.hstack([Event(0, at).shape(motion.t) for at in events])
+        shapes = np.hstack([LogEvent(0, at).shape(motion.t) for at in events])
         found = score.gained(score.rows.rest(heard * shapes)) * log.moving[:, None]
         forth = (motion.dq[:, order].T > 0.0) * 1.0
         for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
@@ -48,7 +48,7 @@ class Beside(Transformation):
         for some, at in ((found[:, :1], events[:1]), (found[:, 1:], events[1:])):
             j, k = divmod(int(np.argmax(some)), len(at))
             if some[j, k] > 0.0:
-                yield now.with_event(Event(j, at[k]))
+                yield now.with_event(LogEvent(j, at[k]))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for event in repair.events:

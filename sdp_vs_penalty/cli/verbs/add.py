@@ -45,11 +45,11 @@ def verb(
         "gain_uncertainty": gain_uncertainty,
     }
     with console.progress("reading the measurements") as progress:
-        given = runs_for(estimate, data, window, test, test_window)
-        bigger = run(estimate, effects, given.train, progress=progress, **how)
+        runs = runs_for(estimate, data, window, test, test_window)
+        bigger = run(estimate, effects, runs.train, progress=progress, **how)
         models = {"before": estimate, "after": bigger}
-        before, after = compare(models, given.judge, noise_from=given.judged_recordings)
-        checked = not consented(estimate, given.train)
+        before, after = compare(models, runs.judge, noise_from=runs.judged_recordings)
+        checked = not consented(estimate, runs.train)
         judged = after.verdict.to_dict()
         bigger.provenance.update(
             {"data": words(data, window), "checked": checked, "verdict": judged}
@@ -93,9 +93,9 @@ def _effects(
         return effect or ""
     if confident and only is not None:
         raise InputError("--confident and --only exclude each other", "leave one out")
-    found = load_diagnosis(findings)
-    wanted = None if only is None else numbers("--only", only)
+    diagnosis = load_diagnosis(findings)
+    numbers_wanted = None if only is None else numbers("--only", only)
     try:
-        return found.selected(wanted, confident)
+        return diagnosis.selected(numbers_wanted, confident)
     except InputError as error:
         raise error.within(findings) from error

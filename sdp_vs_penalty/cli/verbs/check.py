@@ -78,10 +78,10 @@ def verb(
             console.written(note)
         console.next_step(["check", *copies, "--problem", problem, *mounting])
     elif any(f.mends for report in reports for f in report.errors_and_warnings):
-        beside = data[0].with_name(
+        fixed_file = data[0].with_name(
             f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed"
         )
-        console.next_step(["check", *words, "--fix", beside])
+        console.next_step(["check", *words, "--fix", fixed_file])
     elif not meaningless:
         train = [path for path in data if not for_testing(path)] or data
         console.next_step(

@@ -21,9 +21,9 @@ def verb(
 
     estimates = {str(path): load_estimate(path) for path in models}
     newest, estimate = list(estimates.items())[-1]
-    given = runs_for(estimate, data, window)
-    runs = given.train
-    results = compare(estimates, runs, noise_from=given.judged_recordings)
+    runs_given = runs_for(estimate, data, window)
+    runs = runs_given.train
+    results = compare(estimates, runs, noise_from=runs_given.judged_recordings)
     oldest = next(iter(estimates.values()))
     failures = where_it_fails(
         estimate, runs, oldest.preprocessing, noise=results[0].noise

@@ -62,13 +62,13 @@ def verb(
     )
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
     console.table(title, heads, rows)
-    told = {
+    settings = {
         "--method": method,
         "--effects": effects,
         "--gravity": gravity,
         "--hold": hold,
         "--out": "model.json",
     }
-    words = (word for pair in told.items() if pair[1] for word in pair)
+    words = (word for pair in settings.items() if pair[1] for word in pair)
     console.save_json(json_, result.to_dict())
     console.next_step(["identify", problem, "--data", *data, *words])

@@ -16,23 +16,25 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     from sdp_vs_penalty.reports.sections import JUDGED_HEADS, judged_row
 
     with console.progress("simulating") as progress:
-        made = demo(out, seed, progress)
-    before, units = made.compared[-1], made.model.robot.torque_units
+        demonstration = demo(out, seed, progress)
+    before, units = demonstration.compared[-1], demonstration.model.robot.torque_units
     console.say(
         f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out})."
     )
     console.say("1. Identify: the same runs by three methods", style="bold")
-    rows = list(map(judged_row, made.compared))
+    rows = list(map(judged_row, demonstration.compared))
     console.table(
         "On motion that no model has seen", ("method", *JUDGED_HEADS), rows, words=2
     )
     console.say("2. Compare: where the physically consistent model fails", style="bold")
-    printing.where_it_fails(made.failures, units, before.name)
+    printing.where_it_fails(demonstration.failures, units, before.name)
     console.say("3. Diagnose", style="bold")
-    console.paragraph(made.found.headline)
+    console.paragraph(demonstration.diagnosis.headline)
     console.say("4. Add it", style="bold")
-    printing.before_after(before, made.after, units, "motion that neither has seen")
-    console.say(f"Hidden was: {made.truth}.")
+    printing.before_after(
+        before, demonstration.after, units, "motion that neither has seen"
+    )
+    console.say(f"Hidden was: {demonstration.truth}.")
     console.written(out / "report.html", "open it in a browser")
     runs = [out / name for name in RUNS]
     console.next_step(

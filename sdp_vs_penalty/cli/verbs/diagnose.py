@@ -28,33 +28,33 @@ def verb(
 
     estimate = load_estimate(model)
     with console.progress("reading the measurements") as progress:
-        given = runs.runs_for(estimate, data, window, test, test_window)
-        if consented(estimate, given.train):
+        runs_given = runs.runs_for(estimate, data, window, test, test_window)
+        if consented(estimate, runs_given.train):
             console.warn(
                 "data check skipped: the model comes from these runs with --no-check"
             )
         result = find_missing_effects(
             estimate,
-            given.train,
-            given.test,
+            runs_given.train,
+            runs_given.test,
             frozen=frozen,
             seed=seed,
             progress=progress,
-            noise_from=given.whole,
-            judged_recordings=given.judged_recordings,
+            noise_from=runs_given.all_runs,
+            judged_recordings=runs_given.judged_recordings,
             gain_uncertainty=gain_uncertainty,
             check=not no_check,
             warn=console.warn,
             without_check=runs.NO_CHECK,
         )
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
-    asked = {
+    settings = {
         "--test": test,
         "--test-window": test_window,
         "--gain-uncertainty": gain_uncertainty,
     }
     words += [
-        str(word) for pair in asked.items() if pair[1] is not None for word in pair
+        str(word) for pair in settings.items() if pair[1] is not None for word in pair
     ]
     what = [",".join(f.text for f in result.sure)] if result.sure else []
     if json_ is not None and (
@@ -72,5 +72,5 @@ def verb(
             path.stem.removeprefix(stem) for path in model.parent.glob(f"{stem}*.json")
         )
         free = max((int(n) for n in numbers if n.isdigit()), default=1) + 1
-        beside = model.with_name(f"{stem}{free}.json")
-        console.next_step(["add", model, *what, *words, "--out", beside])
+        free_model = model.with_name(f"{stem}{free}.json")
+        console.next_step(["add", model, *what, *words, "--out", free_model])

@@ -57,11 +57,11 @@ def verb(
     how |= {"objective": objective, "harmonics": harmonics, "frequency": frequency}
     with console.progress("excitation") as progress:
         robot = problem_from_options(problem, hold=hold) if hold else problem
-        found = excite(robot, progress=progress, **how)
-    found.save(out)
+        excitation = excite(robot, progress=progress, **how)
+    excitation.save(out)
     console.say(
-        f"condition number of the base regressor: {found.history[0]:.1f} at the start, "
-        f"{found.condition:.1f} after {len(found.history) - 1} iterations"
+        f"condition number of the base regressor: {excitation.history[0]:.1f} at the start, "
+        f"{excitation.condition:.1f} after {len(excitation.history) - 1} iterations"
     )
     console.paragraph(f"Self-collision is not checked: {_LOOK}")
     console.written(out)
@@ -89,16 +89,21 @@ def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> Non
             f"--joints {joints!r} names no joints", "write 5+6+7"
         ) from None
     with console.progress("weighing") as progress:
-        found = payload_run(estimate, joints=moving, progress=progress, **settings)
-    save_trajectory(found.trajectory, out)
-    ends = (np.maximum.reduceat(x, (0, 1, 4)) for x in (found.deviation, found.started))
+        excitation = payload_run(estimate, joints=moving, progress=progress, **settings)
+    save_trajectory(excitation.trajectory, out)
+    ends = (
+        np.maximum.reduceat(x, (0, 1, 4))
+        for x in (excitation.deviation, excitation.started)
+    )
     names = {
         "mass": "kg",
         "mass times centre of mass": "kg m",
         "inertia about the flange": "kg m^2",
     }
-    for (name, unit), own, random in zip(names.items(), *ends, strict=True):
-        console.say(f"{name}: +- {own:.2g} {unit} ({random:.2g} on a random motion)")
+    for (name, unit), designed, random in zip(names.items(), *ends, strict=True):
+        console.say(
+            f"{name}: +- {designed:.2g} {unit} ({random:.2g} on a random motion)"
+        )
     console.paragraph(
         f"Standard deviations of a load after {settings['duration']:g} s, the largest"
         " of three or six, from the noise of the model's data; the model and the gains"
@@ -123,24 +128,26 @@ def _separate(
     estimate = load_estimate(model)
     shapes = None if urdf is None else self_collision(urdf, estimate.robot.n)
     with console.progress("separating") as progress:
-        found = separate(estimate, effects, free=shapes, progress=progress, **settings)
+        separation = separate(
+            estimate, effects, free=shapes, progress=progress, **settings
+        )
     ros = out.with_suffix(".yaml")
-    save_trajectory(found.trajectory, out)
-    write_text(ros, joint_trajectory(estimate.robot.joint_names, found.trajectory))
+    save_trajectory(separation.trajectory, out)
+    write_text(ros, joint_trajectory(estimate.robot.joint_names, separation.trajectory))
     console.say(
         f"right decision after {settings['duration']:g} s:"
-        f" {100 * found.default_right:.0f} % on the default excitation,"
-        f" {100 * found.right:.0f} % on this one",
+        f" {100 * separation.default_right:.0f} % on the default excitation,"
+        f" {100 * separation.right:.0f} % on this one",
         style="bold",
     )
     needed = [
         f"{t:.3g} s" if t < 1e7 else "never"
-        for t in (found.default_seconds, found.seconds)
+        for t in (separation.default_seconds, separation.seconds)
     ]
     console.say(
         f"seconds for {100 * LEVEL:.0f} % right decisions: {needed[0]} and {needed[1]}"
     )
-    squares = [f"{d:.3g}" for d in (found.default_delta2, found.delta2)]
+    squares = [f"{d:.3g}" for d in (separation.default_delta2, separation.delta2)]
     console.say(
         f"squared distance of the two, in noise variances: {squares[0]} and"
         f" {squares[1]}"
@@ -149,7 +156,7 @@ def _separate(
         f"Effects of {settings['level']:g} noise standard deviations (root mean square)"
         " on the default excitation; longer runs repeat the motion."
     )
-    if not found.collisions:
+    if not separation.collisions:
         why = (
             "no --urdf is named"
             if urdf is None

@@ -41,19 +41,25 @@ def verb(
     verdict = None if judged is None else judged[0]
     options: dict[str, Any] = {"force": force, "flange": (x, y, z), "judged": verdict}
     left_out = export(estimate, out, urdf, **options)
-    said = estimate.verdict
+    stored_verdict = estimate.verdict
     if not loses:
-        console.say(NOT_JUDGED if said is None else f"Verdict: {said.headline}")
+        console.say(
+            NOT_JUDGED
+            if stored_verdict is None
+            else f"Verdict: {stored_verdict.headline}"
+        )
     else:
         console.say(exported_verdict(left_out, verdict))
         if judged is not None and judged[1]:
             console.say(f"Without what it cannot hold: {judged[1]}")
     console.written(out)
     if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf"):
-        own = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
+        urdf_hint = (
+            "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
+        )
         console.warn(
             "Moving links are named link1, link2 ...: a model.json holds only the"
-            f" joints' names{own if out.suffix.lower() == '.urdf' else ''}."
+            f" joints' names{urdf_hint if out.suffix.lower() == '.urdf' else ''}."
         )
     if left_out:
         console.warn(

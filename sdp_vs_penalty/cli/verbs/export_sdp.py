@@ -43,15 +43,16 @@ def verb(
             hold,
             lambda robot: runs_from_options(robot, data, window),
         )
-        given = parsed_known(known)
+        known_values = parsed_known(known)
         chosen = PoseOptions(
-            effects, known_loads=loads, known=given, instruments=instruments
+            effects, known_loads=loads, known=known_values, instruments=instruments
         )
-        told = write_posed(robot, runs, out, method, chosen, progress)
+        summary = write_posed(robot, runs, out, method, chosen, progress)
     console.written(
-        out, f"{told['method']}: {told['variables']} variables, {told['rows']} rows"
+        out,
+        f"{summary['method']}: {summary['variables']} variables, {summary['rows']} rows",
     )
     console.written(
         f"{out}.json",
-        f"the least objective lies in [{told['lower']!r}, {told['upper']!r}]",
+        f"the least objective lies in [{summary['lower']!r}, {summary['upper']!r}]",
     )

@@ -28,6 +28,6 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
             dataset(name).problem,
         ]
         console.warn(f"Next: {command_line(words)}")
-    kept = folder or cache_folder()
-    variable = command_line([f"SDP_VS_PENALTY_DATA={kept}"])
+    target = folder or cache_folder()
+    variable = command_line([f"SDP_VS_PENALTY_DATA={target}"])
     console.warn(f"sdp-vs-penalty: for the tables, set {variable}")

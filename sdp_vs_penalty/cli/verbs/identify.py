@@ -43,7 +43,7 @@ def verb(
 
     estimator = with_solver(method, solver)
     with console.progress("reading the measurements") as progress:
-        robot, (whole, given), _ = runs.read_and_hold(
+        robot, (runs_given, fitted_runs), _ = runs.read_and_hold(
             lambda held: runs.problem_from_options(
                 problem, gravity, bounds, filters, held
             ),
@@ -54,7 +54,7 @@ def verb(
         try:
             estimate, fit = identify_and_judge(
                 robot,
-                given,
+                fitted_runs,
                 estimator,
                 effects=effects,
                 seed=seed,
@@ -65,7 +65,7 @@ def verb(
                 known=runs.parsed_known(known),
                 instruments=instruments,
                 workers=Workers(jobs, scheduler, progress),
-                noise_from=whole if isinstance(whole, Measurements) else None,
+                noise_from=runs_given if isinstance(runs_given, Measurements) else None,
                 check=not no_check,
                 warn=console.warn,
                 without_check=runs.NO_CHECK,

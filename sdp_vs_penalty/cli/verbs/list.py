@@ -56,8 +56,8 @@ def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
         case "problems":
             from sdp_vs_penalty.problem.load import load_problem, problem_names
 
-            found = map(load_problem, problem_names())
-            rows = [(p.name, str(p.robot.n), p.torque_side, p.title) for p in found]
+            problems = map(load_problem, problem_names())
+            rows = [(p.name, str(p.robot.n), p.torque_side, p.title) for p in problems]
             return ("name", "joints", "torque side", "what it is"), rows
         case "effects":
             from sdp_vs_penalty.effects import effect_types
@@ -90,10 +90,10 @@ def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
         case "solvers":
             from sdp_vs_penalty.solvers import solver_types
 
-            made = ((name, solver()) for name, solver in solver_types().items())
+            solvers = ((name, solver()) for name, solver in solver_types().items())
             rows = [
                 (n, "absent" if s.absent else "yes", s.source, s.description)
-                for n, s in made
+                for n, s in solvers
             ]
             return ("name", "here", "installed by", "what it is"), rows
         case "tables":
@@ -112,9 +112,10 @@ def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
         case "engines":
             from sdp_vs_penalty.simulation.engines import engine_types
 
-            own = engine_types().items()
+            engines = engine_types().items()
             rows = [
-                (n, e.version() or "absent", e.install, e.formulation) for n, e in own
+                (n, e.version() or "absent", e.install, e.formulation)
+                for n, e in engines
             ]
             return ("name", "version here", "installed by", "formulation"), rows
         case _:

@@ -36,16 +36,16 @@ def verb(
     how: dict[str, Any] = {"findings": findings, "forward": forward}
     how["commands"] = [command_line(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
-        given = runs_for(next(iter(estimates.values())), data, window)
-        said = report(
+        runs_given = runs_for(next(iter(estimates.values())), data, window)
+        summary = report(
             estimates,
-            given.train,
+            runs_given.train,
             out,
-            noise_from=given.judged_recordings,
+            noise_from=runs_given.judged_recordings,
             progress=progress,
             **how,
         )
-    printing.verdict(said, list(estimates)[-1])
+    printing.verdict(summary, list(estimates)[-1])
     console.written(out, "open it in a browser")
-    if said.grade != "do not use":
+    if summary.grade != "do not use":
         console.next_step(["export", models[-1], "--out", "identified.urdf"])

@@ -47,7 +47,7 @@ def verb(
         _export(export, _words(problems))
         return
     usual = runner.Shootout.accuracies
-    asked = (
+    settings = (
         tuple(numbers("--accuracy", accuracy))
         if accuracy
         else usual[1:2]
@@ -56,7 +56,9 @@ def verb(
     )
     limit = time_limit if time_limit is not None else 3.0 if quick else 60.0
     chosen = _words(solvers), _words(problems)
-    setup = runner.Shootout(out, *chosen, asked, limit, memory, quick, scheduler, jobs)
+    setup = runner.Shootout(
+        out, *chosen, settings, limit, memory, quick, scheduler, jobs
+    )
     absent, left_out = dict[str, str](), list[tuple[str, str, str]]()
     is_stopped = False
     with console.progress("proving intervals") as say, _terminated_as_interrupted():
@@ -106,9 +108,9 @@ def _terminated_as_interrupted() -> Iterator[None]:
 def _export(folder: Path, groups: list[str] | None) -> None:
     from sdp_vs_penalty.research.shootout import catalogue, library
 
-    wanted, _ = catalogue.selected(groups, catalogue.library())
+    entries, _ = catalogue.selected(groups, catalogue.library())
     with console.progress("writing instances") as say:
-        rows = library.write_library(folder, wanted, say)
+        rows = library.write_library(folder, entries, say)
     proved = sum(row["status"] != "not proved" for row in rows)
     console.say(f"{len(rows)} instances, {proved} with a proof")
     console.next_step(["verify", folder])

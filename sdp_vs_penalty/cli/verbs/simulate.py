@@ -47,9 +47,9 @@ def verb(
         )
     refuse_foreign(out)  # before the minutes that a simulation may take
     robot = problem_from_options(source, hold=hold) if hold else source
-    made = simulate(robot, hide or (), level, seed)
-    made.save(out)
-    effects = ",".join(made.truth["model_effects"])
+    hidden = simulate(robot, hide or (), level, seed)
+    hidden.save(out)
+    effects = ",".join(hidden.truth["model_effects"])
     runs = [out / name for name in RUN_FILES[:-1]]
     console.written(f"{out}/{' '.join(RUN_FILES)} truth.json")
     console.next_step(
@@ -82,19 +82,21 @@ def _follow(
 
     with console.progress("reading the measurements") as progress:
         estimate = load_estimate(model)
-        made = follow(estimate, runs, drive=drive, seed=seed, progress=progress)  # type: ignore[arg-type]
-    console.say(made.verdict, style="bold")
-    console.table("Forward simulation against the measured motion (RMS)", *made.table())
-    console.paragraph(made.explained)
-    if made.free[0].spread is None:
+        following = follow(estimate, runs, drive=drive, seed=seed, progress=progress)  # type: ignore[arg-type]
+    console.say(following.verdict, style="bold")
+    console.table(
+        "Forward simulation against the measured motion (RMS)", *following.table()
+    )
+    console.paragraph(following.explained)
+    if following.free[0].spread is None:
         why = "the intervals hold inertias with which the arm cannot move"
         console.warn(f"No band for the free run: {why}.")
-    if made.left_out:
+    if following.left_out:
         console.warn(
-            f"left out, no meaning in a forward simulation: {', '.join(made.left_out)}"
+            f"left out, no meaning in a forward simulation: {', '.join(following.left_out)}"
         )
-    console.save_json(json_file, made.to_dict())
+    console.save_json(json_file, following.to_dict())
     if out is not None:
-        csv.write(made.free[0].simulated, out)
+        csv.write(following.free[0].simulated, out)
         console.written(out)
     next_diagnosis(model, estimate, runs, None)

@@ -32,17 +32,17 @@ def verb(
         names = [name for name, maker in makers().items() if not maker.slow]
     with console.progress("tables") as progress:
         workers = Workers(jobs, scheduler)
-        made = make_tables(
+        tables_made = make_tables(
             names or None, problem, budget.value, out, progress, workers=workers
         )
-    for table, paths in made:
-        first, *rest = table.lines()
+    for table, paths in tables_made:
+        first, *other_lines = table.lines()
         console.say(first, style="bold")
-        for line in rest:
+        for line in other_lines:
             console.paragraph(line)
         for path in paths:
             console.say(str(path))
-    if any(paths[0].parent != out for _, paths in made):
+    if any(paths[0].parent != out for _, paths in tables_made):
         console.paragraph(
             f"{out} holds measured tables, and no real run is at hand (name its folder"
             " by SDP_VS_PENALTY_DATA): tables without it were written to"

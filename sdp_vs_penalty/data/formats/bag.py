@@ -332,11 +332,13 @@ def _weightless(path: Path, streams: Sequence[_Stream], what: str) -> InputError
     return InputError(said, "record position and effort of every joint", path)
 
 
-def _with_prefix(names: Sequence[str], own: Sequence[str]) -> list[str]:
+def _with_prefix(names: Sequence[str], own_names: Sequence[str]) -> list[str]:
     """The bag's names where they are the robot's behind one prefix: panda_joint1 for
     joint1. The prefix that fits most joints; the names themselves where two fit."""
-    prefixes = {""} | {o.removesuffix(n) for n in names for o in own if o.endswith(n)}
-    fits = {p: sum(p + name in own for name in names) for p in prefixes}
+    prefixes = {""} | {
+        o.removesuffix(n) for n in names for o in own_names if o.endswith(n)
+    }
+    fits = {p: sum(p + name in own_names for name in names) for p in prefixes}
     most = max(fits.values())
     best = sorted(p for p, count in fits.items() if count == most)
     prefix = best[0] if len(best) == 1 or "" in best else ""

@@ -15,7 +15,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.recognition import (
-    Table,
+    CellTable,
     counted_from_zero,
     expanded,
     find_clock,
@@ -101,7 +101,7 @@ class Header:
         choice: Choice = Choice(),
         what: str = "",
         remedy: str = "",
-        table: Table | None = None,
+        table: CellTable | None = None,
     ) -> Header:
         """Of a file's columns by their names: our own, those that are chosen, else
         those recognised.
@@ -112,25 +112,36 @@ class Header:
         qcmd), or one of several joints is missing; where t is, :meth:`run` does.
         """
         path, what = Path(path), what or str(path)
-        found = (
+        recognition = (
             None if choice.rename else recognise_and_warn(path, names, choice, table)
         )
-        if found is None and not choice.rename and counted_from_zero(names):
+        if recognition is None and not choice.rename and counted_from_zero(names):
             shown = brief_names(names)
             lacking = f"columns are counted from 0, and not alike (columns: {shown})"
             command = _rename_command(path, ["q", "tau"])
             raise InputError(lacking, remedy or command, what)
-        rename = expanded(choice.rename or {}, names) if found is None else found.rename
-        for ours, theirs in rename.items():
-            for name in parts_of(theirs, names):
+        rename = (
+            expanded(choice.rename or {}, names)
+            if recognition is None
+            else recognition.rename
+        )
+        for our_name, their_name in rename.items():
+            for name in parts_of(their_name, names):
                 if name not in names:
                     lacking = (
-                        f"no column {name!r} to take as {ours} (columns:"
+                        f"no column {name!r} to take as {our_name} (columns:"
                         f" {brief_names(names)})"
                     )
                     raise InputError(lacking, "give --rename a name of the file", what)
-        named = {**({} if found else dict(zip(names, names, strict=True))), **rename}
-        groups = {g: own for g in GROUPS if (own := _columns(named, g, what))}
+        named = {
+            **({} if recognition else dict(zip(names, names, strict=True))),
+            **rename,
+        }
+        groups = {
+            g: columns_of_group
+            for g in GROUPS
+            if (columns_of_group := _columns(named, g, what))
+        }
         if "t" in named:
             groups = {"t": list(parts_of(named["t"], names)), **groups}
         elif choice.rename and (clock := find_clock(names)):
@@ -167,13 +178,15 @@ class Header:
             warnings.warn(
                 f"{path}: not used: {shown}{more}{why}.", Remark, stacklevel=2
             )
-        scale = found.scale if found else {}
-        factors = {rename[ours]: x for ours, x in scale.items() if ours != "t"}
+        scale = recognition.scale if recognition else {}
+        factors = {
+            rename[our_name]: x for our_name, x in scale.items() if our_name != "t"
+        }
         for k, name in enumerate(groups.get("t", ())):
             factors[name] = second_part_unit(name) if k else scale.get("t", 1.0)
-        order = found.order if found else None
-        episode = found.episode if found else None
-        joints = found.joints if found else ()
+        order = recognition.order if recognition else None
+        episode = recognition.episode if recognition else None
+        joints = recognition.joints if recognition else ()
         return cls(
             path, groups, factors, what, names, order, choice.rate, episode, joints
         )
@@ -194,16 +207,17 @@ class Header:
         Raises InputError where lengths or numbers of joints differ, or no clock is
         known.
         """
-        own = {
+        groups_read = {
             group: [
                 self.factors.get(n, 1.0) * np.asarray(columns[n], float) for n in names
             ]
             for group, names in self.groups.items()
             if group != "t"
         }
-        t = self._clock(columns, own)
+        t = self._clock(columns, groups_read)
         blocks = {
-            group: self._block(group, parts, len(t)) for group, parts in own.items()
+            group: self._block(group, parts, len(t))
+            for group, parts in groups_read.items()
         }
         for (
             group
@@ -212,8 +226,10 @@ class Header:
                 del blocks[group]
         widths = {group: block.shape[1] for group, block in blocks.items()}
         if len(set(widths.values())) != 1:
-            found = ", ".join(f"{group} {width}" for group, width in widths.items())
-            what = f"the groups have different numbers of joints: {found}"
+            width_words = ", ".join(
+                f"{group} {width}" for group, width in widths.items()
+            )
+            what = f"the groups have different numbers of joints: {width_words}"
             raise InputError(what, "give q, dq and tau a column a joint", self.what)
         if self.order is not None and len(blocks["q"]):
             blocks = {group: block[:, self.order] for group, block in blocks.items()}
@@ -232,13 +248,13 @@ class Header:
                 [[0.0], np.cumsum(np.where(is_start, 1.0 - steps, 0.0))]
             )
             episodes = formatting.count(int(is_start.sum()) + 1, "episode")
-            said = f"{self.path}: {episodes} one after the other, a second apart"
-            warnings.warn(said, Remark, stacklevel=2)
+            warning = f"{self.path}: {episodes} one after the other, a second apart"
+            warnings.warn(warning, Remark, stacklevel=2)
             run = replace(run, t=run.t + shift)
         return run
 
     def _clock(
-        self, columns: Mapping[str, Array], own: Mapping[str, Sequence[Array]]
+        self, columns: Mapping[str, Array], groups_read: Mapping[str, Sequence[Array]]
     ) -> Array:
         """(N,) s: of one column, the sum of a stamp's two parts, or of the rate."""
         clock = self.groups.get("t", ())
@@ -248,21 +264,23 @@ class Header:
                 for n in clock
             ]
             return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
-        first = own["q"][0]
+        first = groups_read["q"][0]
         count = max(first.shape) if first.ndim == 2 else len(first)
         if self.rate is not None:
             return np.arange(count) / self.rate
-        if count and not all(part.size == 0 for part in own["q"]):
-            raise self._no_clock(own)
+        if count and not all(part.size == 0 for part in groups_read["q"]):
+            raise self._no_clock(groups_read)
         return np.zeros(count)
 
-    def _no_clock(self, own: Mapping[str, Sequence[Array]]) -> InputError:
+    def _no_clock(self, groups_read: Mapping[str, Sequence[Array]]) -> InputError:
         """The error of a file without a clock: the rate is proposed where velocities
         tell it."""
         rate, why = None, "HZ being its samples a second"
-        if "dq" in own:
+        if "dq" in groups_read:
             q, dq = (
-                np.column_stack([np.reshape(x, (len(x), -1)) for x in own[group]])
+                np.column_stack(
+                    [np.reshape(x, (len(x), -1)) for x in groups_read[group]]
+                )
                 for group in ("q", "dq")
             )
             rate = rate_from_velocities(q, dq) if q.shape == dq.shape else None
@@ -301,8 +319,8 @@ def _columns(named: Mapping[str, str], group: str, what: str) -> list[str]:
     joint."""
     if group in named:
         return [named[group]]
-    found = [re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name) for name in named]
-    numbers = sorted(int(m[1]) for m in found if m)
+    matches = [re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name) for name in named]
+    numbers = sorted(int(m[1]) for m in matches if m)
     gap = next((k for k, number in enumerate(numbers, 1) if k != number), None)
     if gap is None:
         return [named[f"{group}{k}"] for k in numbers]

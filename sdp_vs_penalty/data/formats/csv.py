@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER, Choice, Header, columns_of
-from sdp_vs_penalty.data.formats.recognition import Table
+from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.formats.stamps import seconds_of
 from sdp_vs_penalty.data.formats.text_table import (
     PIECE,
@@ -53,10 +53,10 @@ def read(path: Path, choice: Choice) -> Measurements:
     )
 
 
-def _described(table: TextTable, names: Sequence[str]) -> Table:
+def _described(table: TextTable, names: Sequence[str]) -> CellTable:
     """What the recogniser is told of the columns."""
     kinds = dict(zip(names, table.kinds, strict=True))
-    return Table(kinds, {n: table.first_cells(k) for k, n in enumerate(names)})
+    return CellTable(kinds, {n: table.first_cells(k) for k, n in enumerate(names)})
 
 
 def write(measurements: Measurements, path: Path) -> None:
@@ -317,14 +317,16 @@ def _read_sparse(
     if not clock:
         t = np.arange(len(columns[0]), dtype=float)
     others = {name: x for name, x in values.items() if name not in clock}
-    wanted = [name for name in header.groups["q"] if name in others]
-    kept, merged = merge_columns(t, others, wanted)
-    left_out = len(t) - len(kept)
+    position_names = [name for name in header.groups["q"] if name in others]
+    kept_rows, merged = merge_columns(t, others, position_names)
+    left_out = len(t) - len(kept_rows)
     if left_out:
         rows_ = formatting.count(left_out, "row")
-        said = f"{table.path}: {rows_} without all channels left out or joined to the"
-        warnings.warn(f"{said} nearest in time", Remark, stacklevel=2)
-    return header.run({name: values[name][kept] for name in clock} | merged)
+        warning = (
+            f"{table.path}: {rows_} without all channels left out or joined to the"
+        )
+        warnings.warn(f"{warning} nearest in time", Remark, stacklevel=2)
+    return header.run({name: values[name][kept_rows] for name in clock} | merged)
 
 
 def _with_gaps(table: TextTable, column: int, cells: Sequence[str]) -> Array:

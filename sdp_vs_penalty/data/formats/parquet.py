@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
-from sdp_vs_penalty.data.formats.recognition import Table
+from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART
 from sdp_vs_penalty.errors import InputError
@@ -38,7 +38,7 @@ def _header(path: Path, choice: Choice, file: Any) -> Header:
     names = [name for name in schema.names if kinds[name] != "text"]
     first = next(file.iter_batches(batch_size=50, columns=names), None)
     cells = {name: _texts(first, name) for name in names}
-    return Header.of(path, names, choice, table=Table(kinds, cells))
+    return Header.of(path, names, choice, table=CellTable(kinds, cells))
 
 
 def _pieces(path: Path, header: Header, file: Any) -> Iterator[Measurements]:

@@ -71,7 +71,7 @@ _JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
 
 
 @dataclass(frozen=True)
-class Table:
+class CellTable:
     """What a file's columns hold: their kinds ("number", "text", "list", "stamp",
     "empty") and the texts of their first cells, by name."""
 
@@ -80,11 +80,11 @@ class Table:
 
     def values(self, name: str) -> Array:
         """The first numbers of a column, of lists all of theirs."""
-        found = re.findall(
+        numbers_in_text = re.findall(
             r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?",
             " ".join(self.cells.get(name, ())[:50]),
         )
-        return np.array(found, float)
+        return np.array(numbers_in_text, float)
 
 
 @dataclass(frozen=True)
@@ -116,33 +116,36 @@ class Recognition:
 
 
 def recognise_and_warn(
-    path: Path, names: Sequence[str], choice: Any, table: Table | None
+    path: Path, names: Sequence[str], choice: Any, table: CellTable | None
 ) -> Recognition | None:
     """The columns that a file of foreign names is read by, said in one line with the
     command that reads it alike; None where our own names are there, or nothing is
     recognised."""
     if _has_our_names(names):
         return None
-    found = recognise(names, choice.joints, table)
-    if found is None:
+    recognition = recognise(names, choice.joints, table)
+    if recognition is None:
         return None
-    if all(ours == theirs for ours, theirs in found.rename.items()):
-        return found  # our own names, beside a clock that is missing
-    recognise_and_warn = ", ".join(f"{a} = {b}" for a, b in _in_short(found.rename))
-    units = "".join(f"; {unit}" for unit in found.units)
-    joints = f"; joints {', '.join(found.joints)}" if found.joints else ""
+    if all(
+        our_name == their_name for our_name, their_name in recognition.rename.items()
+    ):
+        return recognition  # our own names, beside a clock that is missing
+    columns_taken = ", ".join(f"{a} = {b}" for a, b in _in_short(recognition.rename))
+    units = "".join(f"; {unit}" for unit in recognition.units)
+    joints = f"; joints {', '.join(recognition.joints)}" if recognition.joints else ""
     if (
-        found.joints
+        recognition.joints
         and choice.joints
-        and not _match_joints(choice.joints, found.joints)
+        and not _match_joints(choice.joints, recognition.joints)
     ):
         joints += " in the file's order, for the robot's have other names"
-    said = (
-        f"{path}: columns recognised ({found.logger}): {recognise_and_warn}{units}{joints}; the same"
-        f" by `{found.command(path, names)}`"
+    warning = (
+        f"{path}: columns recognised ({recognition.logger}): "
+        f"{columns_taken}{units}{joints}; the same"
+        f" by `{recognition.command(path, names)}`"
     )
-    warnings.warn(said, Remark, stacklevel=3)
-    return found
+    warnings.warn(warning, Remark, stacklevel=3)
+    return recognition
 
 
 def counted_from_zero(names: Sequence[str]) -> bool:
@@ -164,16 +167,18 @@ def _has_our_names(names: Sequence[str]) -> bool:
 def _in_short(rename: Mapping[str, str]) -> list[tuple[str, str]]:
     """The first and the last column of each group."""
     groups: dict[str, list[tuple[str, str]]] = {}
-    for ours, theirs in rename.items():
-        groups.setdefault(ours.rstrip("0123456789"), []).append((ours, theirs))
+    for our_name, their_name in rename.items():
+        groups.setdefault(our_name.rstrip("0123456789"), []).append(
+            (our_name, their_name)
+        )
     out = []
     for pairs in groups.values():
-        (ours, theirs), (last, last_of_theirs) = pairs[0], pairs[-1]
+        (our_name, their_name), (last, last_of_theirs) = pairs[0], pairs[-1]
         several = len(pairs) > 1
         out.append(
-            (f"{ours}..{last}", f"{theirs} .. {last_of_theirs}")
+            (f"{our_name}..{last}", f"{their_name} .. {last_of_theirs}")
             if several
-            else (ours, theirs)
+            else (our_name, their_name)
         )
     return out
 
@@ -184,18 +189,21 @@ def _as_patterns(
     """Pairs of --rename, those of a group as one pattern where it means the same, and
     columns by their number where their names cannot be written."""
     groups: dict[str, dict[str, str]] = {}
-    for ours, theirs in rename.items():
-        groups.setdefault(ours.rstrip("0123456789"), {})[ours] = theirs
+    for our_name, their_name in rename.items():
+        groups.setdefault(our_name.rstrip("0123456789"), {})[our_name] = their_name
     out = list[tuple[str, str]]()
     for group, pairs in groups.items():
         pattern = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", next(iter(pairs.values())))
-        whole = {f"{group}*": pattern}
+        patterns = {f"{group}*": pattern}
         simple = "*" in pattern and pattern.count("*") == 1
         simple = simple and len(pairs) > 1 and not set(",=#+") & set(pattern)
-        if simple and expanded(whole, names) == pairs:
-            out += whole.items()
+        if simple and expanded(patterns, names) == pairs:
+            out += patterns.items()
             continue
-        out += [(ours, _writable(theirs, names)) for ours, theirs in pairs.items()]
+        out += [
+            (our_name, _writable(their_name, names))
+            for our_name, their_name in pairs.items()
+        ]
     return out
 
 
@@ -203,18 +211,21 @@ def _as_units(scale: Mapping[str, float], rename: Mapping[str, str]) -> list[str
     """Pairs of --scale, a unit's word for a group where it says the same."""
     words = {x: word for word, x in reversed(UNITS.items())}
     groups: dict[str, dict[str, float]] = {}
-    for ours, factor in scale.items():
-        groups.setdefault(ours.rstrip("0123456789"), {})[ours] = factor
+    for our_name, factor in scale.items():
+        groups.setdefault(our_name.rstrip("0123456789"), {})[our_name] = factor
     out = list[str]()
     for group, factors in groups.items():
-        columns = [ours for ours in rename if ours.rstrip("0123456789") == group]
+        columns = [
+            our_name for our_name in rename if our_name.rstrip("0123456789") == group
+        ]
         values = set(factors.values())
         if len(values) == 1 and len(columns) == len(factors):
             factor = values.pop()
             out.append(f"{group}={words.get(factor, f'{factor:.12g}')}")
         else:
             out += [
-                f"{ours}={words.get(x, f'{x:.12g}')}" for ours, x in factors.items()
+                f"{our_name}={words.get(x, f'{x:.12g}')}"
+                for our_name, x in factors.items()
             ]
     return out
 
@@ -229,7 +240,7 @@ def _writable(name: str, names: Sequence[str]) -> str:
 def recognise(
     names: Sequence[str],
     joints: Sequence[str] | None = None,
-    table: Table | None = None,
+    table: CellTable | None = None,
 ) -> Recognition | None:
     """What the columns of these names are; None where positions or torques are not
     among them.
@@ -240,20 +251,20 @@ def recognise(
     numeric = [
         name for name in names if table is None or table.kinds.get(name) != "text"
     ]
-    found = _by_logger(numeric, names, joints, table)
-    found = found or _by_words(numeric, names, joints, table)
-    return None if found is None else _with_units(found, table)
+    recognition = _by_logger(numeric, names, joints, table)
+    recognition = recognition or _by_words(numeric, names, joints, table)
+    return None if recognition is None else _with_units(recognition, table)
 
 
 def recognised(
     names: Sequence[str], joints: Sequence[str] | None = None
 ) -> Recognised | None:
     """Names and factors of :func:`recognise`; None where there is no clock either."""
-    found = recognise(names, joints)
+    recognition = recognise(names, joints)
     return (
         None
-        if found is None or "t" not in found.rename
-        else (found.rename, found.scale)
+        if recognition is None or "t" not in recognition.rename
+        else (recognition.rename, recognition.scale)
     )
 
 
@@ -263,43 +274,47 @@ def find_clock(names: Sequence[str]) -> str | None:
         return "+".join(pair)
     read = {name: r for name in names if (r := _read(name)) is not None}
     stamps = [
-        (r.rank, len(r.rest), n)
+        (r.rank, len(r.other_words), n)
         for n, r in read.items()
         if (r.quantity, r.number) == ("t", None)
     ]
     return min(stamps)[2] if stamps else None
 
 
-def parts_of(theirs: str, names: Sequence[str]) -> tuple[str, ...]:
+def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
     """The columns that a name stands for: two for "sec+nanosec"."""
-    if theirs in names or "+" not in theirs:
-        return (theirs,)
-    return tuple(part.strip() for part in theirs.split("+"))
+    if their_name in names or "+" not in their_name:
+        return (their_name,)
+    return tuple(part.strip() for part in their_name.split("+"))
 
 
 def _by_logger(
     numeric: Sequence[str],
     names: Sequence[str],
     joints: Sequence[str] | None,
-    table: Table | None,
+    table: CellTable | None,
 ) -> Recognition | None:
     """What a logger of the table writes; None where the file is none of theirs."""
     for logger in LOGGERS:
         columns = {
-            group: found
+            group: columns_found
             for group in _GROUPS_OF_LOGGERS
-            if (found := _columns_of_logger(logger.get(group), numeric))
+            if (columns_found := _columns_of_logger(logger.get(group), numeric))
         }
         keys = list(columns.get("q", ()))
-        columns = {g: found for g, found in columns.items() if list(found) == keys}
+        columns = {
+            g: columns_found
+            for g, columns_found in columns.items()
+            if list(columns_found) == keys
+        }
         clock = _first_there(logger["t"], numeric)
         if clock is None or not {"tau", "qcmd"} & set(columns):
             continue
         called, keys = _joints_of_logger(logger, keys, names, joints, table)
         rename = {"t": clock}
-        for group, found in columns.items():
+        for group, columns_found in columns.items():
             for k, key in enumerate(keys, start=1):
-                rename[f"{group}{'' if key == '' else k}"] = found[key]
+                rename[f"{group}{'' if key == '' else k}"] = columns_found[key]
         scale, units = _units_of_logger(logger, rename, table)
         episode = _first_there(logger.get("episode", ()), names)
         name = str(logger["name"])
@@ -312,7 +327,7 @@ def _joints_of_logger(
     keys: list[Any],
     names: Sequence[str],
     joints: Sequence[str] | None,
-    table: Table | None,
+    table: CellTable | None,
 ) -> tuple[tuple[str, ...], list[Any]]:
     """The joints' names where the file says them, and the keys of their columns, both
     in the robot's order."""
@@ -322,16 +337,16 @@ def _joints_of_logger(
     texts = _columns_of_logger(logger.get("names"), names)
     if table is None or not texts or not set(keys) <= set(texts):
         return (), keys
-    said = [next(iter(table.cells.get(texts[k], ())), "") for k in keys]
-    if len(set(said)) != len(said):
+    first_cells = [next(iter(table.cells.get(texts[k], ())), "") for k in keys]
+    if len(set(first_cells)) != len(first_cells):
         return (), keys
-    by_name = dict(zip(said, keys, strict=True))
-    called = _in_order_of(joints, said)
+    by_name = dict(zip(first_cells, keys, strict=True))
+    called = _in_order_of(joints, first_cells)
     return tuple(called), [by_name[name] for name in called]
 
 
 def _units_of_logger(
-    logger: Mapping[str, Any], rename: Mapping[str, str], table: Table | None
+    logger: Mapping[str, Any], rename: Mapping[str, str], table: CellTable | None
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Factors by our names, and the units in words with the reason for each."""
     scale, units = dict[str, float](), list[str]()
@@ -368,12 +383,14 @@ def _columns_of_logger(patterns: Any, names: Sequence[str]) -> dict[Any, str]:
         if not matches:
             continue
         if "{k}" in pattern:
-            found: dict[Any, str] = {
+            columns_found: dict[Any, str] = {
                 k: name for k, name in sorted((int(m[1]), name) for m, name in matches)
             }
-            first = min(found)
-            if first <= 1 and list(found) == list(range(first, first + len(found))):
-                return found
+            first = min(columns_found)
+            if first <= 1 and list(columns_found) == list(
+                range(first, first + len(columns_found))
+            ):
+                return columns_found
         elif "{joint}" in pattern:
             return {m[1]: name for m, name in matches}
         else:
@@ -396,27 +413,29 @@ def _match_joints(joints: Sequence[str], called: Sequence[str]) -> dict[str, str
     """The file's name of each of the robot's joints: the same but for marks and capital
     letters, or the same behind one prefix that all have."""
     plain = {re.sub(r"[^a-z0-9]", "", name.lower()): name for name in called}
-    own = {joint: re.sub(r"[^a-z0-9]", "", joint.lower()) for joint in joints}
-    found = {joint: plain[text] for joint, text in own.items() if text in plain}
-    if found:
-        return found
+    plain_joints = {joint: re.sub(r"[^a-z0-9]", "", joint.lower()) for joint in joints}
+    matched = {
+        joint: plain[text] for joint, text in plain_joints.items() if text in plain
+    }
+    if matched:
+        return matched
     for name in plain:
-        for text in own.values():
+        for text in plain_joints.values():
             if name.endswith(text):
                 prefix = name.removesuffix(text)
                 return {
                     joint: plain[prefix + x]
-                    for joint, x in own.items()
+                    for joint, x in plain_joints.items()
                     if prefix + x in plain
                 }
     return {}
 
 
-def _with_units(found: Recognition, table: Table | None) -> Recognition:
+def _with_units(recognition: Recognition, table: CellTable | None) -> Recognition:
     """The same with the unit of its clock where it counts since 1970."""
-    clock = found.rename.get("t")
-    if table is None or clock is None or "t" in found.scale or "+" in clock:
-        return found
+    clock = recognition.rename.get("t")
+    if table is None or clock is None or "t" in recognition.scale or "+" in clock:
+        return recognition
     values = table.values(clock) if table.kinds.get(clock) == "number" else np.zeros(0)
     # Seconds since 1970 between 2001 and 2128 are 1e9 to 5e9.
     for word in ("ms", "us", "ns"):
@@ -424,9 +443,11 @@ def _with_units(found: Recognition, table: Table | None) -> Recognition:
         if len(values) and 1e9 < unit * values[0] < 5e9:
             why = f"t in {word}, for it counts since 1970"
             return replace(
-                found, scale={"t": unit, **found.scale}, units=(*found.units, why)
+                recognition,
+                scale={"t": unit, **recognition.scale},
+                units=(*recognition.units, why),
             )
-    return found
+    return recognition
 
 
 @dataclass(frozen=True)
@@ -437,7 +458,7 @@ class _Read:
     quantity: str
     rank: int
     number: int | None
-    rest: tuple[str, ...]
+    other_words: tuple[str, ...]
     factor: float
 
 
@@ -452,11 +473,15 @@ def _read(name: str) -> _Read | None:
     if len(letters) > 1 and letters[-1] in UNITS and letters[-1] != "a":
         factor = UNITS[letters.pop()]
     for quantity, known in WORDS.items():
-        found = [w for w in letters if w in known]
-        if len(found) == 1:
-            rest = tuple(w for w in letters if w != found[0] and w not in _FILLERS)
+        quantities = [w for w in letters if w in known]
+        if len(quantities) == 1:
+            other_words = tuple(
+                w for w in letters if w != quantities[0] and w not in _FILLERS
+            )
             number = numbers[0] if numbers else None
-            return _Read(quantity, known.index(found[0]), number, rest, factor)
+            return _Read(
+                quantity, known.index(quantities[0]), number, other_words, factor
+            )
     return None
 
 
@@ -464,13 +489,13 @@ def _by_words(
     numeric: Sequence[str],
     names: Sequence[str],
     joints: Sequence[str] | None,
-    table: Table | None,
+    table: CellTable | None,
 ) -> Recognition | None:
     """What the words of each name say."""
     read = {name: r for name in numeric if (r := _read(name)) is not None}
     clock = find_clock(numeric)
     rename = {} if clock is None else {"t": clock}
-    said = _said_joints(names, table)
+    joint_words = _said_joints(names, table)
     count = len(_columns("q", read, joints))
     called = _called_by_columns(_columns("q", read, joints), read, joints)
     order: tuple[int, ...] | None = None
@@ -480,38 +505,38 @@ def _by_words(
             continue
         block = count == 1 and read[columns[0]].number is None
         is_list = block and table is not None and table.kinds.get(columns[0]) == "list"
-        if said and not block and len(said) == count:
-            by_name = dict(zip(said, columns, strict=True))
-            called = tuple(_in_order_of(joints, said))
+        if joint_words and not block and len(joint_words) == count:
+            by_name = dict(zip(joint_words, columns, strict=True))
+            called = tuple(_in_order_of(joints, joint_words))
             columns = [by_name[name] for name in called]
-        elif said and is_list:
-            called = tuple(_in_order_of(joints, said))
-            order = tuple(said.index(name) for name in called)
+        elif joint_words and is_list:
+            called = tuple(_in_order_of(joints, joint_words))
+            order = tuple(joint_words.index(name) for name in called)
         rename |= {
             f"{quantity}{'' if block else k}": n for k, n in enumerate(columns, start=1)
         }
     scale = {
-        ours: read[n].factor
-        for ours, n in rename.items()
+        our_name: read[n].factor
+        for our_name, n in rename.items()
         if n in read and read[n].factor != 1.0
     }
-    torque = any(re.fullmatch("(tau|qcmd)[0-9]*", ours) for ours in rename)
+    torque = any(re.fullmatch("(tau|qcmd)[0-9]*", our_name) for our_name in rename)
     if not (count and torque):
         return None
     units = []
-    for group in sorted({ours.rstrip("0123456789") for ours in scale}):
+    for group in sorted({our_name.rstrip("0123456789") for our_name in scale}):
         units.append(f"{group} in the unit that its name ends with")
     current = any(
         "current" in n.lower() or "amps" in n.lower()
-        for ours, n in rename.items()
-        if ours.startswith("tau")
+        for our_name, n in rename.items()
+        if our_name.startswith("tau")
     )
     if current:
         units.append("tau is a current in A: --scale tau=... makes torques of it")
     return Recognition(rename, scale, units=tuple(units), joints=called, order=order)
 
 
-def _said_joints(names: Sequence[str], table: Table | None) -> list[str]:
+def _said_joints(names: Sequence[str], table: CellTable | None) -> list[str]:
     """The joints' names in the order of their columns, where columns hold them: one
     text a joint, or a list of texts."""
     if table is None:
@@ -533,44 +558,53 @@ def _columns(
 ) -> list[str]:
     """The columns of one quantity in the order of the joints; none where that is not
     clear."""
-    own = {name: r for name, r in read.items() if r.quantity == quantity}
+    readings = {name: r for name, r in read.items() if r.quantity == quantity}
     kinds: dict[tuple[object, ...], list[str]] = {}
-    for name, r in own.items():
-        by_joint = r.number is None and r.rest
+    for name, r in readings.items():
+        by_joint = r.number is None and r.other_words
         kinds.setdefault(
-            (r.rank, () if by_joint else r.rest, r.number is None), []
+            (r.rank, () if by_joint else r.other_words, r.number is None), []
         ).append(name)
-    if len({r.rank for r in own.values()}) == 1 and any(
-        r.number is None for r in own.values()
+    if len({r.rank for r in readings.values()}) == 1 and any(
+        r.number is None for r in readings.values()
     ):
-        called = {(*r.rest, str(r.number)): name for name, r in own.items()}
-        if len(called) == len(own) > 1:  # joints have names, some of them with a number
-            return _by_joint(list(own), own, joints)
+        called = {(*r.other_words, str(r.number)): name for name, r in readings.items()}
+        if (
+            len(called) == len(readings) > 1
+        ):  # joints have names, some of them with a number
+            return _by_joint(list(readings), readings, joints)
     for key in sorted(kinds, key=lambda k: (k[0], k[2], len(k[1]), k[1])):  # type: ignore[arg-type]
-        found = kinds[key]
-        numbers = [own[name].number for name in found]
+        reading_of_joint = kinds[key]
+        numbers = [readings[name].number for name in reading_of_joint]
         if None not in numbers:
-            order = sorted(range(len(found)), key=lambda i: numbers[i] or 0)
+            order = sorted(range(len(reading_of_joint)), key=lambda i: numbers[i] or 0)
             first = min(n for n in numbers if n is not None)
-            if first <= 1 and sorted(numbers) == list(range(first, first + len(found))):  # type: ignore[type-var]
-                return [found[i] for i in order]
-        elif len(found) == 1 or len({own[name].rest for name in found}) == len(found):
-            return _by_joint(found, own, joints)
+            if first <= 1 and sorted(numbers) == list(  # type: ignore[type-var]
+                range(first, first + len(reading_of_joint))
+            ):
+                return [reading_of_joint[i] for i in order]
+        elif len(reading_of_joint) == 1 or len(
+            {readings[name].other_words for name in reading_of_joint}
+        ) == len(reading_of_joint):
+            return _by_joint(reading_of_joint, readings, joints)
     return []
 
 
 def _by_joint(
-    found: list[str], own: Mapping[str, _Read], joints: Sequence[str] | None
+    names_found: list[str], readings: Mapping[str, _Read], joints: Sequence[str] | None
 ) -> list[str]:
     """Columns called by joints in the robot's order, where all its joints are among
     them or all of them are its joints (others are held)."""
     if joints is None:
-        return found
+        return names_found
     tails = [_tail_of(joint) for joint in joints]
-    by_tail = {(*own[name].rest, str(own[name].number)): name for name in found}
+    by_tail = {
+        (*readings[name].other_words, str(readings[name].number)): name
+        for name in names_found
+    }
     ordered = [by_tail[tail] for tail in tails if tail in by_tail]
-    complete = len(ordered) == len(tails) or len(ordered) == len(found)
-    return ordered if complete else found
+    complete = len(ordered) == len(tails) or len(ordered) == len(names_found)
+    return ordered if complete else names_found
 
 
 def _tail_of(joint: str) -> tuple[str, ...]:
@@ -587,7 +621,7 @@ def _called_by_columns(
 ) -> tuple[str, ...]:
     """The robot's joints that columns are called by; none where they are not all."""
     tails = {_tail_of(joint): joint for joint in joints or ()}
-    found = [tails.get((*read[n].rest, str(read[n].number))) for n in columns]
+    found = [tails.get((*read[n].other_words, str(read[n].number))) for n in columns]
     return () if None in found else tuple(str(name) for name in found)
 
 
@@ -595,22 +629,26 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     """``q*=actual_q_*`` as one pair for each joint; InputError where no column has such
     a name."""
     out: dict[str, str] = {}
-    for ours, theirs in rename.items():
-        by_number = re.fullmatch("#([1-9][0-9]*)", theirs)
-        if by_number and theirs not in names and int(by_number[1]) <= len(names):
-            theirs = names[int(by_number[1]) - 1]
-        if "*" not in theirs or theirs in names:
-            out[ours] = theirs
+    for our_name, their_name in rename.items():
+        by_number = re.fullmatch("#([1-9][0-9]*)", their_name)
+        if by_number and their_name not in names and int(by_number[1]) <= len(names):
+            their_name = names[int(by_number[1]) - 1]
+        if "*" not in their_name or their_name in names:
+            out[our_name] = their_name
             continue
-        pattern = re.compile(re.escape(theirs).replace(r"\*", "([0-9]+)"))
-        found = sorted((int(m[1]), n) for n in names if (m := pattern.fullmatch(n)))
-        if not found:
+        pattern = re.compile(re.escape(their_name).replace(r"\*", "([0-9]+)"))
+        numbered = sorted((int(m[1]), n) for n in names if (m := pattern.fullmatch(n)))
+        if not numbered:
             near = (
-                ", ".join(fnmatch.filter(names, theirs)[:4]) or "none that is numbered"
+                ", ".join(fnmatch.filter(names, their_name)[:4])
+                or "none that is numbered"
             )
             remedy = "give --rename a pattern of the file's names"
-            raise InputError(f"no column {theirs!r} ({near})", remedy)
-        out |= {f"{ours.rstrip('*')}{k}": n for k, (_, n) in enumerate(found, start=1)}
+            raise InputError(f"no column {their_name!r} ({near})", remedy)
+        out |= {
+            f"{our_name.rstrip('*')}{k}": n
+            for k, (_, n) in enumerate(numbered, start=1)
+        }
     return out
 
 
@@ -621,26 +659,26 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     Raises InputError for words that are none of them, and columns that are not there.
     """
     groups = {"t": run.t[:, None], **run.groups}
-    for ours, word in factors.items():
+    for our_name, word in factors.items():
         by = np.array(
-            [UNITS.get(w.lower()) or _number(ours, w) for w in word.split(":")]
+            [UNITS.get(w.lower()) or _number(our_name, w) for w in word.split(":")]
         )
-        name = ours.rstrip("0123456789")
+        name = our_name.rstrip("0123456789")
         count = groups[name].shape[1] if name in groups else 0
-        joint = int(ours[len(name) :] or 1)
+        joint = int(our_name[len(name) :] or 1)
         if not 1 <= joint <= count:
-            what = f"--scale {ours}: the run has no such column"
+            what = f"--scale {our_name}: the run has no such column"
             raise InputError(what, "name t, q, dq or tau")
-        if ours != name:
+        if our_name != name:
             by = np.where(np.arange(count) == joint - 1, by[0], 1.0)
         elif len(by) not in (1, count):
-            what = f"--scale {ours}={word}: {len(by)} factors"
+            what = f"--scale {our_name}={word}: {len(by)} factors"
             raise InputError(what, f"give one, or {count}")
         groups[name] = groups[name] * by
     return Measurements.of(groups.pop("t")[:, 0], groups, run.names)
 
 
-def _number(ours: str, word: str) -> float:
+def _number(our_name: str, word: str) -> float:
     try:
         value = float(word)
     except ValueError:
@@ -648,6 +686,7 @@ def _number(ours: str, word: str) -> float:
     if not value or not np.isfinite(value):
         known = ", ".join(sorted(UNITS))
         raise InputError(
-            f"--scale {ours}={word}", f"give a number other than 0, or a unit: {known}"
+            f"--scale {our_name}={word}",
+            f"give a number other than 0, or a unit: {known}",
         )
     return value

@@ -64,13 +64,13 @@ def _seconds(text: str) -> float:
     # From 3.11 on Python reads any number of digits, but keeps six.
     digits = re.search(r"[.,](\d+)", text)
     fraction = float(f"0.{digits[1]}") if digits else 0.0
-    whole = re.sub(r"[.,]\d+", "", text)
+    whole_seconds = re.sub(r"[.,]\d+", "", text)
     try:
         if "-" in text[:5]:
-            at = datetime.datetime.fromisoformat(whole)
+            at = datetime.datetime.fromisoformat(whole_seconds)
             at = at if at.tzinfo else at.replace(tzinfo=datetime.UTC)
             return at.timestamp() + fraction
-        clock = datetime.time.fromisoformat(whole)
+        clock = datetime.time.fromisoformat(whole_seconds)
     except ValueError:
         remedy = "write stamps like 2025-05-01T12:00:00.005"
         raise InputError(f"{text[:40]!r} is no time", remedy) from None

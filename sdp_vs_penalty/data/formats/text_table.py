@@ -217,10 +217,10 @@ def _find_delimiter(lines: Sequence[str]) -> str | None:
         if width < 2:
             continue
         several.append(delimiter)
-        alike = sum(
+        n_equal_rows = sum(
             len(split_cells(row, delimiter)) in (width, width + 1) for row in rows
         )
-        if alike >= 0.5 * len(rows):
+        if n_equal_rows >= 0.5 * len(rows):
             return delimiter
     return several[0] if several else ","
 

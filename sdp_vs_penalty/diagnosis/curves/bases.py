@@ -20,7 +20,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, COARSENING_ROWS
-from sdp_vs_penalty.diagnosis.score import EvidenceScorer, Fit
+from sdp_vs_penalty.diagnosis.score import EvidenceScorer, WhiteFit
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.effects.transmission import combinations
@@ -91,11 +91,11 @@ class Basis:
     @property
     def roughly(self) -> Basis:
         """A pair's with two thirds of its splines; over one variable itself."""
-        few = [
+        coarse_axes = [
             replace(a, count=2 * _PAIR // 3) if a.count == _PAIR else a
             for a in self.axes
         ]
-        return Basis(tuple(few))
+        return Basis(tuple(coarse_axes))
 
     @property
     def points(self) -> Array:
@@ -116,11 +116,11 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
         if not is_sign:
             first, second = (np.diff(np.eye(count), d, axis=0) for d in (1, 2))
             level = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
-            own = second.T @ second + level * first.T @ first
+            penalty = second.T @ second + level * first.T @ first
             before, after = (
                 np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :])
             )
-            rough = np.kron(np.kron(before, own), after)
+            rough = np.kron(np.kron(before, penalty), after)
             out += rough / np.trace(rough)
     return out
 
@@ -128,8 +128,8 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
 def _products(columns: Sequence[Array]) -> Array:
     """(N, size) every product of one column (N, k) of each."""
     out = columns[0]
-    for own in columns[1:]:
-        out = (out[:, :, None] * own[:, None, :]).reshape(len(out), -1)
+    for factor in columns[1:]:
+        out = (out[:, :, None] * factor[:, None, :]).reshape(len(out), -1)
     return out
 
 
@@ -137,15 +137,20 @@ def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, .
     """Everything that a curve of joint j may run over, one variable first; warm : with
     temperatures."""
     others = [i for i in range(robot.n) if i != j]
-    own = [Variable(w, j) for w in ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")]
-    own += [Variable("temp", j)] * warm
-    own += [Variable("t"), *(Variable(w, i) for i in others for w in ("q", "dq"))]
+    own_variables = [
+        Variable(w, j) for w in ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")
+    ]
+    own_variables += [Variable("temp", j)] * warm
+    own_variables += [
+        Variable("t"),
+        *(Variable(w, i) for i in others for w in ("q", "dq")),
+    ]
     for ratios in (c for first in range(j + 1) for c in combinations(robot, first)):
         at = [int(key[1:]) - 1 for key in ratios]
         if len(at) == 2 and j in at:
             ratio = ratios[f"c{at[1] + 1}"] / ratios[f"c{at[0] + 1}"]
-            own += [Variable(w, at[0], at[1], ratio) for w in ("q", "dq")]
-    alone = [
+            own_variables += [Variable(w, at[0], at[1], ratio) for w in ("q", "dq")]
+    single_variables = [
         ("q", "dq"),
         ("q", "sign(dq)"),
         ("dq", "tau"),
@@ -153,11 +158,11 @@ def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, .
         ("dq", "ddq"),
         ("q", "ddq"),
     ]
-    alone += [("tau", "sign(dq)"), ("abs(ddq)", "sign(dq)")]
+    single_variables += [("tau", "sign(dq)"), ("abs(ddq)", "sign(dq)")]
     mixed = [("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq")]
-    pairs = [(Variable(a, j), Variable(b, j)) for a, b in alone]
+    pairs = [(Variable(a, j), Variable(b, j)) for a, b in single_variables]
     pairs += [(Variable(a, i), Variable(b, j)) for i in others for a, b in mixed]
-    return [*((v,) for v in own), *pairs]
+    return [*((v,) for v in own_variables), *pairs]
 
 
 class Variables:
@@ -228,8 +233,8 @@ class Variables:
             points = axis.points
             step = (points[-1] - points[0]) / (len(points) - 1)
             reach = 0.2 if axis.is_sign else 1.001 * step
-            own = np.abs(self.on_rows(axis.variable)[which, None] - points) <= reach
-            near.append(own.astype(float))
+            is_near = np.abs(self.on_rows(axis.variable)[which, None] - points) <= reach
+            near.append(is_near.astype(float))
         return np.asarray(near[-2].T @ near[-1] > 0.0).ravel()  # of a pair both at once
 
 
@@ -238,12 +243,12 @@ _WEIGHTS = 10.0 ** np.arange(-5.0, 5.5, 1.0)
 
 
 @dataclass(frozen=True)
-class Columns:
+class CurveColumns:
     """Weighted white columns z (M, k) of a joint beside a fit, on all of its rows: D
     (k, k), s (k,), raw = z'z; count : rows of the joint, v : how many of them are worth
     one."""
 
-    fit: Fit
+    fit: WhiteFit
     joint: int
     z: Array
     D: Array
@@ -256,11 +261,11 @@ class Columns:
     def of(
         cls,
         score: EvidenceScorer,
-        fit: Fit,
+        fit: WhiteFit,
         white: Array,
         joint: int,
         robust: bool = True,
-    ) -> Columns:
+    ) -> CurveColumns:
         z = np.zeros((len(fit.residual[joint]), white.shape[1]))
         z[: len(white)] = white / fit.level[joint]
         C, raw = fit.basis[joint].T @ z, z.T @ z
@@ -304,11 +309,14 @@ class Columns:
             G[:r, r:] = Q[self.joint][train].T @ self.z[train]
             G[r:, :r] = G[:r, r:].T
             G[r:, r:] = self.z[train].T @ self.z[train] + P
-            own = y[:, train].ravel()
+            training_target = y[:, train].ravel()
             # The fit's own parameters are held where they were.
             theta = np.tensordot(Q, y, axes=((0, 1), (0, 1)))
             pull = np.concatenate(
-                [q.T @ own + held * theta, self.z[train].T @ y[self.joint][train]]
+                [
+                    q.T @ training_target + held * theta,
+                    self.z[train].T @ y[self.joint][train],
+                ]
             )
             out.append(np.linalg.solve(G, pull)[r:])
         return np.array(out)
@@ -321,7 +329,7 @@ class SplineFit:
 
     basis: Basis
     raw: Array
-    columns: Columns
+    columns: CurveColumns
     P: Array
     J: float
 
@@ -340,8 +348,8 @@ class SplineFit:
         decides."""
         metric = self.columns.raw + self.P
         values, vectors = scipy.linalg.eigh(self.columns.D, metric)
-        kept = vectors[:, values > ABSORBED_CURVE]
-        return np.asarray(kept @ kept.T @ metric)
+        significant = vectors[:, values > ABSORBED_CURVE]
+        return np.asarray(significant @ significant.T @ metric)
 
     @property
     def coefficients(self) -> Array:
@@ -349,16 +357,16 @@ class SplineFit:
         return np.asarray(self.projector @ self.c)
 
 
-def smoothed(basis: Basis, raw: Array, columns: Columns, looked: int) -> SplineFit:
+def smoothed(basis: Basis, raw: Array, columns: CurveColumns, looked: int) -> SplineFit:
     """The curve with the roughness that scores most."""
-    own = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(
+    gram = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(
         columns.raw
     ) * np.eye(len(columns.s))
     rough = _roughness(tuple((a.count, a.is_sign) for a in basis.axes)) * np.trace(
         columns.raw
     )
     # In a basis in which all but the data's part of D are diagonal, for any weight.
-    values, V = scipy.linalg.eigh(rough, columns.D + own, check_finite=False)
+    values, V = scipy.linalg.eigh(rough, columns.D + gram, check_finite=False)
     D, s = V.T @ columns.D @ V, V.T @ columns.s
     weights = _WEIGHTS if rough.any() else np.ones(1)
     w = 1.0 / (1.0 + weights[:, None] * np.maximum(values, 0.0))
@@ -367,22 +375,22 @@ def smoothed(basis: Basis, raw: Array, columns: Columns, looked: int) -> SplineF
         2.0 * c @ s - np.sum((c @ D) * c, axis=1), w @ np.diagonal(D), looked
     )
     best = int(np.argmax(J))
-    return SplineFit(basis, raw, columns, own + weights[best] * rough, float(J[best]))
+    return SplineFit(basis, raw, columns, gram + weights[best] * rough, float(J[best]))
 
 
 def band(
-    found: SplineFit, grid: Array, seed: int, level: float = 0.95, draws: int = 300
+    fit: SplineFit, grid: Array, seed: int, level: float = 0.95, draws: int = 300
 ) -> Array:
     """(P,) half width of the band that holds ``level`` of whole curves on grid (P, k):
     draws of the coefficients, normal with the covariance v (D + P)^-1 (Nychka, JASA
     1988)."""
     rng = np.random.default_rng(seed)
-    A = found.columns.D + found.P
+    A = fit.columns.D + fit.P
     values, vectors = np.linalg.eigh(A)
     root = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
-    spread = np.sqrt(max(found.columns.v - found.columns.count / COARSENING_ROWS, 1.0))
+    spread = np.sqrt(max(fit.columns.v - fit.columns.count / COARSENING_ROWS, 1.0))
     errors = (
-        spread * rng.normal(size=(draws, len(A))) @ root.T @ found.projector.T @ grid.T
+        spread * rng.normal(size=(draws, len(A))) @ root.T @ fit.projector.T @ grid.T
     )
     deviation = np.maximum(errors.std(axis=0), 1e-300)
     largest = np.max(np.abs(errors) / deviation, axis=1)

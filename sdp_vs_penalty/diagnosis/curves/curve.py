@@ -48,10 +48,10 @@ class Curve(JsonRecord):
         such name."""
         for name in self.of:
             Variable.parse(name)
-        pair, each = (len(self.of),) * (len(self.of) > 1), self.torque.shape
+        pair, shape_of_values = (len(self.of),) * (len(self.of) > 1), self.torque.shape
         if (
-            self.x.shape != each + pair
-            or not each == self.lower.shape == self.upper.shape
+            self.x.shape != shape_of_values + pair
+            or not shape_of_values == self.lower.shape == self.upper.shape
         ):
             raise ValueError("a curve has a value and a band for each x")
         if (
@@ -73,12 +73,12 @@ class Curve(JsonRecord):
     def effect(self, robot: Robot) -> MeasuredCurve:
         """The curve as an effect that can be added to a model."""
         filled = self.filled_x.reshape(len(self.filled_torque), len(self.of))
-        every, values = (
+        constants, values = (
             np.vstack([self.points, filled]),
             np.append(self.torque, self.filled_torque),
         )
         return table_effect(
-            robot, self.joint - 1, self.of, every, values, len(self.torque)
+            robot, self.joint - 1, self.of, constants, values, len(self.torque)
         )
 
     def sentence(self, torque_units: Sequence[str]) -> str:
@@ -90,7 +90,7 @@ class Curve(JsonRecord):
             f"{v} from {a:.3g} to {b:.3g}{'' if u == '-' else ' ' + u}"
             for v, a, b, u in zip(self.of, low, high, units, strict=True)
         )
-        said = (
+        words = (
             f" Within the band: {self.formula}."
             if self.formula
             else " No simple law fits its band."
@@ -100,7 +100,7 @@ class Curve(JsonRecord):
             f" {np.ptp(self.torque):.3g} {unit} from peak to peak,"
             f" {100.0 * self.explained_share:.0f} % of the held-out energy beyond"
             f" noise; held-out error {self.held_out_rmse_before:.3g} to"
-            f" {self.held_out_rmse_after:.3g} {unit}.{said}"
+            f" {self.held_out_rmse_after:.3g} {unit}.{words}"
         )
 
 

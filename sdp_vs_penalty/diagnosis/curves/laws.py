@@ -19,7 +19,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     LAW_TOLERANCE,
     MAX_CANDIDATES_REFINED,
 )
-from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, Columns, SplineFit
+from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, CurveColumns, SplineFit
 from sdp_vs_penalty.diagnosis.score import DEPENDENT
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.formatting import plain_unit
@@ -145,13 +145,13 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
 
     def waving(k: int, v: str) -> Law:
         starts = [(float(w),) for w in _waves((first, second)[k], _SCAN // 2)]
-        phase, rest = ("{b} {x}", _other(v)) if k == 0 else ("{b} {y}", v)
+        phase, other_factor = ("{b} {x}", _other(v)) if k == 0 else ("{b} {y}", v)
         return _wave(
             lambda p, b: b[0] * p[k],
             phase,
             starts,
             lambda p: _PLAIN[v](p[1 - k]),
-            f" {rest}",
+            f" {other_factor}",
         )
 
     out = [both(u, v) for u in factors(first) for v in factors(second)]
@@ -178,14 +178,14 @@ def _wave(
     reads: str,
     starts: Sequence[tuple[float, ...]],
     factor: Function = lambda p: np.ones_like(p[0]),
-    rest: str = "",
+    other_factor: str = "",
 ) -> Law:
     """Sine and cosine of a phase, times a function of the variables."""
 
     def terms(p: Array, b: Array) -> list[Array]:
         return [g(phase(p, b)) * factor(p) for g in (np.sin, np.cos)]
 
-    return Law(terms, (f"sin({reads} + {{phase}}){rest}",), starts)
+    return Law(terms, (f"sin({reads} + {{phase}}){other_factor}",), starts)
 
 
 def _fastest(axis: Axis) -> float:
@@ -214,7 +214,7 @@ class LawFit:
     amplitudes: Array
     constants: Array
     chi2: float
-    columns: Columns | None = None
+    columns: CurveColumns | None = None
 
     @property
     def size(self) -> int:
@@ -226,7 +226,7 @@ class LawFit:
 
 
 def recognised(
-    f: SplineFit, on_rows: Callable[[Law, Array], Columns], looked: int
+    f: SplineFit, on_rows: Callable[[Law, Array], CurveColumns], looked: int
 ) -> tuple[float, LawFit | None]:
     """The simplest law that scores about what the best does, and the curve, with its
     score; the curve's alone where none does. on_rows(law, constants) : the columns that
@@ -238,28 +238,28 @@ def recognised(
     def rated(fit: LawFit) -> float:
         return float(f.columns.score(np.array(fit.chi2), np.array(fit.size), looked))
 
-    every = []
+    fits = []
     for law, c in _scanned(f.basis):
         a, chi2 = _amplitudes(*_normal(c, f.columns))
         best = int(np.argmax(chi2))
-        every.append(
+        fits.append(
             LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best]))
         )
-    rough = sorted(every, key=rated, reverse=True)[:MAX_CANDIDATES_REFINED]
-    found = []
+    rough = sorted(fits, key=rated, reverse=True)[:MAX_CANDIDATES_REFINED]
+    scored = []
     for start in rough:
         near = _refined(start, in_splines)
-        own = on_rows(near.law, near.constants)
-        a, chi2 = _amplitudes(own.D[None], own.s[None])
-        exact = LawFit(near.law, a[0], near.constants, float(chi2[0]), own)
-        found.append((rated(exact), exact))
-    top = max([f.J, *(J for J, _ in found)])
-    alike = [
+        columns = on_rows(near.law, near.constants)
+        a, chi2 = _amplitudes(columns.D[None], columns.s[None])
+        exact = LawFit(near.law, a[0], near.constants, float(chi2[0]), columns)
+        scored.append((rated(exact), exact))
+    top = max([f.J, *(J for J, _ in scored)])
+    equivalent = [
         (J, law)
-        for J, law in found
+        for J, law in scored
         if top - EVIDENCE_TO_DISTINGUISH - LAW_TOLERANCE * top < J
     ]
-    return min(alike, key=lambda r: (r[1].size, -r[0]), default=(f.J, None))
+    return min(equivalent, key=lambda r: (r[1].size, -r[0]), default=(f.J, None))
 
 
 @lru_cache(maxsize=64)
@@ -297,7 +297,7 @@ def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
     return out
 
 
-def _normal(c: Array, f: Columns) -> tuple[Array, Array]:
+def _normal(c: Array, f: CurveColumns) -> tuple[Array, Array]:
     """Matrices (S, m, m) and right sides (S, m) of the normal equations of amplitudes
     of coefficients (S, m, k); not finite where a law overflows, which
     :func:`_amplitudes` leaves out."""
@@ -310,13 +310,13 @@ def written(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
     """The law as text with units."""
     unit = plain_unit(torque_units[f.joint])
     units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}
-    said = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
+    units_in_words = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
     names = [
         v.name if v.other < 0 else f"({v.name})"
         for v in (a.variable for a in f.basis.axes)
     ]
     text = law.law.text(names, law.amplitudes, law.constants)
-    return f"{text} {unit}" + (f" ({said})" if said else "")
+    return f"{text} {unit}" + (f" ({units_in_words})" if units_in_words else "")
 
 
 def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
@@ -351,8 +351,10 @@ def _refined(
 
     options = {"xatol": 1e-4, "fatol": 1e-4 * start.chi2}
     bounds = list(zip(low, high, strict=True))
-    found = minimize(
+    solution = minimize(
         left, start.constants, method="Nelder-Mead", bounds=bounds, options=options
     ).x
-    a, chi2 = _amplitudes(*normal(law, found[:, None]))
-    return LawFit(law, a[0], found, float(chi2[0])) if chi2[0] > start.chi2 else start
+    a, chi2 = _amplitudes(*normal(law, solution[:, None]))
+    return (
+        LawFit(law, a[0], solution, float(chi2[0])) if chi2[0] > start.chi2 else start
+    )

@@ -16,7 +16,7 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.diagnosis.curves.bases import (
     Basis,
-    Columns,
+    CurveColumns,
     SplineFit,
     Variables,
     band,
@@ -55,7 +55,7 @@ class Measured:
     def joint(self) -> int:
         return self.fitted.joint
 
-    def told(self, seed: int, floor: float) -> Curve:
+    def to_curve(self, seed: int, floor: float) -> Curve:
         """For a reader; floor : of its joint's noise, zero where that is not known."""
         f, robot, before, after = (
             self.fitted,
@@ -108,38 +108,51 @@ def measured_curves(
     variables = Variables(search.data.rows, search.data.estimate.robot)
     out: list[Measured] = []
     for joint in dict.fromkeys([*left, *parts]):
-        own = [t for t in search.terms if t.joints == {joint}]
-        rest = [t for t in search.terms if t not in own]
-        beside = (
+        own_terms = [t for t in search.terms if t.joints == {joint}]
+        other_terms = [t for t in search.terms if t not in own_terms]
+        beside_terms = (
             _best(search, search.terms, joint, variables) if joint in left else None
         )
-        wanted = own and (beside is not None or joint in parts)
-        alone = _best(search, rest, joint, variables) if wanted else None
-        worth = sum(t.evidence for t in search.score_jointly(own, rest))
-        instead = alone is not None and _instead(worth, own, alone, beside)
-        best = alone if instead else beside
+        is_wanted = own_terms and (beside_terms is not None or joint in parts)
+        curve_alone = (
+            _best(search, other_terms, joint, variables) if is_wanted else None
+        )
+        worth = sum(t.evidence for t in search.score_jointly(own_terms, other_terms))
+        instead = curve_alone is not None and _instead(
+            worth, own_terms, curve_alone, beside_terms
+        )
+        best = curve_alone if instead else beside_terms
         if best is not None:
             out.append(
                 _measured(
-                    search, *best[1:], variables, fold, tuple(own) if instead else ()
+                    search,
+                    *best[1:],
+                    variables,
+                    fold,
+                    tuple(own_terms) if instead else (),
                 )
             )
     return out
 
 
 def _instead(
-    worth: float, own: Sequence[ScoredEffect], alone: _Rated, beside: _Rated | None
+    worth: float,
+    own_terms: Sequence[ScoredEffect],
+    curve_alone: _Rated,
+    beside_terms: _Rated | None,
 ) -> bool:
     """Whether a curve alone stands in the place of a joint's terms, worth so much:
     where these need a curve besides, or have more constants than its law, it only has
     to be as good."""
-    J, _, law = alone
-    named = max(worth, 0.0) + (0.0 if beside is None else beside[0])
-    least = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * named
+    J, _, law = curve_alone
+    named = max(worth, 0.0) + (0.0 if beside_terms is None else beside_terms[0])
+    threshold = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * named
     simpler = law is not None and law.size < sum(
-        t.form.n_coefficients + t.form.constants for t in own
+        t.form.n_coefficients + t.form.constants for t in own_terms
     )
-    return named + (-least if beside is not None or simpler else least) < J
+    return (
+        named + (-threshold if beside_terms is not None or simpler else threshold) < J
+    )
 
 
 def _best(
@@ -157,16 +170,16 @@ def _best(
         for v in pairs_of(joint, variables.robot, variables.warm)
         if tuple(x.name for x in v) not in taken
     ]
-    every = [b for v in others if (b := variables.basis(v)) is not None]
+    bases = [b for v in others if (b := variables.basis(v)) is not None]
     gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
 
     def fitted(basis: Basis, raw: Array, robust: bool) -> SplineFit:
         raw = gain * raw
-        columns = Columns.of(score, fit, data.white(raw, joint), joint, robust)
-        return smoothed(basis, raw, columns, len(every))
+        columns = CurveColumns.of(score, fit, data.white(raw, joint), joint, robust)
+        return smoothed(basis, raw, columns, len(bases))
 
     rough = [
-        (fitted(b.roughly, variables.coarse(b.roughly), False).J, b) for b in every
+        (fitted(b.roughly, variables.coarse(b.roughly), False).J, b) for b in bases
     ]
     rough = sorted((r for r in rough if r[0] > EVIDENCE_TO_ADD), key=lambda r: -r[0])
     close = [
@@ -177,20 +190,20 @@ def _best(
         ]
     ]
     exact = [fitted(b, variables.exact(b), True) for b in close]
-    least = max(
+    threshold = max(
         ((1.0 - LAW_TOLERANCE) * f.J - EVIDENCE_TO_DISTINGUISH for f in exact),
         default=0.0,
     )
-    alike = [f for f in exact if max(least, EVIDENCE_TO_ADD) < f.J]
-    if not alike:
+    equivalent = [f for f in exact if max(threshold, EVIDENCE_TO_ADD) < f.J]
+    if not equivalent:
         return None
-    best = min(alike, key=lambda f: (len(f.basis.axes), -f.J))
+    best = min(equivalent, key=lambda f: (len(f.basis.axes), -f.J))
 
-    def on_rows(law: Law, constants: Array) -> Columns:
+    def on_rows(law: Law, constants: Array) -> CurveColumns:
         raw = gain * variables.of_law(best.basis, lambda x: law.columns(x, constants))
-        return Columns.of(score, fit, data.white(raw, joint), joint, robust=False)
+        return CurveColumns.of(score, fit, data.white(raw, joint), joint, robust=False)
 
-    J, law = recognised(best, on_rows, len(every))
+    J, law = recognised(best, on_rows, len(bases))
     return max(best.J, J), best, law
 
 
@@ -222,8 +235,8 @@ def _measured(
             not np.diff(points[there], axis=0).any(axis=0).all()
         ):  # nothing at all of a single value
             there[:], c = True, np.zeros_like(c)
-        own = points[there], (grid @ c)[there], min(measured, int(there.sum()))
-        by_fold.append(table_effect(robot, f.joint, f.basis.of, *own))
+        sampled = points[there], (grid @ c)[there], min(measured, int(there.sum()))
+        by_fold.append(table_effect(robot, f.joint, f.basis.of, *sampled))
     return Measured(f, law, table, tuple(by_fold), variables, replaced, f.J)
 
 

@@ -19,7 +19,7 @@ from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.session import ModelStep, Session
 from sdp_vs_penalty.page.view import (
-    Part,
+    PagePart,
     Stage,
     View,
     identified,
@@ -51,7 +51,11 @@ def _model_now(session: Session) -> Any:
 
 
 @partial(
-    Part, "model", "", lambda s: any(run["use"] != "test" for run in s.runs), _model_now
+    PagePart,
+    "model",
+    "",
+    lambda s: any(run["use"] != "test" for run in s.runs),
+    _model_now,
 )
 def model(view: View) -> None:
     """What is identified, and how; folded away once there is a model."""
@@ -88,7 +92,7 @@ def _form(view: View) -> None:
     def boxes(names: Sequence[str]) -> None:
         with draw.tag("div", style="checks"):
             for name in names:
-                on, said = (
+                on, label = (
                     name in map(_name, session.effects),
                     effects[name].explanation,
                 )
@@ -97,22 +101,26 @@ def _form(view: View) -> None:
                     on,
                     partial(tick, name),
                     f"effect-{name}",
-                    said,
+                    label,
                 )
 
     with draw.tag("fieldset"):
         draw.tag("legend", "Effects of the first model")
         boxes(_USUAL)
-        rest = [name for name in effects if name not in _USUAL]
-        chosen = sum(name in map(_name, session.effects) for name in rest)
+        unusual = [name for name in effects if name not in _USUAL]
+        chosen = sum(name in map(_name, session.effects) for name in unusual)
         with draw.details(
-            f"More effects ({chosen} of {len(rest)} chosen)", "more-effects", chosen > 0
+            f"More effects ({chosen} of {len(unusual)} chosen)",
+            "more-effects",
+            chosen > 0,
         ):
             draw.note("The stage Diagnose tells which are needed.")
-            boxes(rest)
+            boxes(unusual)
 
     with draw.tag("div", style="fields method"):
-        options = [(name, f"{name}: {said}") for name, said in _methods().items()]
+        options = [
+            (name, f"{name}: {description}") for name, description in _methods().items()
+        ]
         draw.choice(
             "Method",
             options,
@@ -150,12 +158,12 @@ def _options(view: View) -> None:
     with draw.details(
         f"More options{f' ({chosen} set)' * bool(chosen)}", "more-options"
     ):
-        said = (
+        hint = (
             "Effects as text: name[:joints][@shape=value], such as"
             " coulomb_friction@v_s=0.01"
         )
         draw.text_field(
-            said,
+            hint,
             ",".join(session.effects),
             write,
             "effects-text",
@@ -198,16 +206,18 @@ def fit(view: View) -> None:
         draw.choice(
             "Run", model.runs, view.run, lambda name: view.select(run=name), "shown-run"
         )
-    label, said = (
+    label, caption = (
         "Measured and modelled torque, and the residual",
         "redder: larger torque error",
     )
-    chart, move = charts.chart_and_arm(view, label, model.about, said)
+    chart, move = charts.chart_and_arm(view, label, model.about, caption)
     legend = ui.html("", sanitize=False)
     words = draw.tag("p", "", "words")
     if model.failures:
-        found = session.findings if session.found_for == len(session.history) else None
-        _heat(view, model.failures, found)
+        diagnosis = (
+            session.findings if session.found_for == len(session.history) else None
+        )
+        _heat(view, model.failures, diagnosis)
     with draw.tag("div", style="pick"):
         look = lambda name: view.select(signal=name)  # noqa: E731
         draw.choice(
@@ -287,8 +297,8 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
             f", {figure(error / floor, 2)} times the noise floor of {figure(floor)}"
             f" {plain}"
         )
-    said = model.failures[j]["sentences"] if model.failures else ()
-    return " ".join([f"{text}.", *said])
+    sentences = model.failures[j]["sentences"] if model.failures else ()
+    return " ".join([f"{text}.", *sentences])
 
 
 #: The signal that shows what a cause of the table explains.
@@ -316,7 +326,9 @@ def _stretches(
     ]
 
 
-def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -> None:
+def _heat(
+    view: View, failures: list[dict[str, Any]], diagnosis: Diagnosis | None
+) -> None:
     """Which cause explains how much of each joint's error: darker is more; findings
     first."""
     draw.tag("h4", "Where it fails, and why")
@@ -325,7 +337,7 @@ def _heat(view: View, failures: list[dict[str, Any]], found: Diagnosis | None) -
         " data, in per cent; causes that explain nothing are left out. Click a cell to"
         " see the joint."
     )
-    rows = markup.heat_rows(failures, markup.found_shares(found, len(failures)))
+    rows = markup.heat_rows(failures, markup.found_shares(diagnosis, len(failures)))
     title = "Share of the error explained by each cause, by joint"
     drawn = markup.framed(title, markup.heat_map(title, rows, len(failures), _SHOWN_BY))
     ui.html(drawn, sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
@@ -346,8 +358,8 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
 @requires_model("parameters", "Parameters")
 def parameters(view: View) -> None:
     """Links, friction, certificate and every parameter with its interval."""
-    for said in view.session.current.about["words"]:
-        draw.tag("p", said, "words")
+    for words in view.session.current.about["words"]:
+        draw.tag("p", words, "words")
     box = draw.details("Links, friction, certificate and every parameter", "parameters")
 
     def fill() -> (
@@ -413,23 +425,27 @@ def methods(view: View) -> None:
     with draw.tag("fieldset"):
         draw.tag("legend", "With the effects of the current model")
         with draw.tag("div", style="checks"):
-            for name, said in names.items():
+            for name, description in names.items():
                 on, put = chosen.get(name, False), partial(chosen.__setitem__, name)
-                draw.check(name, on, put, f"method-{name}", said)
+                draw.check(name, on, put, f"method-{name}", description)
 
     def compare() -> None:
-        asked = [name for name in names if chosen.get(name)]
+        chosen_names = [name for name in names if chosen.get(name)]
         session.start(
-            session.ask, "Comparing methods", "methods", methods=asked, folds=view.folds
+            session.ask,
+            "Comparing methods",
+            "methods",
+            methods=chosen_names,
+            folds=view.folds,
         )
 
-    said = "On unseen motion too: five folds, takes five times as long"
+    description = "On unseen motion too: five folds, takes five times as long"
     hint = "Each fold leaves out a stretch of the motion and all its repetitions"
-    draw.check(said, view.folds, partial(setattr, view, "folds"), "folds", hint)
+    draw.check(description, view.folds, partial(setattr, view, "folds"), "folds", hint)
     draw.button("Compare methods", compare, "compare")
-    if (found := session.answer("methods")) is None:
+    if (answer := session.answer("methods")) is None:
         return
-    draw.table(found["heads"], found["rows"], "Methods compared", "numbers methods")
+    draw.table(answer["heads"], answer["rows"], "Methods compared", "numbers methods")
     draw.note(
         "On the runs that the model is judged on. Possible: every link can exist,"
         " within its bounds; thinnest: a link's thickness, zero or less where it"

@@ -12,17 +12,17 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
-from sdp_vs_penalty.page.view import Part, Stage, Verdict, View
+from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
 def _robot_now(session: Session) -> Any:
-    own = [session.robot.get(name) for name in ("source", "title", "gravity")]
-    return own, bool(session.runs)
+    robot_fields = [session.robot.get(name) for name in ("source", "title", "gravity")]
+    return robot_fields, bool(session.runs)
 
 
-@partial(Part, "robot", "Robot", lambda session: True, _robot_now)
+@partial(PagePart, "robot", "Robot", lambda session: True, _robot_now)
 def robot(view: View) -> None:
     """The robot that is chosen and its gravity; or those to choose from."""
     session, robot = view.session, view.session.robot
@@ -80,13 +80,13 @@ def _choose(view: View) -> None:
     for file in view.folder_files(SUFFIXES["robot"]):
         there[str(file)] = file.name, "from your folder", file.name
     with draw.tiles("Built-in robots"):
-        for source, (name, said, urdf) in there.items():
+        for source, (name, description, urdf) in there.items():
             on = robot.get("source") == source
             choose = partial(session.start, session.choose_robot, source, urdf)
             pressed = "true" if on else "false"
             draw.tile(
                 name,
-                said,
+                description,
                 choose,
                 f"robot-{name}",
                 "on" if on else "",
@@ -104,7 +104,7 @@ _USES = (
 
 
 @partial(
-    Part,
+    PagePart,
     "runs",
     "Measurements",
     lambda s: bool(s.robot),
@@ -199,7 +199,7 @@ def _list(view: View) -> None:
                     draw.tag("td", f"{run['seconds']:.3g} s")
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
-                        said, use = (
+                        label, use = (
                             f"Use of {run['name']}",
                             partial(session.use, run["file"]),
                         )
@@ -209,7 +209,7 @@ def _list(view: View) -> None:
                             if name != "split" or run["split"]
                         ]
                         draw.choice(
-                            said, uses, run["use"], use, f"use-{k}", hidden_label=True
+                            label, uses, run["use"], use, f"use-{k}", hidden_label=True
                         )
     if session.runs and all(run["use"] == "train" for run in session.runs):
         draw.note(
@@ -218,25 +218,25 @@ def _list(view: View) -> None:
         )
 
 
-def _measured(session: Session) -> Verdict | None:
+def _measured(session: Session) -> StageVerdict | None:
     robot = session.robot
     if not robot:
         return None
-    said = (
+    sentence = (
         f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
     )
     if session.runs:
-        kept = any(run["use"] in ("test", "split") for run in session.runs)
-        said += f"; {formatting.count(len(session.runs), 'run')}, "
-        said += f"{'part' if kept else 'nothing'} kept for testing"
-    return Verdict("", f"{said}.")
+        has_test_run = any(run["use"] in ("test", "split") for run in session.runs)
+        sentence += f"; {formatting.count(len(session.runs), 'run')}, "
+        sentence += f"{'part' if has_test_run else 'nothing'} kept for testing"
+    return StageVerdict("", f"{sentence}.")
 
 
 MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
 
 
 @partial(
-    Part, "check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs)
+    PagePart, "check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs)
 )
 def check(view: View) -> None:
     """What the check says, and the runs as they were measured."""
@@ -255,10 +255,14 @@ def check(view: View) -> None:
     if len(views) > 1:
         with draw.tag("div", style="pick"):
             draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
-    said = "Positions, velocities and torques of all joints over time"
-    drawn, move = chart_and_arm(view, said, session.robot["drawn"], "nominal links")
+    caption = "Positions, velocities and torques of all joints over time"
+    drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
     crosses = "Crosses: what the check would put there. "
-    mended = any(found["can_fix"] for run in session.runs for found in run["findings"])
+    mended = any(
+        finding_of_run["can_fix"]
+        for run in session.runs
+        for finding_of_run in run["findings"]
+    )
     draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
     look(first)
 
@@ -270,35 +274,35 @@ def _findings(session: Session) -> None:
             if not run["findings"]:
                 draw.tag("span", f"✓ {run['name']}", "tick")
     for run in session.runs:
-        for found in run["findings"]:
-            with draw.tag("p", style=f"finding {found['severity']}"):
-                draw.tag("strong", f"{run['name']}: {found['kind']}. ")
-                what = found["what"]
+        for finding_of_run in run["findings"]:
+            with draw.tag("p", style=f"finding {finding_of_run['severity']}"):
+                draw.tag("strong", f"{run['name']}: {finding_of_run['kind']}. ")
+                what = finding_of_run["what"]
                 draw.tag(
                     "span",
-                    f"{what[0].upper()}{what[1:]} What to do: {found['remedy']}.",
+                    f"{what[0].upper()}{what[1:]} What to do: {finding_of_run['remedy']}.",
                 )
-            if found["gravity"]:
-                vector = ",".join(f"{g:g}" for g in found["gravity"])
+            if finding_of_run["gravity"]:
+                vector = ",".join(f"{g:g}" for g in finding_of_run["gravity"])
                 apply, key = (
                     partial(session.start, session.mount, vector),
                     f"apply-{run['file']}",
                 )
                 draw.button(f"Apply: gravity {vector}", apply, key, "primary")
-        if any(found["can_fix"] for found in run["findings"]):
+        if any(finding_of_run["can_fix"] for finding_of_run in run["findings"]):
             apply = partial(session.start, session.mend, run["file"])
             draw.button(
                 f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary"
             )
 
 
-def _checked(session: Session) -> Verdict:
+def _checked(session: Session) -> StageVerdict:
     if session.meaningless:
-        return Verdict("bad", f"{session.meaningless[0]}.", "Check failed")
+        return StageVerdict("bad", f"{session.meaningless[0]}.", "Check failed")
     warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})
     if warned:
-        return Verdict("usable", f"It found {formatting.words(warned)}.", "Check")
-    return Verdict(
+        return StageVerdict("usable", f"It found {formatting.words(warned)}.", "Check")
+    return StageVerdict(
         "good",
         f"Nothing wrong in {formatting.count(len(session.runs), 'run')}.",
         "Check",

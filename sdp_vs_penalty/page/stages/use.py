@@ -38,12 +38,14 @@ def take_away(view: View) -> None:
                 take = partial(session.start, session.take, name, view.download, flange)
                 draw.tile(name, use, take, f"take-{name}")
 
-    found = {} if session.findings is None else {"findings.json": "the diagnosis"}
-    tiles("Files to download", FILES | found)
+    findings_file = (
+        {} if session.findings is None else {"findings.json": "the diagnosis"}
+    )
+    tiles("Files to download", FILES | findings_file)
     if "payload" in session.history[-1].effects:
-        said = "Flange in the last joint's frame [m]: x,y,z"
+        hint = "Flange in the last joint's frame [m]: x,y,z"
         draw.text_field(
-            said, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107"
+            hint, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107"
         )
         tiles("The payload's files", LOAD)
     with draw.details("For other simulators and controllers", "more-files"):
@@ -84,9 +86,9 @@ def forward(view: View) -> None:
         draw.choice(
             "Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive"
         )
-    made = session.answer("forward")
-    draw.button("Run it forward", run, "forward", "primary" if made is None else "")
-    if made is None:
+    answer = session.answer("forward")
+    draw.button("Run it forward", run, "forward", "primary" if answer is None else "")
+    if answer is None:
         draw.note(
             "The model is started from measured states and driven by the torque of the"
             " runs that it is judged on: one step, 0.1 s, and as long as it stays with"
@@ -94,26 +96,28 @@ def forward(view: View) -> None:
             " model of torques can be good without it."
         )
         return
-    draw.tag("p", made["verdict"], "words")
-    draw.table(made["heads"], made["rows"], "Errors of the simulated motion", "numbers")
-    draw.note(made["explained"])
-    if made["left_out"]:
+    draw.tag("p", answer["verdict"], "words")
+    draw.table(
+        answer["heads"], answer["rows"], "Errors of the simulated motion", "numbers"
+    )
+    draw.note(answer["explained"])
+    if answer["left_out"]:
         draw.tag(
             "p",
             "Without meaning in a simulation, left out:"
-            f" {', '.join(made['left_out'])}.",
+            f" {', '.join(answer['left_out'])}.",
             "finding",
         )
-    _replay(view, made)
+    _replay(view, answer)
 
 
-def _replay(view: View, made: dict[str, Any]) -> None:
+def _replay(view: View, answer: dict[str, Any]) -> None:
     """A free run of one joint as curves, and of the arm in 3D."""
-    session, about, units = view.session, view.session.current.about, made["units"]
+    session, about, units = view.session, view.session.current.about, answer["units"]
     shown = {"run": 0}
 
     def follow() -> None:
-        read = session.arrays(made["arrays"][shown["run"]])
+        read = session.arrays(answer["arrays"][shown["run"]])
         run = Curves(read["t"], read["measured"], {"simulated": read["simulated"]})
         drawn.update_figure(torque_chart(run, view.joint or 0, units))
         move(str(shown["run"]), read)
@@ -128,14 +132,14 @@ def _replay(view: View, made: dict[str, Any]) -> None:
         draw.choice(
             "Joint", joints, joint, lambda j: view.select(joint=int(j)), "forward-joint"
         )
-        if len(made["runs"]) > 1:
-            runs = [(str(k), name) for k, name in enumerate(made["runs"])]
+        if len(answer["runs"]) > 1:
+            runs = [(str(k), name) for k, name in enumerate(answer["runs"])]
             draw.choice("Free run", runs, "0", look, "free-run")
-    label, said = (
+    label, caption = (
         "Measured and simulated position, and what is left",
         "grey: measured, blue: simulated",
     )
-    drawn, move = chart_and_arm(view, label, about, said, arms=2)
+    drawn, move = chart_and_arm(view, label, about, caption, arms=2)
     view.followers["forward"] = follow
     follow()
 

@@ -114,13 +114,13 @@ def figure_1(study: Study) -> Any:
     measured = study.run is not None
     n = study.problem.robot.n
     figure, axes = new_figure(n, 2, 1.35 * n + 0.8, sharex=True, width_ratios=(3, 2))
-    found = _draw_unseen(axes, study, _both_routes(study), measured)
+    curves = _draw_unseen(axes, study, _both_routes(study), measured)
     label_joints(axes, study.problem.robot.torque_units, "torque")
     source = "measured" if measured else "simulated"
     axes[0, 0].set_title(f"torque ({source}, unseen motion)")
     axes[0, 1].set_title(f"error: estimated less {source}")
     legend_below(figure, axes[0, 0])
-    errors = ", ".join(f"{method} {error:.2f} %" for method, error in found.items())
+    errors = ", ".join(f"{method} {error:.2f} %" for method, error in curves.items())
     figure.suptitle(f"Unseen motion: relative error {errors}", wrap=True)
     return figure
 
@@ -181,12 +181,12 @@ def figure_3(study: Study) -> Any:
     methods: dict[str, str | Estimator] = {"lmi-sdp": "lmi-sdp", "penalty": "penalty"}
     noted = []
     for k, measured in enumerate(sources):
-        own = axes[:, 2 * k : 2 * k + 2]
-        found = _draw_unseen(own, study, methods, measured)
+        axes_of_data = axes[:, 2 * k : 2 * k + 2]
+        curves = _draw_unseen(axes_of_data, study, methods, measured)
         source = "measured" if measured else "simulated"
-        own[0, 0].set_title(f"{source}, unseen: torque")
-        own[0, 1].set_title(f"{source}, unseen: error")
-        noted.append(f"{source} {found['lmi-sdp']:.2f} %")
+        axes_of_data[0, 0].set_title(f"{source}, unseen: torque")
+        axes_of_data[0, 1].set_title(f"{source}, unseen: error")
+        noted.append(f"{source} {curves['lmi-sdp']:.2f} %")
     label_joints(axes, study.problem.robot.torque_units, "torque")
     legend_below(figure, axes[0, 0])
     figure.suptitle(

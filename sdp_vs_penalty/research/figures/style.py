@@ -73,5 +73,10 @@ def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
 def legend_below(figure: Any, axis: Any) -> None:
     """One legend for the whole figure, under the axes, each label once."""
     handles, labels = axis.get_legend_handles_labels()
-    own = dict(zip(labels, handles, strict=True))
-    figure.legend(own.values(), own, loc="outside lower center", ncols=min(len(own), 5))
+    handle_by_label = dict(zip(labels, handles, strict=True))
+    figure.legend(
+        handle_by_label.values(),
+        handle_by_label,
+        loc="outside lower center",
+        ncols=min(len(handle_by_label), 5),
+    )

@@ -149,17 +149,23 @@ def figure_9(study: Study) -> Any:
     links = {
         method: study.links(method, data).ravel() for method in ("lmi-sdp", "penalty")
     }
-    made = {
-        method: robot.inverse_dynamics(own, *states) for method, own in links.items()
+    torque_by_method = {
+        method: robot.inverse_dynamics(links_of_method, *states)
+        for method, links_of_method in links.items()
     }
-    draw_torques(axes, t, true, "p_real", made, scale=1e3)
+    draw_torques(axes, t, true, "p_real", torque_by_method, scale=1e3)
     worst = [
         f"{method} {1e3 * np.abs(x - true).max():.1f} mN m"
-        for method, x in made.items()
+        for method, x in torque_by_method.items()
     ]
-    found = {method: study.result(method, data).certificate.gap for method in made}
+    gap_by_method = {
+        method: study.result(method, data).certificate.gap
+        for method in torque_by_method
+    }
     gaps = [
-        f"{method} {abs(gap):.0e}" for method, gap in found.items() if gap is not None
+        f"{method} {abs(gap):.0e}"
+        for method, gap in gap_by_method.items()
+        if gap is not None
     ]
     for axis in axes[:, 1]:
         axis.set_ylabel("error [mN m]")

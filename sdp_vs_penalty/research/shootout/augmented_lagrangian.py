@@ -46,10 +46,10 @@ class Chart:
 
     def __init__(self, demands: Sequence[Constraint], inside: Array) -> None:
         ordered = sorted(demands, key=lambda c: c.family == "minimum thickness")
-        whole = (
+        full_rank = (
             c for c in ordered if c.constant.shape == (4, 4) and len(c.indices) == 10
         )
-        links = {int(c.indices[0]): c for c in whole}.values()
+        links = {int(c.indices[0]): c for c in full_rank}.values()
         self.indices = np.array([c.indices for c in links], np.intp).reshape(-1, 10)
         self.others = np.setdiff1d(np.arange(len(inside)), self.indices)
         self.scale = np.maximum(np.abs(inside[self.others]), 1e-2)
@@ -143,19 +143,19 @@ def solve(instance: Instance, accuracy: float) -> Answer:
         turned = np.array([chart.slope(factors, row) for row in rows])
         values, vectors = np.linalg.eigh(turned.T @ turned)
         turn = vectors / np.sqrt(np.maximum(values, 1.0 / weight))
-        told: dict[str, Any] = {
+        optimiser_options: dict[str, Any] = {
             "method": "L-BFGS-B",
             "jac": True,
             "options": options(accuracy),
         }
-        found = minimize(lagrangian, np.zeros(len(x)), **told)
-        x, message = x + turn @ found.x, str(found.message)
+        solution = minimize(lagrangian, np.zeros(len(x)), **optimiser_options)
+        x, message = x + turn @ solution.x, str(solution.message)
         moved = penalty.shifted(chart.theta(x)[0] / scale, shifts, weight)
         changes = (
             np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True)
         )
         worst, shifts = max(changes, default=0.0) / weight, moved
-        if max(worst, float(np.abs(found.jac).max())) <= accuracy:
+        if max(worst, float(np.abs(solution.jac).max())) <= accuracy:
             claims = "optimal"
             break
     return Answer(chart.theta(x)[0], claims, message)

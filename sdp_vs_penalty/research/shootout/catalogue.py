@@ -33,7 +33,7 @@ def posed_as(formulation: str, unit: float = 1.0) -> Change:
     return lambda made: replace(in_units(made, unit, unit), formulation=formulation)
 
 
-def unidentifiable(made: Instance) -> Instance:
+def unidentifiable(instance: Instance) -> Instance:
     """No bounds on size: the set of optima is unbounded; the certificate holds within
     |theta| <= B."""
     open_families = (
@@ -43,63 +43,71 @@ def unidentifiable(made: Instance) -> Instance:
         "total mass",
         "minimum thickness",
     )
-    kept = [c for c in made.constraints.convex if c.family not in open_families]
-    wide = made.having(
+    constraints_kept = [
+        c for c in instance.constraints.convex if c.family not in open_families
+    ]
+    wide = instance.having(
         (
             build.linear("mass", c.name, c.indices, [[1.0]], [0.0])
             if c.family == "mass"
             else c
         )
-        for c in kept
+        for c in constraints_kept
     )
-    return replace(wide, task=replace(wide.task, bound=1e3 * made.task.bound))
+    return replace(wide, task=replace(wide.task, bound=1e3 * instance.task.bound))
 
 
 def total_mass_at_least(shift: float) -> Change:
     """The lower bound on the total mass ``shift`` (relative) above what the links may
     weigh together."""
 
-    def change(made: Instance) -> Instance:
+    def change(instance: Instance) -> Instance:
         rows = [
             (c.constant, c.coefficients[0])
-            for c in made.constraints.convex
+            for c in instance.constraints.convex
             if c.family == "mass"
         ]
         upper = sum(float(min(-c0[c1 < 0] / c1[c1 < 0])) for c0, c1 in rows)
-        masses = made.task.links[:, 0]
-        least = (1.0 + shift) * upper
+        masses = instance.task.links[:, 0]
+        smallest_mass = (1.0 + shift) * upper
         demand = build.linear(
-            "total mass", "robot", masses, np.ones((len(masses), 1)), [-least]
+            "total mass", "robot", masses, np.ones((len(masses), 1)), [-smallest_mass]
         )
-        kept = [c for c in made.constraints.convex if c.family != "total mass"]
-        return made.having((*kept, demand))
+        constraints_kept = [
+            c for c in instance.constraints.convex if c.family != "total mass"
+        ]
+        return instance.having((*constraints_kept, demand))
 
     return change
 
 
-def rounded(made: Instance) -> Instance:
+def rounded(instance: Instance) -> Instance:
     """The factor in single precision; what is solved and certified is the problem that
     this leaves."""
-    R, rho = (x.astype(np.float32).astype(float) for x in (made.data.R, made.data.rho))
-    return made.having(R=R, rho=rho)
+    R, rho = (
+        x.astype(np.float32).astype(float) for x in (instance.data.R, instance.data.rho)
+    )
+    return instance.having(R=R, rho=rho)
 
 
-def too_thick(made: Instance) -> Instance:
+def too_thick(instance: Instance) -> Instance:
     """Radii of gyration that the bounds on the moments exclude."""
-    kept = [c for c in made.constraints.convex if c.family != "minimum thickness"]
-    return made.having((*kept, *made.task.minimum_thickness(3.0)))
+    constraints_kept = [
+        c for c in instance.constraints.convex if c.family != "minimum thickness"
+    ]
+    return instance.having((*constraints_kept, *instance.task.minimum_thickness(3.0)))
 
 
-def rank_deficient(made: Instance) -> Instance:
+def rank_deficient(instance: Instance) -> Instance:
     """Some twenty rows of the factor: far fewer directions than parameters are seen."""
-    step = max(1, len(made.data.R) // 20)
-    return made.having(R=made.data.R[::step], rho=made.data.rho[::step])
+    step = max(1, len(instance.data.R) // 20)
+    return instance.having(R=instance.data.R[::step], rho=instance.data.rho[::step])
 
 
-def noise_free(made: Instance) -> Instance:
+def noise_free(instance: Instance) -> Instance:
     """Torque of the nominal robot, exactly: the optimum is zero."""
-    rho = made.data.R @ made.task.nominal
-    return made.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
+    rho = instance.data.R @ instance.task.nominal
+    return instance.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
 
 
 #: One thing that users do, or data do to them, and how it is told in the library; the
@@ -220,12 +228,12 @@ def _robots() -> Iterator[Entry]:
         stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
         for source, stop, step, shape in product(sources, stops, _STEPS, _SHAPES):
             seconds = f" {stop:g} s" if np.isfinite(stop) else ""
-            said = (
+            description = (
                 f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
             )
             name = f"{robot} {source}{seconds} {step} {shape}"
             build = partial(recorded, robot, source, step, shape, stop)
-            yield Entry(name, robot, build, said)
+            yield Entry(name, robot, build, description)
 
 
 def _chains() -> Iterator[Entry]:
@@ -235,12 +243,14 @@ def _chains() -> Iterator[Entry]:
             if n > 14 and shape in ("plain", "cones"):
                 continue
             for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
-                said = (
+                description = (
                     f"A random arm of {n} revolute joints from 60 random states;"
                     f" {demand}."
                 )
                 name = f"chain of {n} links {shape} {draw}"
-                yield Entry(name, "chains", partial(_chain, n, shape, draw), said)
+                yield Entry(
+                    name, "chains", partial(_chain, n, shape, draw), description
+                )
 
 
 def _chain(n: int, shape: str = "gyration", draw: int = 0) -> Instance:
@@ -264,9 +274,9 @@ def _changed() -> Iterator[Entry]:
             "rank-deficient",
             "two_link",
         ):  # its factor has no more rows than twenty
-            said = words and f"{robot} with links at least 2 cm thick, {words}."
+            sentence = words and f"{robot} with links at least 2 cm thick, {words}."
             build = lambda make=make, base=base: make(base())  # noqa: E731
-            yield Entry(f"{robot} {change}", "ill-conditioned", build, said)
+            yield Entry(f"{robot} {change}", "ill-conditioned", build, sentence)
 
 
 def selected(
@@ -287,11 +297,12 @@ def selected(
                 " shootout --list`"
             )
             raise InputError(what, remedy)
-    whole = groups or known
+    groups_chosen = groups or known
     chosen = [
         e
         for e in there
-        if (e.group in whole and (e.quick or not quick)) or e.name in whole
+        if (e.group in groups_chosen and (e.quick or not quick))
+        or e.name in groups_chosen
     ]
     absent = [e for e in chosen if e.measured and real_data_folder() is None]
     return [e for e in chosen if e not in absent], absent

@@ -117,12 +117,12 @@ class Contestant:
         """How a run is set up, in one word: the key in runs.csv."""
         return "default" if self.options is None else f"{accuracy:.0e}"
 
-    def told(self, accuracy: float) -> str:
+    def options_in_words(self, accuracy: float) -> str:
         """What it is told, in its documentation's names."""
-        told = {} if self.options is None else self.options(accuracy)
+        options = {} if self.options is None else self.options(accuracy)
         return ", ".join(
             f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}"
-            for k, v in told.items()
+            for k, v in options.items()
         )
 
     def refuses(self, instance: Instance) -> str | None:
@@ -133,20 +133,20 @@ class Contestant:
 
 def contestants() -> dict[str, Contestant]:
     """All of them by name, absent ones included."""
-    found = _baselines()
+    contestants_found = _baselines()
     for name, kind in solver_types().items():
         conic = kind()
-        own, finest = _conic(conic), conic.finest
+        conic_contestant, finest = _conic(conic), conic.finest
         certified = replace(
-            own,
+            conic_contestant,
             name=f"{name} certified",
             description=f"{name} {_LOOP}",
             solve=partial(_in_our_loop, solver=name, finest=finest),
             options=None,
             promise=max(Contestant.promise, 10.0 * finest),
         )
-        found += [own, certified]
-    return {c.name: c for c in sorted(found, key=lambda c: c.name)}
+        contestants_found += [conic_contestant, certified]
+    return {c.name: c for c in sorted(contestants_found, key=lambda c: c.name)}
 
 
 def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]:
@@ -206,14 +206,14 @@ def _in_our_loop(
         gap = fit.gap
     except InputError as error:
         return no_answer(instance, error)
-    said: list[str] = fit.details["solver_said"]
+    solver_words: list[str] = fit.details["solver_said"]
     return Answer(
         fit.theta,
         "optimal" if gap <= accuracy else "inaccurate",
-        f"certified gap {gap:.1e}; " + ", ".join(said),
+        f"certified gap {gap:.1e}; " + ", ".join(solver_words),
         fit.multipliers,
         fit.entropy_slopes,
-        attempts=len(said),
+        attempts=len(solver_words),
     )
 
 

@@ -56,11 +56,13 @@ class Instance:
     def having(self, convex: Iterable[Constraint] | None = None, **data: Any) -> Self:
         """With other constraints, or other entries of the data."""
         rows = replace(self.data, **data)
-        kept = self.constraints if convex is None else ConstraintSet(tuple(convex))
+        constraints_kept = (
+            self.constraints if convex is None else ConstraintSet(tuple(convex))
+        )
         objective = replace(self.objective, least_squares=rows)
         return replace(
             self,
-            task=replace(self.task, data=rows, constraints=kept),
+            task=replace(self.task, data=rows, constraints=constraints_kept),
             objective=objective,
         )
 
@@ -95,9 +97,14 @@ class Instance:
         if self.formulation != "residual":
             return unscaled_sdp(self.data, self.sent, self.formulation)
         centre = self.task.nominal if self.interior is None else self.interior
-        least = 1e-6 * self.data.tau_squared
+        smallest_scale = 1e-6 * self.data.tau_squared
         return least_squares_sdp(
-            self.objective, self.sent, centre, self.task.bound, centre, least_loss=least
+            self.objective,
+            self.sent,
+            centre,
+            self.task.bound,
+            centre,
+            least_loss=smallest_scale,
         )
 
     @cached_property
@@ -114,8 +121,8 @@ class Instance:
                 *(c.value(x).sum() for c in self.constraints.convex),
             ]
         families = [f"{c.family} {c.name} {c.cone}" for c in self.constraints.convex]
-        told = [self.formulation, self.name, *families, *(f"{x:.6g}" for x in numbers)]
-        return hashlib.sha256("\n".join(told).encode()).hexdigest()[:16]
+        words = [self.formulation, self.name, *families, *(f"{x:.6g}" for x in numbers)]
+        return hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
 
 
 def unscaled_sdp(

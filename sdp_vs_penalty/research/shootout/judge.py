@@ -111,9 +111,9 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
 
 
 def judge(
-    instance: Instance, reference: Reference, answer: Answer, asked: float
+    instance: Instance, reference: Reference, answer: Answer, accuracy: float
 ) -> Judgement:
-    """Classify one answer; ``asked`` is the accuracy that was asked for."""
+    """Classify one answer; ``accuracy`` is the accuracy that was asked for."""
     error, violation = _primal(instance, reference, answer.theta)
     numbers = (
         error,
@@ -122,15 +122,15 @@ def judge(
     )
     if answer.claims in ("failed", "inaccurate"):
         return Judgement(answer.claims, *numbers)
-    kind, remark = classified(reference, answer.claims, error, violation, asked)
+    kind, remark = classified(reference, answer.claims, error, violation, accuracy)
     return Judgement(kind, *numbers, remark)
 
 
 def classified(
-    reference: Reference, claims: str, error: float, violation: float, asked: float
+    reference: Reference, claims: str, error: float, violation: float, accuracy: float
 ) -> tuple[str, str]:
     """The class of an answer that claims something, and why it is not right."""
-    allowed, half = SLACK * asked, max(SLACK * asked, asked**0.5)
+    allowed, half = SLACK * accuracy, max(SLACK * accuracy, accuracy**0.5)
     if claims in ("infeasible", "unbounded"):
         if reference.verdict == claims:
             return "right", ""
@@ -177,11 +177,11 @@ def _primal(
 
 def _dual(instance: Instance, answer: Answer) -> float:
     """The bound from the contestant's own multipliers, -inf without finite ones."""
-    own, slopes = answer.multipliers, answer.entropy_slopes
-    numbers = (x for x in (answer.theta, own, slopes) if x is not None)
-    if own is None or not all(np.all(np.isfinite(x)) for x in numbers):
+    multipliers, slopes = answer.multipliers, answer.entropy_slopes
+    numbers = (x for x in (answer.theta, multipliers, slopes) if x is not None)
+    if multipliers is None or not all(np.all(np.isfinite(x)) for x in numbers):
         return -np.inf
-    posed = answer.theta, instance.objective, instance.constraints, own, slopes
+    posed = answer.theta, instance.objective, instance.constraints, multipliers, slopes
     with suppress(np.linalg.LinAlgError):
         return float(
             np.nan_to_num(Fit(*posed, bound=instance.task.bound).lower, nan=-np.inf)

@@ -35,7 +35,7 @@ _HERE = Path(__file__).parent
 
 
 def write_library(
-    folder: Path, wanted: Sequence[Entry], progress: Progress
+    folder: Path, entries: Sequence[Entry], progress: Progress
 ) -> list[dict[str, Any]]:
     """Write the instances, their index and the data card; returns the rows of the
     index.
@@ -43,8 +43,8 @@ def write_library(
     An instance whose measurements this machine lacks is left out.
     """
     rows = []
-    for k, item in enumerate(wanted):
-        progress(f"{k} of {len(wanted)}: {item.name}")
+    for k, item in enumerate(entries):
+        progress(f"{k} of {len(entries)}: {item.name}")
         try:
             rows.append(write_instance(folder / item.folder, item, item.make()))
         except InputError:
@@ -79,8 +79,8 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
         sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)[
             "sha256"
         ]
-    made = linear_objective(sdp.conic).problem
-    arrays = _npz(made)
+    linear_problem = linear_objective(sdp.conic).problem
+    arrays = _npz(linear_problem)
     write_bytes(folder / "problem.npz", arrays)
     sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
     low, high = map(float, interval) if interval else (0.0, np.inf)
@@ -90,7 +90,7 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     # By what the shootout asks for: proved as tightly as that, or as the next accuracy.
     _, medium, easy = Shootout.accuracies
     difficulty = "easy" if gap <= easy else "medium" if gap <= medium else "hard"
-    cones = Counter(cone.kind for cone in made.cones)
+    cones = Counter(cone.kind for cone in linear_problem.cones)
     return {
         **{name: getattr(item, name) for name in ("name", "group", "folder")},
         "status": status,
@@ -99,9 +99,9 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
         "upper": interval[1] if interval else "",
         "relative_gap": f"{gap:.1e}" if interval else "",
         "parameters": len(instance.task.bound),
-        "variables": len(made.q),
-        "rows": len(made.b),
-        "nonzeros": int(made.A.nnz),
+        "variables": len(linear_problem.q),
+        "rows": len(linear_problem.b),
+        "nonzeros": int(linear_problem.A.nnz),
         "cones": " ".join(f"{k}:{v}" for k, v in cones.items()),
         "sentence": item.sentence,
         **{

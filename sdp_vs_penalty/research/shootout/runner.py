@@ -95,8 +95,8 @@ class Results:
     def keep(self, current: dict[str, str]) -> int:
         """Drop runs of instances whose hash (by problem name) has changed; returns how
         many."""
-        before, wanted = len(self.runs), self.runs["problem"].map(current)
-        self._write(self.runs[wanted.isna() | (wanted == self.runs["hash"])])
+        before, is_current = len(self.runs), self.runs["problem"].map(current)
+        self._write(self.runs[is_current.isna() | (is_current == self.runs["hash"])])
         return before - len(self.runs)
 
     def _write(self, runs: pandas.DataFrame) -> None:
@@ -109,7 +109,7 @@ def _frame(rows: list[Row]) -> pandas.DataFrame:
 
 
 def _read(path: Path) -> pandas.DataFrame:
-    text = read_text(path, own=True)
+    text = read_text(path, is_own=True)
     if (head := text.partition("\n")[0].strip()) != ",".join(COLUMNS):
         what = f"holds the results of something else (its columns are {head[:60]}...)"
         raise InputError(what, "give --out another folder", path)
@@ -142,24 +142,40 @@ class Assignment:
 def perform(task: Assignment) -> list[Row]:
     """Do a task here; what a worker of any kind calls. InputError where its instance is
     another one."""
-    made = instance(task.problem)
-    if made.hash != task.hash:
-        what = f"it is {made.hash} on one machine and {task.hash} on another"
+    problem_instance = instance(task.problem)
+    if problem_instance.hash != task.hash:
+        what = (
+            f"it is {problem_instance.hash} on one machine and {task.hash} on another"
+        )
         remedy = "use the same version and data on all machines"
         raise InputError(what, remedy, f"instance {task.problem!r}")
     # Work that belongs to no contestant: done before the fork, so that children have
     # it.
-    _ = made.interior, made.constraints.groups, made.task.ols
+    _ = (
+        problem_instance.interior,
+        problem_instance.constraints.groups,
+        problem_instance.task.ols,
+    )
     if not task.solver:
-        kind, found, _ = in_child(lambda: reference(made), task.time_limit, task.memory)
-        remark = "" if kind == "ended" else f"{kind} {found}".strip()
-        found = Reference("unknown", -np.inf, np.inf, 1.0) if remark else found
-        return [{"hash": made.hash, "reference": asdict(found), "remark": remark}]
-    _ = made.sdp
+        kind, reference_found, _ = in_child(
+            lambda: reference(problem_instance), task.time_limit, task.memory
+        )
+        remark = "" if kind == "ended" else f"{kind} {reference_found}".strip()
+        reference_found = (
+            Reference("unknown", -np.inf, np.inf, 1.0) if remark else reference_found
+        )
+        return [
+            {
+                "hash": problem_instance.hash,
+                "reference": asdict(reference_found),
+                "remark": remark,
+            }
+        ]
+    _ = problem_instance.sdp
     contestant, stopped, rows = contestants()[task.solver], "", list[Row]()
     contestant.warm_up()  # what a first use pays for
     for accuracy in task.accuracies:
-        rows.append(run_one(task, contestant, made, accuracy, stopped))
+        rows.append(run_one(task, contestant, problem_instance, accuracy, stopped))
         stopped = stopped or (
             rows[-1]["settings"] if rows[-1]["class"] == "timeout" else ""
         )
@@ -169,8 +185,8 @@ def perform(task: Assignment) -> list[Row]:
 def run_one(
     task: Assignment,
     contestant: Contestant,
-    made: Instance,
-    asked: float,
+    problem_instance: Instance,
+    accuracy: float,
     stopped: str = "",
 ) -> Row:
     """One run: what the contestant says, its seconds of processor time, programs that
@@ -180,26 +196,29 @@ def run_one(
 
     def timed() -> tuple[Answer, float]:
         used = _processor()
-        answer = contestant.solve(made, asked)
+        answer = contestant.solve(problem_instance, accuracy)
         return answer, _processor() - used
 
     remark = f"not run: {stopped} exceeded the time limit" if stopped else ""
     ended: tuple[str, Any, float] = "timeout", "", task.time_limit
-    kind, found, seconds = (
+    kind, outcome, seconds = (
         ended if stopped else in_child(timed, task.time_limit, task.memory)
     )
-    if kind == "ended" and (seconds := found[1]) > task.time_limit:
-        kind, found = "timeout", f"took {seconds:.2g} s of processor time"
+    if kind == "ended" and (seconds := outcome[1]) > task.time_limit:
+        kind, outcome = "timeout", f"took {seconds:.2g} s of processor time"
     if kind == "ended":
-        answer, verdict = found[0], judge(made, task.reference, found[0], asked)
+        answer, verdict = (
+            outcome[0],
+            judge(problem_instance, task.reference, outcome[0], accuracy),
+        )
     else:
         answer, verdict = (
-            Answer(np.empty(0), "", found, attempts=0),
+            Answer(np.empty(0), "", outcome, attempts=0),
             Judgement(kind, remark=remark),
         )
     row = {
-        "settings": contestant.settings(asked),
-        "accuracy": asked,
+        "settings": contestant.settings(accuracy),
+        "accuracy": accuracy,
         "class": verdict.kind,
     }
     row |= {
@@ -282,7 +301,10 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
         )
         references = _references(setup, entries, say, work)
         if dropped := results.keep(
-            {name: found["hash"] for name, found in references.items()}
+            {
+                name: reference_found["hash"]
+                for name, reference_found in references.items()
+            }
         ):
             notes.append(
                 f"{dropped} runs of instances that have changed since were dropped"
@@ -321,7 +343,7 @@ def _references(
     known: dict[str, dict[str, Any]] = {}
     if path.exists():
         try:
-            known = json.loads(read_text(path, own=True))
+            known = json.loads(read_text(path, is_own=True))
         except ValueError:
             raise InputError(
                 "not JSON", "delete it, and the intervals are proved again", path
@@ -352,18 +374,18 @@ def _pending(
         [],
     )
     for entry, contestant in product(entries, competing):
-        found = references[entry.name]
+        reference_found = references[entry.name]
         if reason := contestant.refuses(instance(entry.name)):
             left_out.append((entry.name, contestant.name, reason))
             continue
-        asked = contestant.asked(setup.accuracies)
-        what = entry.name, found["hash"], contestant.name
+        accuracies_of = contestant.asked(setup.accuracies)
+        what = entry.name, reference_found["hash"], contestant.name
         if new := tuple(
-            a for a in asked if (*what, contestant.settings(a)) not in done
+            a for a in accuracies_of if (*what, contestant.settings(a)) not in done
         ):
             limits, known = (
                 (setup.time_limit, setup.memory),
-                Reference(**found["reference"]),
+                Reference(**reference_found["reference"]),
             )
             tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
     return tasks, left_out
@@ -384,7 +406,7 @@ def in_child(
     if child == 0:
         _child(work, writer, limit, memory, parent)
     writer.close()
-    ended, status, told = 0, 0, None
+    ended, status, answer = 0, 0, None
     # Not by the pipe's end alone: a child of another thread may hold that open.
     while (
         not ended and not reader.poll(0.05) and time.monotonic() - start < 4.0 * limit
@@ -393,20 +415,20 @@ def in_child(
     seconds = time.monotonic() - start
     if reader.poll():
         with contextlib.suppress(EOFError):  # it has died
-            told = reader.recv()
+            answer = reader.recv()
     elif not ended:
-        told = "timeout", f"stopped after {seconds:.0f} s"
+        answer = "timeout", f"stopped after {seconds:.0f} s"
         with contextlib.suppress(ProcessLookupError):
             os.killpg(child, signal.SIGKILL)
     if not ended:
         _, status = os.waitpid(child, 0)
     reader.close()
-    if told is None:
+    if answer is None:
         number = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
-        told = "crash", f"ended by signal {number}" if number else ""
+        answer = "crash", f"ended by signal {number}" if number else ""
         if number == signal.SIGXCPU:
-            told = "timeout", f"stopped after {limit:g} s of processor time"
-    return *told, seconds
+            answer = "timeout", f"stopped after {limit:g} s of processor time"
+    return *answer, seconds
 
 
 def _child(
@@ -426,10 +448,10 @@ def _child(
         os.dup2(silence, 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         used = resource.getrusage(resource.RUSAGE_SELF)
-        whole = math.ceil(
+        whole_seconds = math.ceil(
             used.ru_utime + used.ru_stime + limit
         )  # whole seconds: the kernel's grain
-        resource.setrlimit(resource.RLIMIT_CPU, (whole, whole + 2))
+        resource.setrlimit(resource.RLIMIT_CPU, (whole_seconds, whole_seconds + 2))
         try:  # the address space in use, where the system says it
             pages = int(Path("/proc/self/statm").read_text().split()[0])
             size = pages * resource.getpagesize() + int(memory * 1e9)

@@ -40,21 +40,21 @@ def at_accuracy(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
 
 def accuracies(runs: pandas.DataFrame) -> list[float]:
     """What was asked for, loose to tight; 1e-8 where nobody could be asked."""
-    asked = runs.loc[runs["settings"] != "default", "accuracy"].unique()
-    return sorted(asked, reverse=True) or [1e-8]
+    values = runs.loc[runs["settings"] != "default", "accuracy"].unique()
+    return sorted(values, reverse=True) or [1e-8]
 
 
 def profile(
     runs: pandas.DataFrame, accuracy: float
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Of each solver (ratios, shares): the corners of its step."""
-    asked, count = at_accuracy(runs, accuracy), runs["problem"].nunique()
-    right = asked[reached(asked, accuracy)]
+    runs_at_accuracy, count = at_accuracy(runs, accuracy), runs["problem"].nunique()
+    right = runs_at_accuracy[reached(runs_at_accuracy, accuracy)]
     seconds = right["seconds"].clip(lower=1e-6)
     ratio = seconds / seconds.groupby(right["problem"]).transform("min")
     steps = {
         s: np.sort(ratio[right["solver"] == s])
-        for s in sorted(asked["solver"].unique())
+        for s in sorted(runs_at_accuracy["solver"].unique())
     }
     return {
         solver: (x, np.arange(1, len(x) + 1) / count) for solver, x in steps.items()
@@ -71,7 +71,7 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    asked = accuracies(runs)
+    accuracies_shown = accuracies(runs)
     count = runs.groupby("solver")["problem"].nunique()
     count = count[~count.index.str.endswith(" certified")]
     shown = sorted(count.index[count >= 0.8 * count.max()])
@@ -82,9 +82,12 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
             "layout": "constrained",
         }
         figure, (axes,) = plt.subplots(
-            1, len(asked), figsize=(3.2 * len(asked) + 1.6, 3.4), **shared
+            1,
+            len(accuracies_shown),
+            figsize=(3.2 * len(accuracies_shown) + 1.6, 3.4),
+            **shared,
         )
-        for panel, accuracy in zip(axes, asked, strict=True):
+        for panel, accuracy in zip(axes, accuracies_shown, strict=True):
             curves = profile(runs, accuracy)
             for k, solver in enumerate(shown):
                 ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
@@ -213,19 +216,21 @@ _SHOWN: dict[str, tuple[str, Callable[[Any], str]]] = {
 def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame:
     """One row for each solver and settings: how often right, how often silently wrong,
     how fast; of the answers called optimal the median of each figure for itself."""
-    told = runs[["objective_error", "violation", "own_gap"]].where(
+    errors = runs[["objective_error", "violation", "own_gap"]].where(
         runs["claimed"] == "optimal"
     )
     times = runs["seconds"].where(runs["class"] == "right", time_limit)
-    found = runs.assign(
-        **told.replace(np.inf, np.nan), mean_seconds=np.log(times + 0.01)
+    runs_with_errors = runs.assign(
+        **errors.replace(np.inf, np.nan), mean_seconds=np.log(times + 0.01)
     )
-    found = found.join(
+    runs_with_errors = runs_with_errors.join(
         pandas.get_dummies(runs["class"], dtype=int).reindex(
             columns=CLASSES, fill_value=0
         )
     )
-    found = found.sort_values(["solver", "accuracy"], ascending=[True, False])
+    runs_with_errors = runs_with_errors.sort_values(
+        ["solver", "accuracy"], ascending=[True, False]
+    )
     how: dict[str, Any] = {
         "runs": ("problem", "size"),
         "success_percent": ("right", "mean"),
@@ -233,9 +238,11 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
     how |= {name: (name, "sum") for name in CLASSES} | {
         "mean_seconds": ("mean_seconds", "mean")
     }
-    how |= {name: (name, "median") for name in told}
+    how |= {name: (name, "median") for name in errors}
     how |= {"attempts": ("attempts", "mean"), "version": ("version", "last")}
-    table = found.groupby(["solver", "settings"], sort=False, as_index=False).agg(**how)
+    table = runs_with_errors.groupby(
+        ["solver", "settings"], sort=False, as_index=False
+    ).agg(**how)
     table["success_percent"] *= 100.0
     table["mean_seconds"] = np.exp(table["mean_seconds"]) - 0.01
     return table.assign(attempts=table["attempts"].map("{:.1f}".format))
@@ -251,8 +258,10 @@ def by_problem(runs: pandas.DataFrame) -> list[str]:
     tightest = runs.sort_values("accuracy").drop_duplicates(["problem", "solver"])
     worst = tightest[["objective_error", "violation"]].max(axis=1)
     wrong = [f"**WRONG** {x:.0e}" if np.isfinite(x) else "**WRONG**" for x in worst]
-    said = np.where(tightest["class"] == "silently_wrong", wrong, tightest["class"])
-    grid = tightest.assign(said=said).pivot(
+    class_words = np.where(
+        tightest["class"] == "silently_wrong", wrong, tightest["class"]
+    )
+    grid = tightest.assign(said=class_words).pivot(
         index="problem", columns="solver", values="said"
     )
     return _markdown(grid.fillna("n/a").loc[runs["problem"].unique()].reset_index())
@@ -278,9 +287,9 @@ def ranking(
         named = mine["problem"].str.extract(r"^chain of (\d+)")[0].astype(float)
         mine = mine[named.fillna(mine["group"].map(robots)) == links]
     right = reached(mine, accuracy)
-    found = mine.assign(right=right, wrong=mine["class"] == "silently_wrong")
-    found["seconds"] = found["seconds"].where(right)
-    table = found.groupby("solver").agg(
+    runs_with_class = mine.assign(right=right, wrong=mine["class"] == "silently_wrong")
+    runs_with_class["seconds"] = runs_with_class["seconds"].where(right)
+    table = runs_with_class.groupby("solver").agg(
         **{"right": ("right", "sum"), "run": ("problem", "nunique")},
         **{"silently wrong": ("wrong", "sum"), "seconds": ("seconds", "median")},
         attempts=("attempts", "mean"),
@@ -305,7 +314,7 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
     quick = (
         best if enough.empty else enough.sort_values("seconds", kind="stable").iloc[0]
     )
-    said = [
+    sentences = [
         (
             f"Take {best['solver']}: right on {best['right']} of {best['problems']}"
             f" problems {where}, {best['silently wrong']} times silently wrong,"
@@ -319,8 +328,10 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
     ]
     if worst["silently wrong"]:
         of = f"{worst['silently wrong']} of {worst['run']}"
-        said.append(f"Check every answer of {worst['solver']}: silently wrong on {of}.")
-    return said
+        sentences.append(
+            f"Check every answer of {worst['solver']}: silently wrong on {of}."
+        )
+    return sentences
 
 
 def answer(runs: pandas.DataFrame) -> str:
@@ -328,7 +339,7 @@ def answer(runs: pandas.DataFrame) -> str:
     them."""
     links, accuracy = 7, 1e-6
     table = ranking(runs, accuracy, links)
-    if not (said := advice(table, f"of {links} links at {accuracy:.0e}")):
+    if not (advice_words := advice(table, f"of {links} links at {accuracy:.0e}")):
         return ""
     shown = {
         "solver": table["solver"],
@@ -338,7 +349,10 @@ def answer(runs: pandas.DataFrame) -> str:
     shown |= {"silently wrong": table["silently wrong"]}
     shown |= {"median [ms]": table["seconds"].map(_milliseconds)}
     shown |= {"attempts": table["attempts"].map("{:.1f}".format)}
-    return "\n".join([" ".join(said), "", *_markdown(pandas.DataFrame(shown))]) + "\n"
+    return (
+        "\n".join([" ".join(advice_words), "", *_markdown(pandas.DataFrame(shown))])
+        + "\n"
+    )
 
 
 def sentences(runs: pandas.DataFrame) -> list[str]:
@@ -361,13 +375,13 @@ def write_summary(
         Counter(x[1:] for x in not_applicable).items()
     ):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
-    asked = accuracies(runs)
+    accuracies_shown = accuracies(runs)
     ran = [c for name, c in contestants().items() if name in runs["solver"].unique()]
-    told = [
-        [c.name, c.told(a)]
+    option_rows = [
+        [c.name, c.options_in_words(a)]
         for c in ran
         if c.options
-        for a in c.asked((asked[0], asked[-1]))
+        for a in c.asked((accuracies_shown[0], accuracies_shown[-1]))
     ]
     forms = {
         name: column.map(_SHOWN.get(name, ("", str))[1])
@@ -377,19 +391,19 @@ def write_summary(
         columns={name: head for name, (head, _) in _SHOWN.items()}
     )
     text = Path(__file__).with_suffix(".md").read_text()  # a file beside this one
-    said = text.format(
+    content = text.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
         minutes=runs["seconds"].sum() / 60.0,
         limit=time_limit,
         answer=answer(runs),
-        told="\n".join(markdown_table(["solver", "told"], told)),
+        told="\n".join(markdown_table(["solver", "told"], option_rows)),
         table="\n".join(_markdown(shown)),
         problems="\n".join(by_problem(runs)) + "\n",
         left_out="".join(f"- {line}.\n" for line in missing),
         machines=", ".join(sorted(runs["machine"].unique())),
     )
     paths = [folder / name for name in ("summary.md", "summary.csv")]
-    write_text(paths[0], said)
+    write_text(paths[0], content)
     write_text(paths[1], table.to_csv(index=False, lineterminator="\n"))
     pictures = {"solved_over_time.svg": plot_over_time, "profile.svg": plot_profile}
     drawn = [

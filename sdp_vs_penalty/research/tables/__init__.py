@@ -24,11 +24,11 @@ DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
 @cache
 def makers() -> dict[str, TableSpec]:
     """Every table of the package by its name."""
-    found = (
+    specs = (
         value for home in modules(__name__, __path__) for value in vars(home).values()
     )
     return by_word(
-        (maker.name, maker) for maker in found if isinstance(maker, TableSpec)
+        (maker.name, maker) for maker in specs if isinstance(maker, TableSpec)
     )
 
 
@@ -72,15 +72,17 @@ def make_tables(
     """
     groups: dict[Any, list[str]] = {}
     for maker in _chosen(names):
-        own, *_ = maker.problems or ("panda",)
-        groups.setdefault(own if problem is None else "", []).append(maker.name)
-    made = []
+        problem_name, *_ = maker.problems or ("panda",)
+        groups.setdefault(problem_name if problem is None else "", []).append(
+            maker.name
+        )
+    tables_made = []
     for name, group in groups.items():
         study = Study(as_problem(problem or name), budget, progress, workers)
-        made += [
+        tables_made += [
             (t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)
         ]
-    return made
+    return tables_made
 
 
 def _folder(table: Table, out: Path) -> Path:

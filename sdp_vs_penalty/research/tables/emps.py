@@ -28,13 +28,13 @@ REFINED = ("asymmetric_viscous_friction",)
 def emps(study: Study) -> Table:
     """EMPS table: the public nonlinear benchmark, by force along a motion and by
     simulated position."""
-    found = measured_runs(study.problem.name)
-    if not found:
+    runs_found = measured_runs(study.problem.name)
+    if not runs_found:
         raise InputError(
             "table emps is about measurements that are not at hand",
             f"name the folder that holds emps/ by {VARIABLE}",
         )
-    tracking, _ = runs = found["tracking"], found["pulses"]
+    tracking, _ = runs = runs_found["tracking"], runs_found["pulses"]
     # The authors' least-squares values: M [kg], F_v [N s/m], F_c [N], offset [N], and
     # viscous friction's difference between the directions [N s/m], which their model
     # lacks.
@@ -45,11 +45,19 @@ def emps(study: Study) -> Table:
         study.progress(f"EMPS by {method}")
         options = PoseOptions(seed=study.seed)
         estimate = estimate_parameters(study.problem, filtered, method, options)
-        own = _constants(estimate)
+        constants_of_estimate = _constants(estimate)
         unseen = cross_validate(
             study.problem, tracking, method, folds=FOLDS, seed=study.seed
         )
-        rows.append(_row(study, method, own, *runs, unseen.relative_error_percent))
+        rows.append(
+            _row(
+                study,
+                method,
+                constants_of_estimate,
+                *runs,
+                unseen.relative_error_percent,
+            )
+        )
     effects = (*study.problem.default_effects, *REFINED)
     for method in (DEFAULT_METHOD, OUTPUT_ERROR):
         study.progress(f"EMPS by {method}, five parameters")

@@ -32,11 +32,11 @@ def errata_table(study: Study) -> Table:
         problem = load_problem(name)
         evidence = shown(problem)
         for erratum in errata(problem):
-            said = {
+            fields_of_row = {
                 name: getattr(erratum, name)
                 for name in ("number", "where", "printed", "corrected")
             }
-            rows.append(said | {"what_shows_it": evidence[erratum.number]})
+            rows.append(fields_of_row | {"what_shows_it": evidence[erratum.number]})
     return Table(
         "Errata: where the paper contradicts itself",
         sorted(rows, key=lambda row: row["number"]),

@@ -11,7 +11,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 @dataclass(frozen=True)
-class Interval:
+class FoldInterval:
     """Mean over folds with its 95 % interval of Student's t; t : mean over its standard
     error."""
 
@@ -36,16 +36,16 @@ def fold_errors(result: CrossValidation) -> Array:
     return np.array([fold.relative_error_percent for fold in result.folds])
 
 
-def interval_of(values: Array, coverage: float = 0.95) -> Interval:
+def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
     """The interval of the mean of values (k,), taken as independent."""
     from scipy import stats
 
     k, mean = len(values), float(np.mean(values))
     error = float(np.std(values, ddof=1)) / math.sqrt(k)
     half = float(stats.t.ppf(0.5 + 0.5 * coverage, k - 1)) * error
-    return Interval(mean, mean - half, mean + half, mean / error if error else 0.0)
+    return FoldInterval(mean, mean - half, mean + half, mean / error if error else 0.0)
 
 
-def difference(one: CrossValidation, other: CrossValidation) -> Interval:
+def difference(one: CrossValidation, other: CrossValidation) -> FoldInterval:
     """Of the errors of one method less another's, fold by fold [percentage points]."""
     return interval_of(fold_errors(one) - fold_errors(other))

@@ -39,12 +39,12 @@ def denavit_hartenberg(study: Study) -> Table:
     ):
         frame = joint.link_frame  # Tz(d) Tx(a) Rx(alpha)
         a, alpha, d = frame[0, 3], np.arctan2(frame[2, 1], frame[2, 2]), frame[2, 3]
-        ours = {
+        our_values = {
             "a_m_ours": float(a),
             "alpha_rad_ours": float(alpha),
             "d_m_ours": float(d),
         }
-        rows.append({**row, **ours})
+        rows.append({**row, **our_values})
     return Table(
         f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
         rows,
@@ -77,29 +77,31 @@ def link_table(
     rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
         nominal=by_name(study.problem.nominal_links)
     )
-    told = []
+    sentences = []
     for data in study.whole:
         decided = sources(study, data).reindex(rows.index)
-        seen = int((decided == DATA).sum())
-        told.append(f"the {data.label} data decide {seen} of {len(rows)} entries")
+        n_determined = int((decided == DATA).sum())
+        sentences.append(
+            f"the {data.label} data decide {n_determined} of {len(rows)} entries"
+        )
     rows["true_simulated"] = by_name(study.experiment.links)
     for data in study.whole:
         for method_name, method in study.methods.items():
             rows[f"{method_name}_{data.label}"] = by_name(study.links(method, data))
-    said = notes("links", method=DEFAULT_METHOD, priors=study.about_priors)
+    notes_text = notes("links", method=DEFAULT_METHOD, priors=study.about_priors)
     if rows.index.str.startswith("I").any():
-        said += _bounds_received(study)
+        notes_text += _bounds_received(study)
     for erratum in errata(study.problem):
         if erratum.cell and erratum.cell["row"] in rows.index:
-            said.append(
+            notes_text.append(
                 f"{erratum.where}: printed {erratum.printed}; the other tables need "
                 f"{erratum.corrected}, which true_simulated has."
             )
     table = Table(
         f"Table {name}: {title} of {study.problem.title}",
         rows,
-        said,
-        f"At {DEFAULT_METHOD}'s estimate {' and '.join(told)}; the rest comes from the"
+        notes_text,
+        f"At {DEFAULT_METHOD}'s estimate {' and '.join(sentences)}; the rest comes from the"
         " nominal robot.",
     )
     columns = [*(printed[0] if printed else bounds), *study.compared_columns]
@@ -116,9 +118,9 @@ def sources(study: Study, data: Data) -> pandas.Series:
         wide[:, indices] = approx_fprime(
             theta[indices], inertia.barycentric_from_standard
         )
-    own = is_data_determined(task, gradients.reshape(-1, len(theta)))
+    is_determined = is_data_determined(task, gradients.reshape(-1, len(theta)))
     return pandas.Series(
-        np.where(own, "data", "prior"), list(entries(len(gradients))), object
+        np.where(is_determined, "data", "prior"), list(entries(len(gradients))), object
     )
 
 
@@ -130,8 +132,12 @@ def _bounds_received(study: Study) -> list[str]:
     worst = []
     for data in study.whole:
         for name, method in study.methods.items():
-            found = study.task(data).constraints.worst(study.result(method, data).theta)
-            worst.append(f"{name}_{data.label} {text(found['barycentric inertia'], 2)}")
+            worst_by_family = study.task(data).constraints.worst(
+                study.result(method, data).theta
+            )
+            worst.append(
+                f"{name}_{data.label} {text(worst_by_family['barycentric inertia'], 2)}"
+            )
     return notes("bounds", worst=", ".join(worst))
 
 

@@ -44,10 +44,10 @@ def _row(study: Study, data: Data, method: str) -> Row:
     assert optimum is not None
     estimator: str | Estimator = method
     if method not in WITH_PRIOR and estimator_types()[method].needs_black_box:
-        found = study.reverse_engineered
-        estimator = Frozen(found.theta.reshape(-1, 10))
+        retrieved = study.reverse_engineered
+        estimator = Frozen(retrieved.theta.reshape(-1, 10))
         result = Result(
-            study.theta(estimator, data), found.certificate, found.seconds, {}
+            study.theta(estimator, data), retrieved.certificate, retrieved.seconds, {}
         )
     else:
         result = study.result(method, data)
@@ -60,7 +60,7 @@ def _row(study: Study, data: Data, method: str) -> Row:
     links = result.theta[task.links]
     violations = task.constraints.worst(result.theta)
     worst, family = max((x, name) for name, x in violations.items())
-    told = link_figures(study.problem, links)
+    figures_of_links = link_figures(study.problem, links)
     # The independent ones of a multi-start method; with a joint prior their losses hold
     # it too.
     runs = pandas.DataFrame(
@@ -75,11 +75,11 @@ def _row(study: Study, data: Data, method: str) -> Row:
         "worst_violation": worst,
         "violated_family": family if worst >= ROUNDING else None,
         "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
-        "smallest_thickness_mm": 1e3 * told["smallest_thickness"],
+        "smallest_thickness_mm": 1e3 * figures_of_links["smallest_thickness"],
         "unseen_error_percent": error,
         "worst_fold_error_percent": fold,
         "repeatability_error_percent": again,
-        "positive_definite_percent": 100.0 * told["positive_mass_matrices"],
+        "positive_definite_percent": 100.0 * figures_of_links["positive_mass_matrices"],
         "seconds": result.seconds,
         "runs": len(runs) or None,
         "feasible_runs": int((broken < 1e-6).sum()) if len(runs) else None,

@@ -12,7 +12,7 @@ from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep
 from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaperTwoStep
 from sdp_vs_penalty.research.tables.folds import (
-    Interval,
+    FoldInterval,
     difference,
     fold_errors,
     interval_of,
@@ -125,7 +125,7 @@ def _errors(
             "less_sdp_points": None,
             "less_sdp_interval": None,
         }
-    own: Interval = interval_of(fold_errors(judged[name]))
+    own: FoldInterval = interval_of(fold_errors(judged[name]))
     less = None if name == SDP else difference(judged[name], judged[SDP])
     return {
         "unseen_error_percent": judged[name].relative_error_percent,

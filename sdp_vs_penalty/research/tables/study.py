@@ -153,9 +153,9 @@ class Frozen(Estimator):
         return Fit(refitted(task.data, theta), Objective(task.data), task.constraints)
 
 
-def refitted(data: LeastSquares, given: Array) -> Array:
+def refitted(data: LeastSquares, links_given: Array) -> Array:
     """theta (p,) as given, what is NaN in it fitted to the rows by least squares."""
-    free, theta = np.isnan(given), np.nan_to_num(given)
+    free, theta = np.isnan(links_given), np.nan_to_num(links_given)
     theta[free] = np.linalg.lstsq(
         data.R[:, free], data.rho - data.R @ theta, rcond=None
     )[0]
@@ -290,10 +290,10 @@ class Study:
             name = method if isinstance(method, str) else method.name
             self.progress(f"{name} on {data.label} data")
         workers = replace(self.workers, progress=self.progress)
-        made = workers.map(
+        results = workers.map(
             _estimated, [(self.estimator(m), self.task(d)) for m, d in new]
         )
-        self._made.update(zip(new, made, strict=True))
+        self._made.update(zip(new, results, strict=True))
 
     @property
     def compared_columns(self) -> list[str]:
@@ -307,12 +307,12 @@ class Study:
     @property
     def about_priors(self) -> str:
         """A note on what the names of columns and rows say of the prior."""
-        said = (
+        sentence = (
             "joint_prior: lmi-sdp-plain and penalty with the pull of friction and"
             " offsets to zero that lmi-sdp has, and nothing else of it; optimisers"
             " compare among methods with it, or without."
         )
-        return said if set(WITH_PRIOR) & set(self.methods.values()) else ""
+        return sentence if set(WITH_PRIOR) & set(self.methods.values()) else ""
 
     @cached_property
     def sentence(self) -> str:
@@ -344,11 +344,13 @@ class Study:
     def methods(self) -> Mapping[str, str]:
         """METHODS, those with another prior only where joints have parameters of their
         own."""
-        own = [
+        own_methods = [
             len(data.model.parameters) > len(data.model.rigid_indices)
             for data in self.whole
         ]
-        return {k: m for k, m in METHODS.items() if any(own) or m not in WITH_PRIOR}
+        return {
+            k: m for k, m in METHODS.items() if any(own_methods) or m not in WITH_PRIOR
+        }
 
     def theta(self, method: str | Estimator, data: Data) -> Array:
         """(p,) of a method's estimate from the training part of a data set."""
@@ -435,8 +437,8 @@ def _unseen(
     )
     split, folds = study.once(_folds, effects)
     estimator = study.estimator(method)
-    found = study.workers.map(partial(judged, estimator=estimator), folds)
-    return split.result(estimator, list(found))
+    folds_judged = study.workers.map(partial(judged, estimator=estimator), folds)
+    return split.result(estimator, list(folds_judged))
 
 
 def _folds(
@@ -450,8 +452,8 @@ def _folds(
     return split, list(study.workers.map(split.fold, split.numbers))
 
 
-def _estimated(given: tuple[Estimator, Task]) -> Result:
-    estimator, task = given
+def _estimated(estimator_and_task: tuple[Estimator, Task]) -> Result:
+    estimator, task = estimator_and_task
     fresh = replace(task)  # without what an earlier method has left in its cache
     begin = time.process_time()
     fit = estimator.fit(fresh)

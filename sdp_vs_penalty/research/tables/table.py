@@ -155,14 +155,14 @@ class Table:
         header = " & ".join(map(_latex_header, cells))
         body = "\n".join(f"    {' & '.join(row)} \\\\" for row in cells.to_numpy())
         caption = escape_latex(" ".join([self.caption, *self.notes]))
-        told = {
+        fields_of_column = {
             "title": escape_latex(self.title),
             "caption": caption,
             "name": self.name,
         }
         template = Template(Path(__file__).with_name("table.tex").read_text())
         return template.substitute(
-            told, layout=" ".join(layout), header=header, body=body
+            fields_of_column, layout=" ".join(layout), header=header, body=body
         )
 
     def write(self, folder: str | Path) -> list[Path]:
@@ -191,8 +191,8 @@ def notes(table: str, **values: object) -> list[str]:
     """What a table says below itself: the paragraphs of notes/TABLE.md beside this file
     with the values in their places, without those that are empty then."""
     written = Path(__file__).with_name("notes") / f"{table}.md"
-    said = (" ".join(part.split()) for part in written.read_text().split("\n\n"))
-    return [note for note in (part.format(**values) for part in said) if note]
+    paragraphs = (" ".join(part.split()) for part in written.read_text().split("\n\n"))
+    return [note for note in (part.format(**values) for part in paragraphs) if note]
 
 
 def text(cell: Cell, digits: int = 4) -> str:

@@ -68,14 +68,17 @@ class SigmoidFriction(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         out = []
         for j, (slope, shift) in enumerate(self.slopes_and_shifts):
-            moving, rest = (
+            moving, other_columns = (
                 expit(slope * (motion.dq[:, j] + shift)),
                 expit(slope * shift),
             )
-            d_moving, d_rest = moving * (1.0 - moving), rest * (1.0 - rest)
+            d_moving, d_rest = (
+                moving * (1.0 - moving),
+                other_columns * (1.0 - other_columns),
+            )
             by_slope = d_moving * (motion.dq[:, j] + shift) - d_rest * shift
             by_shift = slope * (d_moving - d_rest)
-            columns = np.column_stack([moving - rest, by_slope, by_shift])
+            columns = np.column_stack([moving - other_columns, by_slope, by_shift])
             out.append(Block(j, 3 * j + np.arange(3), columns))
         return out
 
@@ -172,9 +175,11 @@ class _Data:
         amplitude, slope, shift = x[self.rigid.shape[2] :].reshape(3, -1)
         slope = np.exp(slope)
         sigmoid = SigmoidFriction(self.robot, np.column_stack([slope, shift]))
-        own = [c.columns for c in self.rows_of(Model(self.robot, (sigmoid,))).columns]
+        sigmoid_columns = [
+            c.columns for c in self.rows_of(Model(self.robot, (sigmoid,))).columns
+        ]
         scale = np.stack([np.ones(len(slope)), amplitude * slope, amplitude], axis=1)
-        probes = np.stack(own, axis=1) * scale
+        probes = np.stack(sigmoid_columns, axis=1) * scale
         wide = [probes[:, :, k, None] * np.eye(len(slope)) for k in range(3)]
         return np.concatenate([self.rigid, *wide], axis=2)
 
@@ -280,11 +285,11 @@ def _rows_of(
 def _steps(what: str, fit: SigmoidFit) -> str:
     """A note on the joints whose data want a step."""
     joints = ", ".join(map(str, np.flatnonzero(fit.at_bound) + 1))
-    said = (
+    sentences = (
         "phi_2 ran to the end of its range: the data want a step, and the interval"
         " means nothing."
     )
-    return f"{what}: on joint(s) {joints} {said}" if joints else ""
+    return f"{what}: on joint(s) {joints} {sentences}" if joints else ""
 
 
 def _rows_in(data: Data, run: Measurements) -> RowsOf:

@@ -20,7 +20,7 @@ def exciting_trajectory(study: Study) -> Table:
     """
     published = study.problem.published["table_II"]
     paper = study.experiment.trajectory
-    found = optimised(study)
+    optimum = optimised(study)
     columns = list(published[0])
     rows: list[Row] = [{**row, "trajectory": "published"} for row in published]
 
@@ -32,9 +32,13 @@ def exciting_trajectory(study: Study) -> Table:
             }
         )
 
-    for which, excitation in found.items():
-        own = excitation.trajectory
-        for letter, values in (("a", own.a), ("b", own.b), ("q", own.q_0[:, None])):
+    for which, excitation in optimum.items():
+        best_trajectory = excitation.trajectory
+        for letter, values in (
+            ("a", best_trajectory.a),
+            ("b", best_trajectory.b),
+            ("q", best_trajectory.q_0[:, None]),
+        ):
             for k, column in enumerate(values.T):
                 add(
                     f"{letter}_{k if letter == 'q' else k + 1}",
@@ -43,7 +47,7 @@ def exciting_trajectory(study: Study) -> Table:
                 )
     trajectories = {
         "published": paper,
-        **{name: e.trajectory for name, e in found.items()},
+        **{name: e.trajectory for name, e in optimum.items()},
     }
     for label, effects in (("links", "rigid_body"), ("links and friction", None)):
         regressor = Regressor.of(study.problem, effects)
@@ -79,6 +83,6 @@ def optimised(study: Study) -> dict[str, Excitation]:
         "progress": study.progress,
     }
     return {
-        name: excite(problem, limits=own, start=paper, **how)
-        for name, own in limits.items()
+        name: excite(problem, limits=limit, start=paper, **how)
+        for name, limit in limits.items()
     }

@@ -29,7 +29,10 @@ def base_parameter_table(study: Study) -> Table:
     base = tuple(base_parameter_symbols(study.problem))
     others = dict.fromkeys(name for data in study.whole for name in _others(data))
     keys = [*base, *others, _CONDITION, _ERROR]
-    found, known = study.reverse_engineered, {"true_simulated": study.experiment.links}
+    retrieved, known = (
+        study.reverse_engineered,
+        {"true_simulated": study.experiment.links},
+    )
     if (printed := study.problem.published.get("table_III")) is not None:
         rows = _published(printed, keys, len(base))
     else:  # symbols from the kinematics, published links if any
@@ -41,13 +44,17 @@ def base_parameter_table(study: Study) -> Table:
         known = {
             f"pi_{column}": links for column, links in study.published_links.items()
         } | known
-    known["re_simulated"] = found.theta
+    known["re_simulated"] = retrieved.theta
     pi = {name: study.base @ links.ravel() for name, links in known.items()}
-    ours = {name: dict(zip(base, values, strict=True)) for name, values in pi.items()}
-    ours["re_simulated"] |= {key: found.details[name] for key, name in _DETAILS.items()}
+    our_values = {
+        name: dict(zip(base, values, strict=True)) for name, values in pi.items()
+    }
+    our_values["re_simulated"] |= {
+        key: retrieved.details[name] for key, name in _DETAILS.items()
+    }
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
-        ours |= _estimates(study, data, base)
+        our_values |= _estimates(study, data, base)
     box, authors = study.black_box
     where = (
         "the authors' 1010"
@@ -58,10 +65,10 @@ def base_parameter_table(study: Study) -> Table:
         f"{method}_{d.label}" for d in study.whole for method in ("ols", DEFAULT_METHOD)
     ]
     names = (name.replace("-", "_") for name in shown)
-    errors = [f"{name} {ours[name][_ERROR]:.3g} %" for name in names]
+    errors = [f"{name} {our_values[name][_ERROR]:.3g} %" for name in names]
     table = Table(
         f"Table III: base parameters of {study.problem.title}",
-        rows.join(pandas.DataFrame(ours)),
+        rows.join(pandas.DataFrame(our_values)),
         notes("III", where=where, priors=study.about_priors),
         f"Relative error on the training data: {', '.join(errors)}.",
     )

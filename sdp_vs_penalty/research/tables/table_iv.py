@@ -50,24 +50,24 @@ def unseen_torque(study: Study) -> Table:
             else (data.label, data.label)
         )
         for name, (method, effects) in estimates.items() if repeated else ():
-            found = study.unseen(method, effects)
+            unseen_result = study.unseen(method, effects)
             rows.append(
                 _row(
                     f"{name}_measured",
-                    (found.rmse**2).tolist(),
+                    (unseen_result.rmse**2).tolist(),
                     "measured, unseen",
-                    found.relative_error_percent,
-                    interval_of(fold_errors(found)).in_words,
-                    found.folds[found.worst - 1].relative_error_percent,
+                    unseen_result.relative_error_percent,
+                    interval_of(fold_errors(unseen_result)).in_words,
+                    unseen_result.folds[unseen_result.worst - 1].relative_error_percent,
                 )
             )
         for name, (method, effects) in estimates.items():
-            own = (
+            own_method = (
                 data if effects is None else replace(data, model=Model(robot, effects))
             )
-            theta = study.theta(method, own)
-            mse, relative = own.errors(theta)
-            interval = None if repeated else _over_runs(own, theta)
+            theta = study.theta(method, own_method)
+            mse, relative = own_method.errors(theta)
+            interval = None if repeated else _over_runs(own_method, theta)
             rows.append(
                 _row(f"{name}_{ending}", mse.tolist(), label, relative, interval)
             )
@@ -76,13 +76,15 @@ def unseen_torque(study: Study) -> Table:
     )
     where = "simulated" if study.repeated is None else "measured"
     errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
-    said = [f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods]
+    errors_in_words = [
+        f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods
+    ]
     table = Table(
         f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other"
         " motion",
         rows,
         _notes(study, rows),
-        f"On unseen motion ({where}): {', '.join(said)}.",
+        f"On unseen motion ({where}): {', '.join(errors_in_words)}.",
         caption=f"{study.sentence} {_judgement(study)}",
     )
     columns = [name for name in table.frame if name != "worst_fold_percent"]
@@ -152,14 +154,14 @@ def _estimates(
 
 def _judgement(study: Study) -> str:
     count, duration = study.experiment.validation
-    said = (
+    sentence = (
         f"Simulated rows: estimated from that trajectory, judged on {count} other"
         f" random trajectories of {duration:g} s."
     )
     if study.repeated is None:
-        return said
+        return sentence
     return (
-        f"{said} Measured rows: unseen motion of the real run, {FOLDS} folds by phase,"
+        f"{sentence} Measured rows: unseen motion of the real run, {FOLDS} folds by phase,"
         " each estimated without a stretch of the motion and all its repetitions. Rows"
         f" named repeatability: estimated from the first {CUT[0]:g} s of the run,"
         f" judged from {CUT[1]:g} s on, where it repeats its beginning."
@@ -200,7 +202,7 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
     behind = replace(study.problem, preprocessing=wide)
     other = Study(behind, study.budget, study.progress, study.workers)
-    own, estimates = (
+    data_of_study, estimates = (
         {row["estimate"]: row["relative_error_percent"] for row in rows},
         _estimates(other),
     )
@@ -208,7 +210,7 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
         name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN
     }
     errors = [
-        f"{name} {own[f'{name}_measured']:.3g} and {wider[name]:.3g} %"
+        f"{name} {data_of_study[f'{name}_measured']:.3g} and {wider[name]:.3g} %"
         for name in _SHOWN
     ]
     return (

@@ -101,10 +101,10 @@ def play(
     torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
     model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
     there = robot.poses(q[1:])[:, robot.n - 1]
-    away = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
+    distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
     turned = Rotation.from_matrix(np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3])
     return EngineRun(
-        kind.name, t, torque, model, torque - model, away, turned.magnitude()
+        kind.name, t, torque, model, torque - model, distance, turned.magnitude()
     )
 
 
@@ -159,9 +159,10 @@ def measured_runs(study: Study) -> Played:
 
     spline = CubicSpline(t, rows.motion.q)
     motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
-    found = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
+    played = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
     return {
-        kind: x if isinstance(x, str) else less_measured(x) for kind, x in found.items()
+        kind: x if isinstance(x, str) else less_measured(x)
+        for kind, x in played.items()
     }
 
 
@@ -201,7 +202,9 @@ def engines(study: Study) -> Table:
         joints = {**by_joint(none), **by_joint(none, "std_joint")}
         rows.append({"engine": engine, **joints, **about})
     for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
-        rows += [_row(study, data, *each) for each in study.once(runs).items()]
+        rows += [
+            _row(study, data, *row_fields) for row_fields in study.once(runs).items()
+        ]
     formulations = "; ".join(
         f"{name}: {kind.formulation}" for name, kind in engine_types().items()
     )

@@ -54,14 +54,14 @@ def data_needed(study: Study) -> Table:
     """Data table: how much measured motion each method needs."""
     # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to
     # judge on), and how many of each.
-    lengths, most = (1, 2, 4, 7, 9), 6
+    lengths, most_windows = (1, 2, 4, 7, 9), 6
     rows, sources = (
         list[Row](),
-        [(study.simulated, _time_windows(study.simulated, most))],
+        [(study.simulated, _time_windows(study.simulated, most_windows))],
     )
     if study.measured is not None:
         real = study.measured
-        sources.append((real, _phase_windows(real, most, 0.5 * min(lengths))))
+        sources.append((real, _phase_windows(real, most_windows, 0.5 * min(lengths))))
     for data, windows_of in sources:
         for length in lengths:
             windows = windows_of(length)
@@ -74,42 +74,47 @@ def data_needed(study: Study) -> Table:
     last = [
         row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))
     ]
-    said = [f"{row['method']} {row['error_percent_median']:.3g} %" for row in last]
+    errors_in_words = [
+        f"{row['method']} {row['error_percent_median']:.3g} %" for row in last
+    ]
     return Table(
         f"How much data each method needs: {study.problem.title}",
         rows,
-        notes("data", most=most),
+        notes("data", most=most_windows),
         f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion:"
-        f" {', '.join(said)}.",
+        f" {', '.join(errors_in_words)}.",
         digits=3,
     )
 
 
 def _phase_windows(
-    real: Data, most: int, cell: float
+    real: Data, most_windows: int, cell: float
 ) -> Callable[[int], list[_Window]]:
     """Windows around the motion's period, which is cut into cells [s]; judged on what
     lies beyond the filters' reach of them."""
-    whole = phase_folds(real.train, real.preprocessing, 1)
-    count, clear = round(whole.clocks[0].length / cell), math.ceil(whole.guard / cell)
-    split = PhaseFolds(whole.clocks, count)
+    all_phases = phase_folds(real.train, real.preprocessing, 1)
+    count, clear = (
+        round(all_phases.clocks[0].length / cell),
+        math.ceil(all_phases.guard / cell),
+    )
+    split = PhaseFolds(all_phases.clocks, count)
     cells = compress_cells(
         FilteredRuns.of(real.train, real.preprocessing), real.model, split
     )
-    starts = np.linspace(0, count, most, endpoint=False).round().astype(int)
+    starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
 
     def chosen(length: int) -> list[_Window]:
         size = round(length / cell)
-        around = [(start + np.arange(count)) % count for start in starts]
+        window_phases = [(start + np.arange(count)) % count for start in starts]
         return [
             (cells.select(x[:size]), cells.select(x[size + clear : count - clear]))
-            for x in around
+            for x in window_phases
         ]
 
     return chosen
 
 
-def _time_windows(data: Data, most: int) -> Callable[[int], list[_Window]]:
+def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window]]:
     """Consecutive one-second blocks of the training run, evenly spread; those cut short
     are left out."""
     seconds = round(float(data.train.t[-1] - data.train.t[0]))
@@ -123,7 +128,11 @@ def _time_windows(data: Data, most: int) -> Callable[[int], list[_Window]]:
 
     def chosen(length: int) -> list[_Window]:
         ends = (first, last + 1 - length) if first <= last + 1 - length else ()
-        starts = np.unique(np.linspace(*ends, most).round().astype(int)) if ends else ()
+        starts = (
+            np.unique(np.linspace(*ends, most_windows).round().astype(int))
+            if ends
+            else ()
+        )
         return [
             (blocks.select(k + np.arange(length)), data.test_regression) for k in starts
         ]
@@ -145,13 +154,13 @@ def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Ro
         links[task.links] = theta[task.links]
         refit = refitted(test.least_squares(), links)
         pairs.append([torque_errors(test, x)[1] for x in (theta, refit)])
-    found = pandas.DataFrame(
+    frame = pandas.DataFrame(
         pairs, columns=["error_percent", "links_error_percent"], dtype=float
     )
     words = "median", "min", "max"
     return {
         f"{name}_{word}": errors.agg(word)
-        for name, errors in found.items()
+        for name, errors in frame.items()
         for word in words
     }
 
@@ -177,8 +186,8 @@ def unseen(study: Study) -> Table:
     for method in METHODS_TRIED:
         for added in _ADDED:
             study.progress(f"unseen motion: {method}, {added or 'the usual effects'}")
-            rows += (found := _rows(study, study.run, method, added))
-            errors[method, added] = found[FOLDS]["relative_error_percent"]
+            rows += (rows_found := _rows(study, study.run, method, added))
+            errors[method, added] = rows_found[FOLDS]["relative_error_percent"]
     usual, friction, all_of_it = (errors[DEFAULT_METHOD, added] for added in _ADDED)
     return Table(
         f"Errors on unseen motion of {study.problem.title}",

@@ -52,12 +52,12 @@ def wrench_regressor(
     for k in range(len(q)):
         pin.rnea(model, data, q[k], dq[k], ddq[k])
         for link in range(robot.n):
-            own = (
+            own_wrench = (
                 pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1]) @ frames[link]
             )
             joint, down = link, np.eye(6)
             while joint >= 0:
-                out[k, joint, :, link] = down @ own
+                out[k, joint, :, link] = down @ own_wrench
                 down = data.liMi[joint + 1].toDualActionMatrix() @ down
                 joint = robot.joints[joint].parent
     return out.reshape(len(q), robot.n, 6, 10 * robot.n)
@@ -102,11 +102,11 @@ def wrench_intervals(
     ends = np.empty((4, *regressor.shape[:3]))
     for index in np.ndindex(*regressor.shape[:3]):
         progress(f"wrench intervals: instant {index[0] + 1} of {len(regressor)}")
-        least, most = (
+        lower, upper = (
             feasible.minimum(regressor[index]),
             feasible.maximum(regressor[index]),
         )
-        ends[:, *index] = least.value, most.value, least.bound, most.bound
+        ends[:, *index] = lower.value, upper.value, lower.bound, upper.bound
     return WrenchIntervals(*ends)
 
 
@@ -123,7 +123,7 @@ def unfeasible_retrievals(
     open starts within 1 kg, m or kg m^2 of zero.
     """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
-    box, size, found = problem.box.reshape(-1, 2), float(np.abs(pi).max()), 0
+    box, size, n_found = problem.box.reshape(-1, 2), float(np.abs(pi).max()), 0
     free = np.tile([-1.0, 1.0], (len(box), 1))
     free[::10, 0] = -1.0 if boxed else 0.0  # masses
     known = np.isfinite(box) & (boxed | (np.arange(len(box)) % 10 == 0))[:, None]
@@ -147,8 +147,8 @@ def unfeasible_retrievals(
             and inertia.consistency_margin(links).min() < 0.0
         ):
             yield links
-            found += 1
-        if found == count:
+            n_found += 1
+        if n_found == count:
             return
 
 
@@ -184,8 +184,8 @@ def wrench_study(study: Study) -> WrenchStudy:
     pi, count = study.base @ links, study.effort.retrievals
     boxed, unbounded = (
         [
-            Y @ found.ravel()
-            for found in unfeasible_retrievals(problem, pi, count, boxed)
+            Y @ retrieval.ravel()
+            for retrieval in unfeasible_retrievals(problem, pi, count, boxed)
         ]
         for boxed in (True, False)
     )
@@ -195,8 +195,8 @@ def wrench_study(study: Study) -> WrenchStudy:
         for k, m in study.methods.items()
         if k != "ols"
     }
-    named = {name: Y @ found.ravel() for name, found in estimates.items()}
-    runs = [Y @ found.ravel() for found in penalty_links(study)]
+    named = {name: Y @ retrieval.ravel() for name, retrieval in estimates.items()}
+    runs = [Y @ retrieval.ravel() for retrieval in penalty_links(study)]
     return WrenchStudy(t, Y @ links, named, runs, boxed, unbounded, intervals)
 
 
@@ -207,7 +207,7 @@ def penalty_links(study: Study) -> list[Array]:
     A start lies near the boundary of the feasible set, where a random linear function
     is least.
     """
-    task, found = study.task(study.simulated), []
+    task, links_found = study.task(study.simulated), []
     p = len(task.bound)
     interior = interior_point(task, task.constraints)
     everywhere = Slice(task.constraints, np.zeros((0, p)), interior, task.bound)
@@ -218,8 +218,10 @@ def penalty_links(study: Study) -> list[Array]:
         edge = everywhere.minimum(rng.normal(size=p) / task.bound).theta
         # How far towards the boundary such a start lies, from the interior point.
         start = everywhere.interior + 0.9 * (edge - everywhere.interior)
-        found.append(estimator.fit(replace(task, nominal=start)).theta[task.links])
-    return found
+        links_found.append(
+            estimator.fit(replace(task, nominal=start)).theta[task.links]
+        )
+    return links_found
 
 
 @register_table("wrenches", "two_link")
@@ -244,12 +246,12 @@ def wrench_table(study: Study) -> Table:
     columns["spread_of_estimates"] = np.ptp(list(w.feasible.values()), axis=0).max(
         axis=0
     )
-    for name, found in (
+    for name, group in (
         ("unfeasible_in_box", w.boxed),
         ("unfeasible_unbounded", w.unbounded),
     ):
-        if found:
-            errors = [np.abs(x - w.true).max(axis=0) for x in found]
+        if group:
+            errors = [np.abs(x - w.true).max(axis=0) for x in group]
             columns[f"{name}_median"] = np.median(errors, axis=0)
             columns[f"{name}_max"] = np.max(errors, axis=0)
     of = [
@@ -259,7 +261,7 @@ def wrench_table(study: Study) -> Table:
     ]
     rows = pandas.DataFrame(of, columns=["joint", "component", "unit"])
     groups = {"runs": w.penalty_runs, "boxed": w.boxed, "unbounded": w.unbounded}
-    counts = {name: len(each) for name, each in groups.items()}
+    counts = {name: len(members) for name, members in groups.items()}
     return Table(
         f"Internal joint wrenches of {study.problem.title}",
         rows.assign(**{name: values.ravel() for name, values in columns.items()}),

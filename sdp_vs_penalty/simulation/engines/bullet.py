@@ -59,9 +59,12 @@ class Bullet(Engine):
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         bullet, joints = self.bullet, list(range(self.robot.n))
-        told = {"targetVelocities": velocity.tolist(), "forces": [np.inf] * len(joints)}
+        motor_options = {
+            "targetVelocities": velocity.tolist(),
+            "forces": [np.inf] * len(joints),
+        }
         bullet.setJointMotorControlArray(
-            self.body, joints, bullet.VELOCITY_CONTROL, **told
+            self.body, joints, bullet.VELOCITY_CONTROL, **motor_options
         )
         bullet.stepSimulation()
         torque = np.array(

@@ -68,8 +68,8 @@ class Engine(ABC):
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
         """Torques (N, n) for states (N, n); None where the engine has no inverse
         dynamics."""
-        found = [self.torque(*rows) for rows in zip(q, dq, ddq, strict=True)]
-        return None if found[0] is None else np.array(found, float)
+        torques = [self.torque(*rows) for rows in zip(q, dq, ddq, strict=True)]
+        return None if torques[0] is None else np.array(torques, float)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array | None:
         """Of one state (n,)."""

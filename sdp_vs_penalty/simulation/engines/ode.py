@@ -70,22 +70,25 @@ _SIGNATURES = {
 def _library() -> Any | None:
     """libode with its signatures set, or None where it is absent or in single
     precision."""
-    found = None
+    library_found = None
     for name in filter(None, (ctypes.util.find_library("ode"), "libode.so.8")):
         with suppress(OSError):
-            found = ctypes.CDLL(name)
-    if found is None:
+            library_found = ctypes.CDLL(name)
+    if library_found is None:
         return None
-    found.dInitODE2.argtypes, found.dCheckConfiguration.argtypes = [c_uint], [c_char_p]
-    found.dGetConfiguration.restype = c_char_p
-    found.dInitODE2(0)
-    if not found.dCheckConfiguration(b"ODE_double_precision"):
+    library_found.dInitODE2.argtypes, library_found.dCheckConfiguration.argtypes = (
+        [c_uint],
+        [c_char_p],
+    )
+    library_found.dGetConfiguration.restype = c_char_p
+    library_found.dInitODE2(0)
+    if not library_found.dCheckConfiguration(b"ODE_double_precision"):
         return None
     for letters, names in _SIGNATURES.items():
         result, *arguments = (_TYPES[x] for x in letters)
-        for function in (getattr(found, name) for name in names.split()):
+        for function in (getattr(library_found, name) for name in names.split()):
             function.restype, function.argtypes = result, arguments
-    return found
+    return library_found
 
 
 class Ode(Engine):
@@ -147,18 +150,24 @@ class Ode(Engine):
             )
             ode.dBodySetMass(body, byref(self.masses[k]))
             kind = "Hinge" if joint.kind == "revolute" else "Slider"
-            made, parent = (
+            joint_made, parent = (
                 c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None)),
                 joint.parent,
             )
-            ode.dJointAttach(made, body, None if parent < 0 else self.bodies[parent])
+            ode.dJointAttach(
+                joint_made, body, None if parent < 0 else self.bodies[parent]
+            )
             if kind == "Hinge":
-                ode.dJointSetHingeAnchor(made, *frame[:3, 3])
-            getattr(ode, f"dJointSet{kind}Axis")(made, *(frame[:3, :3] @ joint.axis))
-            told = getattr(ode, f"dJointSet{kind}Param")
-            told(made, 5, np.inf)  # dParamFMax and dParamVel of ode/common.h
-            self.motors.append(partial(told, made, 2))
-            ode.dJointSetFeedback(made, byref(self.feedback[k]))
+                ode.dJointSetHingeAnchor(joint_made, *frame[:3, 3])
+            getattr(ode, f"dJointSet{kind}Axis")(
+                joint_made, *(frame[:3, :3] @ joint.axis)
+            )
+            set_parameter = getattr(ode, f"dJointSet{kind}Param")
+            set_parameter(
+                joint_made, 5, np.inf
+            )  # dParamFMax and dParamVel of ode/common.h
+            self.motors.append(partial(set_parameter, joint_made, 2))
+            ode.dJointSetFeedback(joint_made, byref(self.feedback[k]))
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         # ODE forms the constraints of a step at the configuration before it.

@@ -85,11 +85,13 @@ class Hidden:
 
 def torques(world: World, m: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
     """(N, n) what each adds; torque channels, one after the other, to what they carry."""
-    made = dict[int, Array]()
+    torque_by_joint = dict[int, Array]()
     for k in sorted(range(len(hidden)), key=lambda k: hidden[k].channel):
-        carried = replace(world, more=world.more + sum(made.values(), 0.0))
-        made[k] = hidden[k].torque(carried if hidden[k].channel else world, m)
-    return [made[k] for k in range(len(hidden))]
+        carried = replace(world, more=world.more + sum(torque_by_joint.values(), 0.0))
+        torque_by_joint[k] = hidden[k].torque(
+            carried if hidden[k].channel else world, m
+        )
+    return [torque_by_joint[k] for k in range(len(hidden))]
 
 
 def at_joint(
@@ -135,10 +137,10 @@ def shifted(
 
 def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     """The motion of the links, rates by central differences on the fine grid."""
-    rate, own = np.gradient(shift, m.t), np.eye(m.q.shape[1])[joint]
+    rate, unit = np.gradient(shift, m.t), np.eye(m.q.shape[1])[joint]
     moved = (shift, rate, np.gradient(rate, m.t))
     states = zip((m.q, m.dq, m.ddq), moved, strict=True)
-    return TrueMotion(m.t, *(x + np.outer(d, own) for x, d in states))
+    return TrueMotion(m.t, *(x + np.outer(d, unit) for x, d in states))
 
 
 def sign(world: World, joint: int, m: TrueMotion) -> Array:
@@ -212,8 +214,8 @@ def _coupling(w: World, j: int, rng: Generator) -> Hidden:
     width = float(np.median(w.dry.width))
 
     def law(w: World, m: TrueMotion) -> Array:
-        own, other = m.dq[:, j], m.dq[:, i]
-        speed = {3: own + other, 4: own - other}.get(form, other)
+        own_velocity, other = m.dq[:, j], m.dq[:, i]
+        speed = {3: own_velocity + other, 4: own_velocity - other}.get(form, other)
         return np.asarray(side * (speed if form == 1 else np.tanh(speed / width)))
 
     return at_joint(j, law, side, i=float(i + 1), form=float(form))
@@ -266,8 +268,13 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
         rubs = np.tanh(v / width) * (np.exp(-((v / vs) ** 2)) if law == 4 else 1.0)
         return np.outer(size * (_behind(m.t, v, d) if law == 3 else rubs), c)
 
-    own = {3: {"d": d}, 4: {"vs": vs}}.get(law, {})
-    shape = {f"c{first + 1}": 1.0, f"c{first + 2}": ratio, "law": float(law), **own}
+    law_constants = {3: {"d": d}, 4: {"vs": vs}}.get(law, {})
+    shape = {
+        f"c{first + 1}": 1.0,
+        f"c{first + 2}": ratio,
+        "law": float(law),
+        **law_constants,
+    }
     return Hidden((first, first + 1), change, 1.0, shape)
 
 
@@ -362,10 +369,10 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     """Torques logged late."""
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
-        late = (tau := w.torque(m)).copy()
+        delayed = (tau := w.torque(m)).copy()
         for j in channels:
-            late[:, j] = np.interp(m.t - size, m.t, tau[:, j])
-        return late - tau
+            delayed[:, j] = np.interp(m.t - size, m.t, tau[:, j])
+        return delayed - tau
 
     return Hidden(joints, change, size=1e-3, channel=True)
 
@@ -463,8 +470,8 @@ def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
         slip, turn = 1e-4 * size, np.rad2deg(2e-4 * size)
-        beside = misplaced(w.built, slip, turn, np.random.default_rng(seed))
-        return w.rigid(m, beside) - w.rigid(m)
+        displaced_world = misplaced(w.built, slip, turn, np.random.default_rng(seed))
+        return w.rigid(m, displaced_world) - w.rigid(m)
 
     return Hidden((), change, None)
 

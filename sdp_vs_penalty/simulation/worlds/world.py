@@ -117,13 +117,13 @@ def bristles(
     step = float(t[1] - t[0])
     a, b = dq[:-1], dq[1:]
     turns = a * b < 0.0
-    rest = np.where(
+    at_rest = np.where(
         turns, a / np.where(turns, a - b, 1.0), 1.0
     )  # share of the step before rest
     parts = []
     for v, length in (
-        (np.where(turns, 0.5 * a, 0.5 * (a + b)), rest),
-        (0.5 * b, 1.0 - rest),
+        (np.where(turns, 0.5 * a, 0.5 * (a + b)), at_rest),
+        (0.5 * b, 1.0 - at_rest),
     ):
         goal = np.sign(v) * level(v)
         parts.append((np.exp(-np.abs(v) * length * step / (travel * level(v))), goal))
