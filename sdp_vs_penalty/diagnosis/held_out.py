@@ -92,12 +92,12 @@ class HeldOut:
         for _, splits in groupby(self.splits, key=lambda s: [id(e) for e in s.effects]):
             alike = list(splits)
             columns = alike[0].columns_of(self.estimate, chosen)
-            trains = [s.train.keeping(columns.cache) for s in alike]
+            trains = [s.train.keeping(columns.kept) for s in alike]
             fits = fitted_parameters(
                 self.estimate, columns.own, columns.new, trains, self.frozen
             )
             for split, theta in zip(alike, fits, strict=True):
-                yield split.test.keeping(columns.cache).joint_losses(theta)
+                yield split.test.keeping(columns.kept).joint_losses(theta)
 
     def drop_harmful(
         self, candidates: Sequence[int], needed: bool = False
