@@ -137,7 +137,7 @@ from __future__ import annotations
 import numpy as np
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
-from sdp_vs_penalty.effects.shape import POSITION, Shape
+from sdp_vs_penalty.effects.shape import POSITION, ShapeConstant
 
 
 class HardeningSpring(JointEffect):
@@ -147,7 +147,7 @@ class HardeningSpring(JointEffect):
     reference = "Ogden, Non-Linear Elastic Deformations, 1984"
     symbol = "k_h"
     units = ("N*m/rad", "N/m")
-    shapes = {"q_0": Shape(0.5, POSITION, grid=(0.25, 0.5, 1.0), bounds=(0.1, 4.0))}
+    shapes = {"q_0": ShapeConstant(0.5, POSITION, grid=(0.25, 0.5, 1.0), bounds=(0.1, 4.0))}
 
     def column(self, motion: Motion, joint: int) -> Array:
         return self.shape["q_0"] * np.sinh(motion.q[:, joint] / self.shape["q_0"])

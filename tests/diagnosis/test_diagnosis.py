@@ -202,8 +202,8 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
     weak = replace(first, confidence="weak", remarks=("its gain is small",))
     assert weak.undecided == first.text
     for effects, said in (
-        ((first, weak), "what is sure"),
-        ((weak,), "none is sure"),
+        ((first, weak), "the confident findings"),
+        ((weak,), "all are weak"),
         ((), "Use"),
     ):
         assert (

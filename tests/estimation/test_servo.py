@@ -221,7 +221,8 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
 
 def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
     test, truth = log(seed=3), log(seed=3, torque=True)
-    given = Runs(log(), test, concatenate([log(), test]))
+    both = concatenate([log(), test])
+    given = Runs(log(), test, both, both)
     asked = type("AskedOfRuns", (JobRequest,), {"runs": given})(
         {"out": tmp_path / "model.json"}
     )

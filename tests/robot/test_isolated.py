@@ -43,6 +43,11 @@ def file(request, monkeypatch, tmp_path):
     is_here = request.param == "forked here"
     monkeypatch.setattr(isolated, "_is_single_threaded", lambda: is_here)
     monkeypatch.setenv("PYTHONPATH", os.path.dirname(parsers.__file__))
+    # A server that another test has started does not know these parsers.
+    for server in isolated._idle:
+        server.process.kill()
+        server.process.wait()
+    isolated._idle.clear()
     path = tmp_path / "file"
     path.write_bytes(b"1")
     return path

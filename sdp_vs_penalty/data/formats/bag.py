@@ -38,6 +38,10 @@ def read(path: Path, choice: Choice) -> Measurements:
     """
     from sdp_vs_penalty.robot.isolated import parse_isolated
 
+    try:
+        import rosbags  # noqa: F401
+    except ImportError as error:
+        raise missing_extra("ROS bags and MCAP files need", "formats") from error
     names = None if choice.joints is None else list(choice.joints)
     with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
         pieces = parse_isolated(
