@@ -1,6 +1,13 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sdp_vs_penalty.errors import InputError
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.checks.report import Report
 
 
 def verb(
@@ -77,11 +84,11 @@ def verb(
             write_text(note, report.changes(path.name, done))
             console.written(note)
         console.next_step(["check", *copies, "--problem", problem, *mounting])
-    elif any(f.mends for report in reports for f in report.errors_and_warnings):
+    elif (repair_words := _repair_words(reports)) is not None:
         fixed_file = data[0].with_name(
             f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed"
         )
-        console.next_step(["check", *words, "--fix", fixed_file])
+        console.next_step(["check", *words, "--fix", fixed_file, *repair_words])
     elif not meaningless:
         train = [path for path in data if not for_testing(path)] or data
         console.next_step(
@@ -89,3 +96,13 @@ def verb(
         )
     if meaningless:
         raise SystemExit(1)
+
+
+def _repair_words(reports: Sequence[Report]) -> list[str] | None:
+    """What --fix needs besides: explanations are repaired by their words only. None
+    where there is nothing to repair."""
+    issues = [issue for report in reports for issue in report.errors_and_warnings]
+    named = list(dict.fromkeys(issue.apply for issue in issues if issue.apply))
+    if named:
+        return ["--apply", *named]
+    return [] if any(issue.mends for issue in issues) else None
